@@ -1,4 +1,4 @@
-"""Whole-body control of legged and other floating-base robots by one quadratic program per cycle.
+"""Whole-body control of legged robots by one quadratic program per cycle.
 
 ::
 

@@ -1,4 +1,4 @@
-"""Entry point of `python -m wbc_controller`, the command `wbc`."""
+"""Entry point of `python -m wbc_controller`."""
 
 from wbc_controller.cli import main
 

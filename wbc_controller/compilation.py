@@ -1,4 +1,4 @@
-"""Compilation of kernels with Numba: typed functions, structs, cache on disk.
+"""Compilation of kernels with Numba, cached on disk.
 
 A kernel is a function in a file `*_kernels.py`, compiled for the types of its annotations:
 

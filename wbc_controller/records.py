@@ -1,4 +1,4 @@
-"""Immutable records passed between the stages of a cycle.
+"""Immutable records between the stages of a cycle.
 
 Conventions of the package: SI units; quaternions (x, y, z, w); twists and wrenches with the linear part first. For a
 floating base ``q = [base position in world, base quaternion, joints]`` and

@@ -1,1 +1,1 @@
-"""Controller of one robot: references, quadratic program, supervisor, live settings."""
+"""Controller of one robot."""

@@ -1,4 +1,4 @@
-"""Live settings: validated changes, applied by the loop between cycles."""
+"""Settings changed between cycles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""State of a controller between cycles, for recordings and replay.
+"""State between cycles, for recordings and replay.
 
 ``STATE_FIELDS`` of a class lists its state attributes, recursively. Read-only arrays are replaced. Writable arrays are
 restored in place, as compiled code may be bound to them, and must not be shared by attributes.

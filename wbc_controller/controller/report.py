@@ -1,4 +1,4 @@
-"""Records of one control cycle: inputs and report."""
+"""Records of one control cycle."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Result of one control cycle, with tables and plots."""
+"""Result of a cycle, with tables and plots."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Estimation of the base state from IMU, joint states and contacts."""
+"""Estimation of the base state."""

@@ -1,4 +1,4 @@
-"""Correction of the base filter by absolute poses of a frame F.
+"""Correction of the base by absolute poses of a frame F.
 
 A pose from time t is y = p_F + n and Y = exp(n_R) R_F. With the filter's error X̂ X⁻¹ = exp(ξ), to first order
 
@@ -115,7 +115,7 @@ class AbsolutePoses:
 
     @property
     def waits_for(self) -> str:
-        """Reason why the world is not aligned with the poses, or empty."""
+        """Reason of a missing alignment, or empty."""
         if self.aligned:
             return ""
         if self._contradicting is None:
@@ -149,7 +149,7 @@ class AbsolutePoses:
         )
 
     def correct(self, samples: list[PoseSample], *, controlled: bool) -> list[str]:
-        """Correct the filter by each pose up to the IMU's stamp, and return the refusals; newer poses wait.
+        """Correct the filter by poses up to the IMU's stamp, and return the refusals; newer ones wait.
 
         If `controlled`, contradicting poses do not move the world.
         """

@@ -1,4 +1,4 @@
-"""World frame fixed to the feet, if position and heading are unobservable.
+"""World frame fixed to the feet.
 
 References in the drifting world of the filter would push a robot off its feet. Therefore the base is reported in a
 frame F, in which points get an anchor aᵢ after `_CONTACT_TIME`. The transform from the filter's world, a rotation ψ
@@ -44,7 +44,7 @@ class Anchoring:
         self._anchors.pop(contact, None)
 
     def is_due(self, stamp: float) -> bool:
-        """Return True if the next update is due."""
+        """Return True if an update is due."""
         return stamp >= self._due
 
     def update(self, stamp: float, points: Mapping[str, Array]) -> None:

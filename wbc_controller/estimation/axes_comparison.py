@@ -1,4 +1,4 @@
-"""Axis and unit errors that explain the difference of two measurements.
+"""Axis and unit errors between two measurements.
 
 Two sensors measure a and b = C a, (3,). C is 1, or with an error a rotation about one axis, a signed permutation, the
 rotation to the world, or the factor from rad to degrees. C explains the contradiction E(1) if E(C) is a small share of
@@ -44,7 +44,6 @@ class AxesComparison:
     """Means of the products of a and b, of rotations and optionally of displacements."""
 
     def __init__(self, *, with_displacements: bool) -> None:
-        """Start without data."""
         self._means = np.zeros(
             (2 if with_displacements else 1, 6, 6)
         )  # ⟨c cᵀ⟩ with c = (a, b), of turns and displacements
@@ -61,7 +60,7 @@ class AxesComparison:
 
     @property
     def turns_agree(self) -> bool:
-        """True if rotations were sufficient and agree."""
+        """True if sufficient rotations agree."""
         motion = float(self._means[0, :3, :3].trace())
         contradiction = float((self._means[0] * _CONTRADICTION).sum())
         return motion > _LIMIT**2 and contradiction <= _EXPLAINED * motion

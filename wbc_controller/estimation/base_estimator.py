@@ -1,4 +1,4 @@
-"""Estimator of base pose and twist from IMU, joints and contacts."""
+"""Estimator of base pose and twist."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ class BaseEstimator:
 
     @property
     def odometry(self) -> tuple[Array, Array] | None:
-        """Pose and twist like `base`, in a drifting world that no absolute pose moves."""
+        """Pose and twist in a world that no absolute pose moves."""
         return self._running.base(self._running.odometry) if self._running is not None else None
 
     @property
@@ -128,7 +128,7 @@ class BaseEstimator:
 
     @property
     def poses(self) -> AbsolutePoses | None:
-        """Correction by absolute poses; None if unused, or without an estimate."""
+        """Correction by absolute poses, or None."""
         return self._running.poses if self._running is not None else None
 
     @property
@@ -146,12 +146,12 @@ class BaseEstimator:
         return turn @ of_pose @ turn.T, of_twist
 
     def restart(self) -> None:
-        """Discard the estimate and wait until the robot stands still."""
+        """Discard the estimate and wait for standstill."""
         self._running, self._still = None, []
         self.lost, self._waits_for = "", "no IMU data received"
 
     def update(self, samples: Sequence[ImuSample], q: Array, v: Array, active_contacts: Collection[str]) -> None:
-        """Process the measurements since the last update.
+        """Process the new measurements.
 
         Args:
             samples: IMU samples by increasing stamp.
@@ -336,7 +336,6 @@ class _RunningEstimate:
         return lost
 
     def invalid_reason(self) -> str | None:
-        """Return the reason of an invalid state, or None."""
         if not math.isfinite(sum_of_squares(self.filter.columns) + sum_of_squares(self.filter.P)):
             return "the state is not finite"
         return None

@@ -1,4 +1,4 @@
-"""Consistency of the estimate with contacts at rest.
+"""Consistency with contacts at rest.
 
 By the filter's R, v, b_g, a contact point at y from the IMU moves in the world with
 
@@ -32,7 +32,6 @@ class ContactConsistency:
     """
 
     def __init__(self, kinematics: LegKinematics) -> None:
-        """Start without contacts."""
         self.speed = 0.0
         self._kinematics = kinematics
         self._contacts: tuple[str, ...] = ()

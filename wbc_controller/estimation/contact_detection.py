@@ -1,4 +1,4 @@
-"""Contact detection from force sensors and switches, else planned contacts."""
+"""Contact detection from sensors, else planned contacts."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class ContactSensing:
 
 
 class ContactDetector:
-    """Detector of active contacts: by fresh force, else by the last switch message of any age, else as planned.
+    """Detector of active contacts: by fresh force, else by the last switch message, else as planned.
 
     Attributes:
         silent: contacts with a stale force.
@@ -34,7 +34,6 @@ class ContactDetector:
     """
 
     def __init__(self, limits: DetectionLimits) -> None:
-        """Start without measurements."""
         self.limits = limits
         self.silent: tuple[str, ...] = ()
         self.measured: Mapping[str, bool] = {}
@@ -42,7 +41,7 @@ class ContactDetector:
         self._by_switch: dict[str, bool] = {}
 
     def update_force(self, contact: str, force: float) -> None:
-        """Store the normal force on the robot at a contact, N; positive if the contact pushes."""
+        """Store the normal force at a contact, N; positive if it pushes the robot."""
         self._by_force[contact] = force > (self.limits.off if self._by_force.get(contact) else self.limits.on)
 
     def update_switch(self, contact: str, active: bool) -> None:
@@ -56,7 +55,7 @@ class ContactDetector:
         self.measured = dict(self._by_switch)
 
     def active(self, planned: Collection[str], ages: Mapping[str, float]) -> frozenset[str]:
-        """Return the active contacts from the planned ones and the age of each force, s."""
+        """Return the active contacts from the planned ones and the forces' ages, s."""
         fresh = {name: active for name, active in self._by_force.items() if ages[name] <= self.limits.timeout}
         self.silent = tuple(name for name in self._by_force if name not in fresh)
         self.measured = measured = {**self._by_switch, **fresh}

@@ -1,4 +1,4 @@
-"""Detection of unloaded contacts from torques: the momentum observer of robot arms.
+"""Detection of unloaded contacts by the momentum observer.
 
 The QP predicts an acceleration from the torques sent and its contact forces f. An unloaded contact deviates by its
 missing force (De Luca, Mattone, "Sensorless robot collision detection and hybrid force/motion control", ICRA 2005):
@@ -29,7 +29,7 @@ class ContactForces:
         self.restart()
 
     def restart(self) -> None:
-        """Reset all forces."""
+        """Reset."""
         self.unloaded: tuple[str, ...] = ()
         self._forces: dict[str, float] = {}
 

@@ -1,4 +1,4 @@
-"""Disturbance observer: slow generalized forces outside the model.
+"""Disturbance observer: slow forces outside the model.
 
 With d, (nv,), the QP has the equations of motion M v̇ + h = Sᵀτ + Σ Jᵢᵀfᵢ + d. The prediction error corrects d
 
@@ -50,7 +50,6 @@ class DisturbanceObserver:
     STATE_FIELDS = ("forces", "at_bound", "_unbounded", "_contacts", "_sum", "_time", "_all_predicted")
 
     def __init__(self, model: RobotModel, limits: DisturbanceLimits) -> None:
-        """Start with a zero estimate."""
         self.limits = limits
         self._scale = np.zeros(model.nv)  # bound at a share of 1
         if model.floating_base:
@@ -62,7 +61,7 @@ class DisturbanceObserver:
         self.restart()
 
     def restart(self) -> None:
-        """Reset the estimate to zero."""
+        """Reset to zero."""
         self.forces = self._unbounded = frozen(np.zeros(len(self._scale)))
         self.at_bound: tuple[str, ...] = ()
         self.missing_contact_forces: tuple[Array, float] | None = None

@@ -1,4 +1,4 @@
-"""Compensation of known dry friction c and viscous friction b.
+"""Compensation of known joint friction.
 
 The torque is
 
@@ -38,7 +38,7 @@ class FrictionCompensation:
     STATE_FIELDS = ("forces", "_intended", "_smooth", "_contacts", "_age")
 
     def __init__(self, model: RobotModel, dry: Mapping[str, float], viscous: Mapping[str, float]) -> None:
-        """Start at rest; c in N·m and b in N·m·s/rad by joint."""
+        """Start at rest; dry c in N·m and viscous b in N·m·s/rad."""
         self._dry, self._viscous = np.zeros(model.nv), np.zeros(model.nv)
         for joint, index in zip(model.joints, model.v_index, strict=True):
             self._dry[index], self._viscous[index] = dry.get(joint, 0.0), viscous.get(joint, 0.0)

@@ -32,7 +32,7 @@ class VelocityFilter:
         self.restart()
 
     def restart(self) -> None:
-        """Reset the filter after a restart of the stamps."""
+        """Reset the filter."""
         self._stamp, self._x, self._v = 0, np.zeros(0), np.zeros(0)
         self._period = 0.0
 

@@ -1,4 +1,4 @@
-"""Kinematics of contact points relative to the IMU."""
+"""Kinematics of contacts relative to the IMU."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ class LegKinematics:
         self.update(model.posture, np.zeros(model.nj))
 
     def update(self, q: Array, v: Array) -> None:
-        """Set the joint positions, (nj,) in rad, and velocities, (nj,) in rad/s."""
+        """Set the joint positions and velocities, (nj,)."""
         model = self._model
         self._cache.clear()
         self._q[model.q_places], self._v[model.v_places] = q, v
@@ -146,7 +146,7 @@ class LegKinematics:
         return np.asarray((center - self.imu_position) @ self.imu_rotation)
 
     def frame(self, name: str, key: str) -> tuple[int, pin.SE3]:
-        """Return the joint of a frame and its placement there; `key` is the setting named by a ConfigurationError."""
+        """Return the joint of a frame and its placement there; `key` is the setting in a ConfigurationError."""
         frame = self._pinocchio.frames[self._model.frame_id(name, key)]
         return int(frame.parentJoint), frame.placement
 

@@ -1,4 +1,4 @@
-"""Generalized forces outside the model: known friction and estimated disturbance."""
+"""Forces outside the model: friction and disturbance."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class ModelErrorCompensation:
         self._zero = frozen(np.zeros(len(observer.forces)))
 
     def restart(self) -> None:
-        """Reset all estimates."""
+        """Reset."""
         self.observer.restart()
         if self.contact_forces is not None:
             self.contact_forces.restart()
@@ -51,7 +51,7 @@ class ModelErrorCompensation:
 
     @property
     def is_idle(self) -> bool:
-        """True if the forces are zero and stay zero; a cycle then skips `update` and `record_command`."""
+        """True if the forces are zero and stay zero."""
         return self._friction is None and self.observer.is_idle
 
     def update(self, state: RobotState) -> Disturbance | None:

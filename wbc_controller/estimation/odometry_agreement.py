@@ -1,4 +1,4 @@
-"""Agreement of odometry with itself and with the legs."""
+"""Agreement of odometry with the legs."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class OdometryAgreement:
         self.restart()
 
     def restart(self) -> None:
-        """Restart the comparison."""
+        """Reset."""
         self.contradiction: str | None = None
         self._by_legs = SensorAgreement(self._kinematics, "odometry", with_displacements=True)
         self._by_pose = AxesComparison(with_displacements=True)

@@ -1,4 +1,4 @@
-"""Projection of forces onto motions that the contacts allow.
+"""Projection of forces onto permitted motions.
 
 With N = I - M⁻¹ Jᵀ (J M⁻¹ Jᵀ)⁻¹ J, a force r accelerates a robot on its contacts by N M⁻¹ r = M⁻¹ Nᵀ r (Gauss's
 principle, equation (31) of the note; S8).

@@ -1,4 +1,4 @@
-"""Displacement of balls that roll on the ground."""
+"""Displacement of rolling balls."""
 
 from __future__ import annotations
 
@@ -43,6 +43,6 @@ class Rolling:
             self._displacements[name] = self._displacements[name] + steps[i]
 
     def displacements(self, contacts: Sequence[str], ends: np.ndarray) -> Array:
-        """Return the displacements of contact points in the world, (k, 3) in m; `ends` as in `ContactPoints`."""
+        """Return the displacements of contact points in the world, (k, 3) in m."""
         ways = np.array([self._displacements.get(name, _ZERO) for name in contacts])
         return ways if ends[-1] == len(ways) else np.repeat(ways, np.diff(ends, prepend=0), axis=0)

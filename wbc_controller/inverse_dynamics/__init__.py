@@ -1,1 +1,1 @@
-"""Inverse dynamics by a quadratic program, without ROS, simulator and clock."""
+"""Inverse dynamics by a quadratic program."""

@@ -1,4 +1,4 @@
-"""Fast NumPy equivalents for small arrays; ``benchmarks/small_arrays.py`` compares them."""
+"""Fast NumPy equivalents for small arrays (``benchmarks/small_arrays.py``)."""
 
 import math
 from typing import Any

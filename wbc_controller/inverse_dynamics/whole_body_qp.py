@@ -1,4 +1,4 @@
-"""Whole-body controller: accelerations, torques and forces from state and references."""
+"""Accelerations, torques and forces from state and references."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -245,7 +245,7 @@ class WholeBodyQP:
         return lifted, without, other
 
     def _solve_with_relaxation(self, layout: Layout, references: References) -> Answer:
-        """Solve a problem with the least relaxation; an answer without residuals is no solution."""
+        """Solve a problem with the least relaxation."""
         solver = self._solver_of(layout)
         answer = self._solve_levels(layout) if self._priorities else solver.solve(layout.problem)
         if self._change is not None and solver.active_set is not None:

@@ -1,4 +1,4 @@
-"""Codec of ROS 2 messages: dataclasses of `rosbags` to little-endian CDR and back."""
+"""Codec of ROS 2 messages: `rosbags` dataclasses, little-endian CDR."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ TYPES = get_typestore(Stores.ROS2_JAZZY)
 
 
 def message(type_name: str, **fields: Any) -> Any:
-    """Make a message of a type, such as ``std_msgs/msg/String``, from all its fields."""
+    """Make a message of a type from all its fields."""
     return TYPES.types[type_name](**fields)
 
 
 def encode(content: Any) -> bytes:
-    """Serialize a message made by `message`."""
+    """Serialize a message."""
     return bytes(TYPES.serialize_cdr(content, content.__msgtype__))
 
 
@@ -47,14 +47,14 @@ def nanoseconds(time: Any) -> int:
 
 
 def torques(tau: Any) -> Any:
-    """Make the std_msgs/Float64MultiArray of effort controllers from torques, (na,) in N·m."""
+    """Make the message of effort controllers from torques, (na,) in N·m."""
     dimension = message("std_msgs/msg/MultiArrayDimension", label="actuators", size=len(tau), stride=len(tau))
     layout = message("std_msgs/msg/MultiArrayLayout", dim=[dimension], data_offset=0)
     return message("std_msgs/msg/Float64MultiArray", layout=layout, data=tau)
 
 
 def diagnostics(wall: int, level: int, name: str, text: str, hardware: str, values: Mapping[str, str]) -> Any:
-    """Make a diagnostic_msgs/DiagnosticArray with one status at the time `wall`, ns.
+    """Make a DiagnosticArray with one status at the time `wall`, ns.
 
     Args:
         level: 0 (OK), 1 (WARN) or 2 (ERROR).

@@ -125,7 +125,7 @@ def _frame_of_setpoint(vocabulary: Vocabulary, task: str, frame: str, what: str 
 def setpoint_frames(kind: str, task: str) -> tuple[str, ...]:
     """Return the valid frames of relative setpoints (`relative.own_frames`).
 
-    Relative poses, contact wrenches and joints have no heading; two directions have no displacement.
+    Relative poses, contact wrenches and joints have no heading; directions have no displacement.
     """
     reference, heading = own_frames(task)
     if kind == "axis_alignment":
@@ -170,7 +170,7 @@ def _joint_values(joints: Sequence[str], names: Sequence[str], values: Any, what
 
 
 def _joint_steps(joints: Sequence[str], names: Sequence[str], values: Any, what: str) -> Array:
-    """Return the displacements of the task's joints in its order; 0 for missing joints."""
+    """Return the displacements of the task's joints; 0 for missing ones."""
     _require_equal_sizes(names, values, what)
     _require_joints(joints, names)
     steps = dict(zip(names, finite(values, what), strict=True))
@@ -354,7 +354,7 @@ def _read_update(vocabulary: Vocabulary, subject: str, content: Any) -> tuple[Ch
                 raise InputRefused(f"{section}.{name}: 'frame' requires 'setpoint'")
             for key, value in fields.items():
                 if key == "frame" and section == "tasks":
-                    continue  # it belongs to the setpoint
+                    continue
                 if key in _UPDATE_KEYS[section][1]:
                     settings.setdefault(section, {}).setdefault(name, {})[key] = value
                 else:

@@ -1,4 +1,4 @@
-"""Decoder of joint states, and its base class."""
+"""Decoder of joint states."""
 
 from __future__ import annotations
 
@@ -49,14 +49,14 @@ class StateReader(ABC):
 
     @abstractmethod
     def read(self, payload: bytes) -> Any:
-        """Decode a serialized message into a record with its own arrays; raises `InputRefused` if invalid."""
+        """Decode a message into a record with its own arrays; raises `InputRefused` if invalid."""
 
     @abstractmethod
     def _check_text(self, content: Any) -> None:
         """Raise `InputRefused` for invalid names, frames or array sizes."""
 
     def _decode(self, payload: bytes) -> tuple[int, Array]:
-        """Return the timestamp, ns, and a new array of the values at `paths`, (n,); refuse invalid messages."""
+        """Return the timestamp, ns, and the checked values at `paths`, (n,)."""
         layout = self._layout
         if layout is None or not layout.fits(payload):
             content = decode(payload, self.type)
@@ -84,7 +84,7 @@ class JointStateReader(StateReader):
         self._partial: set[str] = set()  # joints of incomplete messages
 
     def read(self, payload: bytes) -> JointStates:
-        """Decode and check a serialized message; see `StateReader.read`."""
+        """Decode a joint state; see `StateReader`."""
         stamp, values = self._decode(payload)
         columns = values.reshape(len(self.paths), -1)  # (k, nj)
         if not np.isfinite(values).all():

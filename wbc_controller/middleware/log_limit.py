@@ -5,7 +5,7 @@ import time
 
 
 class LogLimit:
-    """Limit of one log message per second and topic."""
+    """At most one log message per second and topic."""
 
     _WARNING_PERIOD = 1.0  # s
 
@@ -13,7 +13,7 @@ class LogLimit:
         self._passed: dict[str, float] = {}  # time of the last message, s, by topic
 
     def passes(self, topic: str) -> bool:
-        """Return True if no log message about this topic passed within the last second."""
+        """Return True once per second and topic."""
         now = time.monotonic()
         if now - self._passed.get(topic, -math.inf) < self._WARNING_PERIOD:
             return False

@@ -42,11 +42,11 @@ class MessageLayout:
         self._size, self.span = len(first), slice(_START, _START + (len(first) - _START) // 8 * 8)
 
     def fits(self, payload: bytes) -> bool:
-        """Return True if a serialized message has this layout."""
+        """Return True if a message has this layout."""
         return len(payload) == self._size and [payload[piece] for piece in self._pieces] == self._constant
 
     def index_of(self, *paths: str) -> np.ndarray:
-        """Return the index of each number of fields such as ``pose.pose.position.x`` in the array of `span`, (k,).
+        """Return the index in `span` of each number of fields such as ``pose.pose.position.x``, (k,).
 
         A timestamp counts as one number. A field without numbers raises `KeyError`.
         """
@@ -57,7 +57,7 @@ class Template:
     """Serializer of messages with variable timestamp and numbers.
 
     Args:
-        content: message with the constant values of other fields.
+        content: message with the other values.
         fields: groups of numbers for `write`, each with the paths of consecutive fields.
     """
 
@@ -69,7 +69,7 @@ class Template:
         self._fields = [_as_slice(layout.index_of(*paths)) for paths in fields]
 
     def write(self, nanoseconds: int, *values: Array) -> bytes:
-        """Serialize a message with a timestamp (ignored without a header) and the numbers of each group.
+        """Serialize a timestamp (ignored without a header) and the numbers of each group.
 
         Raises `ValueError` for a wrong number or size of groups.
         """

@@ -1,4 +1,4 @@
-"""Messages of the base: odometry, absolute poses, transforms."""
+"""Messages of the base."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def odometry(
     Args:
         base: link with the axes of the twist.
         pose: position in m and quaternion x, y, z, w, (7,).
-        twist: linear and angular velocity, (6,) in m/s and rad/s.
+        twist: linear, then angular, (6,) in m/s and rad/s.
         covariances: of position and rotations about the axes of `frame`, and of the twist, (6, 6); None for zeros.
     """
     of_pose, of_twist = covariances if covariances is not None else (np.zeros(36), np.zeros(36))
@@ -33,7 +33,7 @@ def odometry(
 
 
 def pose_with_covariance(stamp: int, frame: str, pose: Array, position: float, turn: float) -> Any:
-    """Make a geometry_msgs/PoseWithCovarianceStamped from standard deviations of position, m, and rotation, rad."""
+    """Make a PoseWithCovarianceStamped from standard deviations of position, m, and rotation, rad."""
     covariance = np.diag([position**2] * 3 + [turn**2] * 3)
     return message(
         "geometry_msgs/msg/PoseWithCovarianceStamped",
@@ -43,7 +43,7 @@ def pose_with_covariance(stamp: int, frame: str, pose: Array, position: float, t
 
 
 def transform(stamp: int, frame: str, base: str, pose: Array) -> Any:
-    """Make a tf2_msgs/TFMessage with the transform from a frame to the base, from its pose, (7,)."""
+    """Make a tf2_msgs/TFMessage from a frame to the base's pose, (7,)."""
     content = message(
         "geometry_msgs/msg/TransformStamped",
         header=header(stamp, frame),

@@ -59,7 +59,7 @@ class SetpointTemplate:
     def __init__(
         self, type_name: str, kind: str, position: Array, *, frame: str = "world", joints: Sequence[str] = ()
     ) -> None:
-        """Lay out the message; arguments as for `setpoint_message`."""
+        """Lay out the message, as `setpoint_message`."""
         content = setpoint_message(type_name, kind, position, frame=frame, joints=joints)
         paths = (JOINT_FIELDS[kind],) if kind in JOINT_FIELDS else _NUMBERS[type_name]
         size = len(position) if kind in JOINT_FIELDS else len(paths)
@@ -70,19 +70,19 @@ class SetpointTemplate:
         self._places = places
 
     def write(self, stamp: int, position: Array) -> bytes:
-        """Serialize a setpoint with a stamp in ns and a position of the original size."""
+        """Serialize a position of the original size; stamp in ns."""
         self._numbers[self._places] = position[: len(self._numbers)]
         return self._template.write(stamp, self._numbers)
 
 
 def wrench_stamped(wrench: Array, frame: str, stamp: int = 0) -> Any:
-    """Make a geometry_msgs/WrenchStamped from a wrench, (6,) in N and N·m, or a force, (3,)."""
+    """Make a geometry_msgs/WrenchStamped from a wrench, (6,), or a force, (3,); N, N·m."""
     parts = message("geometry_msgs/msg/Wrench", force=_xyz("Vector3", wrench[:3]), torque=_xyz("Vector3", wrench[3:]))
     return message("geometry_msgs/msg/WrenchStamped", header=header(stamp, frame), wrench=parts)
 
 
 def velocity_message(velocity: Sequence[float]) -> Any:
-    """Make a geometry_msgs/Twist from a velocity forward and to the left, m/s, and a turning rate, rad/s."""
+    """Make a geometry_msgs/Twist, m/s and rad/s."""
     forward, left, turning = velocity
     linear, angular = vector(np.array([forward, left, 0.0])), vector(np.array([0.0, 0.0, turning]))
     return message("geometry_msgs/msg/Twist", linear=linear, angular=angular)

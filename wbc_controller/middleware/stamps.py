@@ -22,18 +22,18 @@ def stamp_of(content: Any) -> int:
 
 
 def time_of(stamp: Any, what: str) -> int:
-    """Return a builtin_interfaces/Time in ns; raises `InputRefused` if invalid, with the name `what`."""
+    """Return a builtin_interfaces/Time in ns; raises `InputRefused`, naming `what`, if invalid."""
     return _checked(stamp.sec, stamp.nanosec, what)
 
 
 def header_stamp(payload: bytes) -> int:
-    """Return the time of the header at the start of a serialized message, ns; errors as for `time_of`."""
+    """Return the time of a serialized message's header, ns; errors as for `time_of`."""
     seconds, nanoseconds = _STAMP.unpack_from(payload, _STAMP_AT)
     return _checked(seconds, nanoseconds, "header.stamp")
 
 
 def header_time(payload: bytes) -> float:
-    """Return the time of the header at the start of a serialized message, s; errors as for `time_of`."""
+    """Return the same in s."""
     return 1.0e-9 * header_stamp(payload)
 
 
@@ -44,14 +44,13 @@ def _checked(seconds: int, nanoseconds: int, what: str) -> int:
 
 
 class StampTracker:
-    """Check of the timestamps of one stream, and age of its newest message.
+    """Check of one stream's timestamps, and age of its newest message.
 
     - Lag: arrival on the local clock minus timestamp. The smallest lag is the clock offset plus the shortest latency;
       the excess is transit time.
-    - The offset rises at most by half of the time between arrivals and by the advance of the timestamps. Thereby a
-      drifting clock or a slow simulator is not mistaken for latency.
-    - With synchronized clocks the offset is known, and timestamps ahead of the local clock by more than the tolerance
-      are refused.
+    - The offset rises at most by half of the time between arrivals and by the advance of the timestamps: a drifting
+      clock or a slow simulator is not latency.
+    - With synchronized clocks the offset is known; timestamps ahead by more than the tolerance are refused.
     - Timestamps must increase by limited steps. Others are refused; after `_REBASE` they count as a new time.
 
     Attributes:
@@ -74,7 +73,7 @@ class StampTracker:
         self._contradicted_since = math.inf  # on the local clock, s
 
     def check_stamp(self, stamp: int, arrival: float) -> str | None:
-        """Process a timestamp, ns, with its arrival on the local clock, s; return the reason of a refusal, or None."""
+        """Process a timestamp, ns, with its local arrival, s; return the reason of a refusal, or None."""
         if not stamp > 0:
             return "header.stamp is 0; it must be the time of the measurement"
         step = (stamp - self._newest_stamp) * 1.0e-9
@@ -142,5 +141,5 @@ class StampTracker:
         return self._refused_advance if self._refused_advance > age else age  # NaN stays NaN
 
     def transit_time(self, now: float) -> float:
-        """Return the transit time in the age of the newest message, s; 0 before the first accepted message."""
+        """Return the transit time in the newest message's age, s; initially 0."""
         return self.age(now) - (now - self._arrival) if self._arrival > -math.inf else 0.0

@@ -1,4 +1,4 @@
-"""Decoders of odometry, IMU data, absolute poses and contact forces."""
+"""Decoders of odometry, IMU, absolute poses and contact forces."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class BaseState(NamedTuple):
 
 
 class ImuData(NamedTuple):
-    """One measurement of an IMU, in its own axes."""
+    """Measurement of an IMU, in its axes."""
 
     stamp: int  # ns
     angular_velocity: Array  # (3,) in rad/s
@@ -72,7 +72,7 @@ class OdometryReader(StateReader):
         self._base_link = base_link
 
     def read(self, payload: bytes) -> BaseState:
-        """Decode and check a serialized message; see `StateReader.read`."""
+        """See `StateReader`."""
         stamp, values = self._decode(payload)
         pose, twist = values[:7], values[7:]
         if not np.isfinite(values).all():
@@ -102,7 +102,7 @@ class ImuReader(StateReader):
         self._frame = frame
 
     def read(self, payload: bytes) -> ImuData:
-        """Decode and check a serialized message; see `StateReader.read`."""
+        """See `StateReader`."""
         stamp, values = self._decode(payload)
         rate, force = values[:12], values[12:]  # three components, and nine of the covariance
         _check_measured("angular_velocity", rate[:3], rate[3:], MAX_IMU_RATE, "rad/s")
@@ -123,7 +123,7 @@ class PoseReader(StateReader):
     paths = (*_POSE, "pose.covariance")
 
     def read(self, payload: bytes) -> AbsolutePose:
-        """Decode and check a serialized message; see `StateReader.read`."""
+        """See `StateReader`."""
         stamp, values = self._decode(payload)
         pose = finite(values[:7], "the pose")
         if not (np.abs(pose[:3]) <= MAX_POSE_DISTANCE).all():
@@ -142,7 +142,7 @@ class PoseReader(StateReader):
 
 
 class ContactForceReader(StateReader):
-    """Decoder of geometry_msgs/WrenchStamped from a contact's force sensor, without the torque.
+    """Decoder of a force sensor's geometry_msgs/WrenchStamped, without the torque.
 
     Args:
         normals: unit normal of the contact, (3,), by valid frame of the force.
@@ -156,7 +156,7 @@ class ContactForceReader(StateReader):
         self._contact, self._normals, self._normal = contact, normals, np.zeros(3)
 
     def read(self, payload: bytes) -> ContactForce:
-        """Decode and check a serialized message; see `StateReader.read`."""
+        """See `StateReader`."""
         stamp, force = self._decode(payload)
         finite(force, "wrench.force")
         if not (np.abs(force) <= MAX_CONTACT_FORCE).all():

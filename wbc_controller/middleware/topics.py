@@ -1,4 +1,4 @@
-"""Table of all topics, for the transports, the documentation and the tests.
+"""Table of all topics.
 
 In the name templates ``~`` is the node's name; ``{task}``, ``{contact}`` and ``{frame}`` come from the configuration.
 """
@@ -22,7 +22,7 @@ class Direction(str, enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Qos:
-    """Quality of service: reliability, durability (latched: transient local) and history depth."""
+    """Quality of service; latched: transient local."""
 
     reliable: bool
     latched: bool
@@ -48,7 +48,7 @@ class Topic:
     type: str  # such as ``sensor_msgs/msg/JointState``, or task-dependent by `BY_TASK`
     direction: Direction
     qos: Qos
-    meaning: str  # sentence for the documentation
+    meaning: str
 
 
 _POINT, _VECTOR, _POSE = (f"geometry_msgs/msg/{name}Stamped" for name in ("Point", "Vector3", "Pose"))
@@ -76,7 +76,7 @@ TASK_TYPES: Mapping[str, Mapping[str, str]] = {
     "torque": {"setpoint": _JOINTS},
 }
 
-#: Task-dependent types: keys of `TASK_TYPES`, and ``value`` of motion tasks in the setpoint's type.
+#: Task-dependent types; ``value`` of motion tasks has the setpoint's type.
 BY_TASK = ("setpoint", "trajectory", "value")
 
 _IN, _OUT = Direction.IN, Direction.OUT
@@ -96,8 +96,8 @@ CONTROLLER_TOPICS: tuple[Topic, ...] = (
     Topic("holds", "~/contacts/{contact}/holds", "std_msgs/msg/Bool", _IN, STATE_IN,
           "State of a foot switch, for contacts without a force sensor, if `estimation.base_state` is imu."),
     Topic("pose", "pose", "geometry_msgs/msg/PoseWithCovarianceStamped", _IN, STATE_IN,
-          "Absolute pose of `estimation.pose_frame` in the world (motion capture, SLAM), with the time of measurement, "
-          "if `estimation.absolute_pose` is set and the controller estimates the base."),
+          "Absolute pose of `estimation.pose_frame` in the world (motion capture, SLAM) at the time of measurement, if "
+          "`estimation.absolute_pose` is set and the controller estimates the base."),
     Topic("robot_description", "robot_description", "std_msgs/msg/String", _IN, LATCHED,
           "The URDF, if the configuration names no file."),
     Topic("clock", "/clock", "rosgraph_msgs/msg/Clock", _IN, STATE_IN,
@@ -116,21 +116,20 @@ CONTROLLER_TOPICS: tuple[Topic, ...] = (
     Topic("external_wrench", "~/external_wrenches/{frame}", "geometry_msgs/msg/WrenchStamped", _IN, REQUEST,
           "Known external wrench at a frame's origin in world axes, until replaced (S4)."),
     Topic("cmd_vel", "cmd_vel", "geometry_msgs/msg/Twist", _IN, REQUEST,
-          "Walking velocity in the robot's heading: `linear.x` forward and `linear.y` to the left, m/s, `angular.z`, "
-          "rad/s. Zero, or no message for `walking.command_timeout`, stops it. Only with the section `walking`."),
+          "Walking velocity in the robot's heading, m/s and rad/s. Zero, or no message for `walking.command_timeout`, "
+          "stops it. Only with the section `walking` (docs/walking.md)."),
     Topic("cmd_vel_stamped", "cmd_vel_stamped", "geometry_msgs/msg/TwistStamped", _IN, REQUEST,
           "As `cmd_vel`, with an ignored header."),
     Topic("walk_goal", "~/walk/goal", "geometry_msgs/msg/PoseStamped", _IN, REQUEST,
-          "Walk to x, y and heading in the world and stop there, until another walking command."),
+          "Walk to x, y and heading in the world."),
     Topic("walk_footsteps", "~/walk/footsteps", "geometry_msgs/msg/PoseArray", _IN, REQUEST,
-          "Walk by poses of the soles in the world (x, y, heading), left and right in turn, then stop; refused with a "
-          "step out of reach. A standing robot begins with the foot that is nearer to its pose."),
+          "Walk by poses of the soles in the world (x, y, heading), left and right in turn, then stop."),
     Topic("update", "~/update", "std_msgs/msg/String", _IN, REQUEST,
-          "YAML with weights, enables, setpoints, contacts and live settings, applied in one cycle, all or nothing."),
+          "YAML with weights, enables, setpoints, contacts and live settings, applied at once, all or nothing."),
     Topic("command", "~/command", "std_msgs/msg/String", _IN, REQUEST,
           "One of activate, deactivate, damp, reset, estop."),
     Topic("record", "~/record", "std_msgs/msg/String", _IN, REQUEST,
-          "Reason of a recording of the last seconds; becomes part of the file's name."),
+          "Reason of a recording of the last seconds, part of the file's name."),
     Topic("effort", "effort_controller/commands", "std_msgs/msg/Float64MultiArray", _OUT, COMMAND_OUT,
           "Torques for ros2_control's effort controllers, N·m, in the order of `robot.actuators` (default "
           "`robot.joints`), or joint torques by `robot.command`."),
@@ -142,11 +141,11 @@ CONTROLLER_TOPICS: tuple[Topic, ...] = (
           "Present reference of an active controller, at `control.diagnostics_rate`, with the stamp of the state "
           "(on demand)."),
     Topic("task_value", "~/tasks/{task}/value", "value", _OUT, COMMAND_OUT,
-          "Present value of the task in the same form (on demand)."),
+          "Present value, likewise."),
     Topic("state", "~/state", "std_msgs/msg/String", _OUT, LATCHED,
           "The mode, with code and reason of a fault."),
     Topic("walk_footsteps_left", "~/walk/footsteps_left", "std_msgs/msg/Int32", _OUT, LATCHED,
-          "Number of planned footsteps without a touchdown; 0 after the last one, or after another walking command."),
+          "Number of planned footsteps without a touchdown."),
     Topic("diagnostics", "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", _OUT, REQUEST,
           "Status of the control loop (docs/diagnostics.md), at `control.diagnostics_rate` on demand, else "
           "once per second."),
@@ -190,7 +189,7 @@ MOCK_TOPICS: tuple[Topic, ...] = (
 
 GUARD_TOPICS: tuple[Topic, ...] = (
     Topic("joint_commands", "wbc_controller/joint_commands", "sensor_msgs/msg/JointState", _IN, STATE_IN,
-          "The controller's commands, which keep the guard passive. The guard does not publish on this topic."),
+          "The controller's commands, which keep the guard passive."),
     Topic("controller_state", "wbc_controller/state", "std_msgs/msg/String", _IN, LATCHED,
           "The controller's mode. In inactive, stopped and fault, commands may end after zero torques."),
     Topic("joint_states", "joint_states", "sensor_msgs/msg/JointState", _IN, STATE_IN,
@@ -213,15 +212,13 @@ ESTIMATOR_TOPICS: tuple[Topic, ...] = (
     Topic("imu", "imu", "sensor_msgs/msg/Imu", _IN, STATE_IN,
           "Angular velocity and specific force in the axes of `estimation.imu_frame`."),
     Topic("pose", "pose", "geometry_msgs/msg/PoseWithCovarianceStamped", _IN, STATE_IN,
-          "Absolute pose of `estimation.pose_frame` in the world (motion capture, SLAM), with the time of measurement, "
-          "if `estimation.absolute_pose` is set."),
+          "As of the controller, if `estimation.absolute_pose` is set."),
     Topic("holds", "~/contacts/{contact}/holds", "std_msgs/msg/Bool", _IN, STATE_IN,
-          "State of a foot switch or contact of another controller, for contacts without a force sensor."),
+          "State of a foot switch, or contact of another controller."),
     Topic("measured_wrench", "~/contacts/{contact}/measured_wrench", "geometry_msgs/msg/WrenchStamped", _IN, STATE_IN,
           "Wrench on the robot by a force sensor, for contact detection."),
     Topic("contact_wrench", "wbc_controller/contacts/{contact}/wrench", "geometry_msgs/msg/WrenchStamped", _IN,
-          STATE_IN, "Contact forces of the controller, which mark its active contacts; without any, the contacts "
-          "enabled in the configuration."),
+          STATE_IN, "Forces of the controller's active contacts; without any, the configured ones are active."),
     Topic("robot_description", "robot_description", "std_msgs/msg/String", _IN, LATCHED,
           "The URDF, if the configuration names no file."),
     Topic("odom", "odom", "nav_msgs/msg/Odometry", _OUT, STATE_OUT,
@@ -237,7 +234,7 @@ ESTIMATOR_TOPICS: tuple[Topic, ...] = (
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
-    """One topic of one node with its resolved name."""
+    """One topic of one node."""
 
     key: str  # row of the topic table
     subject: str  # task, contact, frame, or empty
@@ -248,9 +245,9 @@ class Endpoint:
 
 
 def resolve(name: str, node: str, namespace: str = "/", remappings: Mapping[str, str] | None = None) -> str:
-    """Return the fully qualified name of a relative, private (``~/…``) or absolute name, by the rules of ROS 2.
+    """Return the full name of a relative, private (``~/…``) or absolute name, by the rules of ROS 2.
 
-    The names of the remappings are expanded by the same rules.
+    The remappings are expanded likewise.
     """
     expanded = _expand(name, node, namespace)
     for source, target in (remappings or {}).items():
@@ -276,7 +273,7 @@ def endpoints(
     namespace: str = "/",
     remappings: Mapping[str, str] | None = None,
 ) -> Iterator[Endpoint]:
-    """Yield the endpoints of a table, such as `CONTROLLER_TOPICS`, for one robot.
+    """Yield the endpoints of a table for one robot.
 
     Args:
         task_kinds: kind by task.
@@ -300,13 +297,13 @@ def endpoints(
 
 
 def counterpart(endpoint: Endpoint) -> Endpoint:
-    """Return the endpoint with the reversed direction, for a peer of its node."""
+    """Return the endpoint with the reversed direction."""
     turned = Direction.OUT if endpoint.direction is Direction.IN else Direction.IN
     return dataclasses.replace(endpoint, direction=turned)
 
 
 def parse_remapping(text: str) -> tuple[str, str]:
-    """Parse a remapping ``from:=to``; raises `ConfigurationError` for another form."""
+    """Parse ``from:=to``; raises `ConfigurationError` otherwise."""
     source, separator, target = text.partition(":=")
     if not (source and separator and target):
         raise ConfigurationError(f"invalid remapping {text!r}; valid: from:=to, such as odom:=/estimator/odom")

@@ -30,27 +30,27 @@ Setpoints are absolute in the world (`header.frame_id` `world`, `odom`, `map` or
 | a frame of the robot | in the present pose of this frame | positions, orientations, directions in the world |
 
 - A relative setpoint is added to the target of the reference: two quick steps of 2 cm are 4 cm.
-- A relative posture needs only the names of moving joints.
-- The frame's pose is evaluated once; the reference does not follow the frame.
+- A relative posture needs only the moving joints. The reference does not follow the frame.
 - In `~/update`: `{tasks: {com: {setpoint: [0.02, 0, 0], frame: com/heading}}}`.
-- Trajectories cannot be relative. Invalid frames are refused with the valid ones.
+- Trajectories cannot be relative.
 """
 
 
 def topics_page() -> str:
-    """Return all topics of the four nodes as Markdown."""
-    kinds = "\n".join(
-        f"| `{kind}` | {types['setpoint']} | {types.get('trajectory', 'none')} |" for kind, types in TASK_TYPES.items()
-    )
+    """Return all topics as Markdown."""
+    names: dict[str, list[str]] = {}
+    for kind, types in TASK_TYPES.items():
+        names.setdefault(f"{types['setpoint']} | {types.get('trajectory', 'none')}", []).append(f"`{kind}`")
+    kinds = "\n".join(f"| {', '.join(of_type)} | {types} |" for types, of_type in names.items())
     return (
         _GENERATED
         + "# Topics\n\n"
-        + "This page lists the topics of all nodes, with standard messages and ROS 2's name resolution (`~`: the "
-        "node's name). Topics *on demand* are published only with a subscription, or while a whole run is recorded.\n\n"
+        + "Topics of all nodes (`~`: the node's name). Topics *on demand* are published only with a subscription, or "
+        "in a recording of the whole run.\n\n"
         + "## The controller, node `wbc_controller`\n\n"
         + _topic_table(CONTROLLER_TOPICS)
         + "\nMessage types of a task's topics:\n\n"
-        + "| Type of the task | setpoint, reference, value | trajectory |\n|---|---|---|\n"
+        + "| Task | setpoint, reference, value | trajectory |\n|---|---|---|\n"
         + kinds
         + _FRAMES
         + "\n## The mock robot, node `mock_robot`\n\n"
@@ -69,8 +69,8 @@ def _topic_table(topics: Iterable[Topic]) -> str:
         f"{_qos(topic.qos)} | {topic.meaning} |"
         for topic in topics
     ]
-    return "| | Topic | Type | QoS | Meaning |\n|---|---|---|---|---|\n" + "\n".join(rows) + "\n"
+    return "| | Topic | Type | QoS, depth | Meaning |\n|---|---|---|---|---|\n" + "\n".join(rows) + "\n"
 
 
 def _qos(qos: Qos) -> str:
-    return f"{'reliable' if qos.reliable else 'best effort'}{', latched' if qos.latched else ''}, depth {qos.depth}"
+    return f"{'reliable' if qos.reliable else 'best effort'}{', latched' if qos.latched else ''}, {qos.depth}"

@@ -1,1 +1,1 @@
-"""Controller and guard as services on any transport."""
+"""Services of the nodes on any transport."""

@@ -1,4 +1,4 @@
-"""Construction of the model audit from the settings."""
+"""Model audit from the settings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Clocks of the loop: monotonic, and manual for tests."""
+"""Clocks of the loop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Inputs of one control cycle: decoded, checked and latched.
+"""Inputs of a cycle: decoded, checked, latched.
 
 - States wait in the transport until the loop's thread takes them; requests pass `nodes.requests`. Messages above their
   size limit are counted and dropped.

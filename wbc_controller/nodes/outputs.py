@@ -124,7 +124,7 @@ class Outputs:
         self._markers_due = -np.inf if markers_period < np.inf else np.inf
 
     def publish_command(self, result: CycleResult) -> None:
-        """Send torques and contact wrenches, the time-critical messages of a cycle."""
+        """Send torques and contact wrenches."""
         command, publish, wrenches = result.command, self._publish, self._subscriptions.subjects["contact_wrench"]
         if command is not None:
             tau, actuation = command.tau, self._actuation

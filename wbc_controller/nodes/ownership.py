@@ -1,4 +1,4 @@
-"""Check for other publishers of torques, odometry and time."""
+"""Check for other publishers."""
 
 from __future__ import annotations
 

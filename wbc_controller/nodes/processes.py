@@ -1,4 +1,4 @@
-"""Processes of a robot's nodes, their memory and processor time (Linux)."""
+"""Processes of a robot's nodes (Linux)."""
 
 from __future__ import annotations
 

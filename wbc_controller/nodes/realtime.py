@@ -1,4 +1,4 @@
-"""Real-time scheduling, processors and locked memory, by `control.realtime` (Linux).
+"""Real-time scheduling, processors, locked memory (Linux).
 
 Scheduling class and processors apply to all threads, as the loop waits for the receiving thread and for the holder of
 the interpreter's lock.

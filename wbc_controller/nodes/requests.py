@@ -1,4 +1,4 @@
-"""Queue of users' requests, decoded on a thread.
+"""Queue of users' requests.
 
 Callbacks on the transport's thread recognize an emergency stop at once. The thread `reader` decodes and
 validates requests; in lockstep the cycle does.

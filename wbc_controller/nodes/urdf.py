@@ -1,4 +1,4 @@
-"""URDF of a node, from a file or topic."""
+"""URDF from file or topic."""
 
 from __future__ import annotations
 

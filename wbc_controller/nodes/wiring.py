@@ -1,4 +1,4 @@
-"""Endpoints of a controller, and valid names in messages."""
+"""Endpoints and valid names of a controller."""
 
 from __future__ import annotations
 

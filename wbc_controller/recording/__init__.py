@@ -1,1 +1,1 @@
-"""Flight recorder: inputs and results of each cycle, for replay."""
+"""Flight recorder, for replay."""

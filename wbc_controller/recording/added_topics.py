@@ -1,4 +1,4 @@
-"""Topics added after the run: true state of a simulation, phases of a demo."""
+"""Topics added after the run."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ AddedTopics = Mapping[tuple[str, str], Sequence[tuple[int, bytes]]]
 
 
 def add_topics(path: Path, added: AddedTopics) -> None:
-    """Add topics to a recording in place, with each message at the time of the cycle with its stamp.
+    """Add topics in place, each message at the cycle with its stamp.
 
     Raises `ConfigurationError` if the file is not a recording, and `OSError` if it cannot be written.
     """

@@ -10,10 +10,10 @@ from wbc_controller.records import Array
 
 
 def cycle_arrays(recording: Recording) -> dict[str, Array]:
-    """Return the cycles with a sent command as arrays by slot of `cycle_layout`, with the references.
+    """Return the cycles with a sent command as arrays by slot, with the references.
 
-    Numbers such as ``number`` are (n,), vectors (n, k), absent values NaN; ``stamp`` and ``time`` are in ns, ``mode``
-    contains names. Empty without commands.
+    Numbers are (n,), vectors (n, k), absent values NaN; ``stamp`` and ``time`` are in ns, ``mode`` contains names.
+    Empty without commands.
     """
     rows, stamps, times = [], [], []
     absent = np.full(sum(slot.size for slot in recording.slots if slot.group == "references"), np.nan)

@@ -1,4 +1,4 @@
-"""Layout of a recorded cycle: groups of numbers, each a topic with an array of doubles."""
+"""Layout of a recorded cycle."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def cycle_slots(model: RobotModel, contacts: Mapping[str, Contact]) -> tuple[Slo
 
 
 def reference_slots(tasks: Mapping[str, Task], contacts: Mapping[str, Contact]) -> tuple[Slot, ...]:
-    """Return the slots of the references, recorded after changes."""
+    """Return the slots of the references."""
     slots = [Slot("references", "number", 1)]
     for name, task in tasks.items():
         slots.append(Slot("references", f"position/{name}", task.form.size))
@@ -91,7 +91,7 @@ class CycleRow:
 
         Args:
             report: None for a cycle that was repeated before its command was sent.
-            same: True if the state is the object of the previous cycle.
+            same: True if the state is that of the previous cycle.
             event: True if an event follows, which a killed process may not record.
         """
         result, inputs = taped.result, taped.inputs
@@ -146,7 +146,7 @@ class CycleRow:
 
 
 class ReferencesRow:
-    """Writer of rows of changed references, repeated after `every` cycles for the recordings of the last seconds."""
+    """Writer of changed references, repeated after `every` cycles for the last seconds."""
 
     def __init__(self, every: int) -> None:
         self._every = every
@@ -155,7 +155,7 @@ class ReferencesRow:
         self._weights: list[float] = []
 
     def write(self, number: int, references: References) -> Array | None:
-        """Return the row of a cycle's references, or None if unchanged."""
+        """Return the row of the references, or None if unchanged."""
         tasks = [*references.tasks.values()]
         weights = [*references.weights.values(), *references.contacts.values()]
         if number < self._due and weights == self._weights and all(map(operator.is_, tasks, self._tasks)):

@@ -1,4 +1,4 @@
-"""Records as JSON and back, bit for bit."""
+"""Records as JSON, bit for bit."""
 
 from __future__ import annotations
 
@@ -52,12 +52,12 @@ _RECORDS: Mapping[str, Callable[..., Any]] = {
 
 
 def to_json(value: Any) -> str:
-    """Return a value as one line of JSON; an object outside the valid records raises `TypeError`."""
+    """Return a record as one line of JSON; other objects raise `TypeError`."""
     return json.dumps(_to_plain(value), separators=(",", ":"), allow_nan=False)
 
 
 def from_json(text: str) -> Any:
-    """Read the result of `to_json`, with sequences as lists; other text or types raise `ValueError`."""
+    """Read the result of `to_json`, with sequences as lists; otherwise raise `ValueError`."""
     try:
         return _from_plain(json.loads(text))
     except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError) as error:
@@ -65,7 +65,7 @@ def from_json(text: str) -> Any:
 
 
 def require_types(values: Any, types: Mapping[str, Any], what: str, optional: Mapping[str, Any] | None = None) -> None:
-    """Check the types of a mapping named `what`; a missing value or another type raises `ValueError`."""
+    """Check the types of a mapping named `what`; raise `ValueError`."""
     if not isinstance(values, Mapping):
         raise ValueError(f"{what} is {reprlib.repr(values)}, not a mapping")
     missing = [name for name in types if name not in values]

@@ -79,11 +79,11 @@ class ChunkBuilder:
 
     @property
     def size(self) -> int:
-        """Size of the messages, bytes."""
+        """Bytes."""
         return int(self._messages.count)
 
     def add(self, channel: int, time: int, payload: bytes) -> None:
-        """Add a message with a time in ns."""
+        """Add a message; time in ns."""
         self._newest = max(time, self._newest)
         index = self._indexes.setdefault(channel, MessageIndex(channel, []))
         index.records.append((self._newest, self._messages.count))
@@ -92,7 +92,7 @@ class ChunkBuilder:
         ).write(self._messages)  # fmt: skip
 
     def take(self) -> PackedChunk | None:
-        """Return a chunk of the messages since the last call, or None."""
+        """Return a chunk of the new messages, or None."""
         if not self._indexes:
             return None
         indexes, self._indexes = self._indexes, {}
@@ -163,7 +163,7 @@ class McapFile:
         self._counts.update(chunk.counts)
 
     def close(self) -> None:
-        """Write the index of all chunks and close the file; after an `OSError` it stays readable without index."""
+        """Write the index and close; after an `OSError` the file stays readable without index."""
         try:
             if self._indexes:
                 statistics = Statistics(
@@ -192,7 +192,7 @@ class McapFile:
             while view:
                 view = view[self._file.write(view) :]
         except OSError:
-            with contextlib.suppress(OSError):  # the earlier chunks remain
+            with contextlib.suppress(OSError):
                 self._file.truncate(self.end)
                 self._file.seek(self.end)
                 self._file.write(_end_of_file(0))
@@ -207,7 +207,7 @@ def _serialized(*records: McapRecord) -> bytes:
 
 
 def _end_of_file(data_size: int, *summary: McapRecord) -> bytes:
-    """Return the end records after `data_size` bytes; without a summary, readers scan the file."""
+    """Return the end records after `data_size` bytes."""
     data_end = _serialized(DataEnd(0))
     footer = Footer(summary_start=data_size + len(data_end) if summary else 0, summary_offset_start=0, summary_crc=0)
     return data_end + _serialized(*summary, footer) + MAGIC

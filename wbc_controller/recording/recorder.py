@@ -66,7 +66,7 @@ _ARRAY, _STRING = "std_msgs/msg/Float64MultiArray", "std_msgs/msg/String"
 
 
 def recording_folder(settings: Settings) -> Path:
-    """Return the folder of the recordings of faults."""
+    """Return the folder of fault recordings."""
     if settings.recorder.folder:
         return Path(settings.recorder.folder).expanduser()
     state = os.environ.get("XDG_STATE_HOME") or str(Path("~/.local/state").expanduser())
@@ -87,7 +87,7 @@ def software_versions() -> dict[str, str]:
 
 
 class Recorder:
-    """Recorder of the cycles of one loop.
+    """Recorder of one loop.
 
     Args:
         file: of the whole run; None for the last seconds only.
@@ -135,7 +135,7 @@ class Recorder:
         self._yaml: list[tuple[Settings, str]] = []  # of the start, and the newest
 
     def wrap(self, transport: Transport, stamp: Callable[[], int]) -> Transport:
-        """Return a transport that records its messages with times from `stamp`, ns."""
+        """Return a recording transport with times from `stamp`, ns."""
         self._stamp = stamp
         return RecordingTransport(
             transport, self.channel, self.record_incoming, self.record_outgoing, whole_run=self._whole_run
@@ -191,7 +191,7 @@ class Recorder:
         return len(self._topics)
 
     def record_incoming(self, topic: int, payload: bytes) -> None:
-        """Record an incoming message with the present time, from any thread."""
+        """Record an incoming message, from any thread."""
         size, taken = len(payload), self._waiting_by_topic.get(topic, 0)
         if (
             size > _MAX_MESSAGE_BYTES
@@ -207,12 +207,12 @@ class Recorder:
         self._messages.append((topic, self._stamp(), payload))
 
     def record_outgoing(self, topic: int, payload: bytes) -> None:
-        """Record an outgoing message with the time of its cycle."""
+        """Record an outgoing message at the time of its cycle."""
         if len(self._messages) < _MAX_MESSAGES:
             self._messages.append((topic, None, payload))
 
     def status(self) -> dict[str, str]:
-        """Return the status for `/diagnostics`: last message, and number of messages."""
+        """Return the last message and their number, for `/diagnostics`."""
         count, sentence = self._process.last_message
         if self._process.dead:
             sentence = "the recorder has ended: nothing is recorded any more"
@@ -225,7 +225,7 @@ class Recorder:
         self._trigger = frame(TRIGGER, 0, reason.encode())
 
     def observe(self, report: CycleReport) -> None:
-        """Record the cycles since the last call, as an observer of the loop."""
+        """Record the cycles since the last call."""
         try:
             self._observe(report)
         except Exception:  # must not end the run
@@ -364,7 +364,7 @@ class Recorder:
 def start_recorder(
     settings: Settings, file: Path | None = None, *, patient: bool = False, name: str = ""
 ) -> Recorder | None:
-    """Start a recorder with the arguments of `Recorder`; return None if it is off, or cannot be started (logged)."""
+    """Start a recorder; return None if it is off, or cannot be started (logged)."""
     if file is None and not settings.recorder.seconds > 0.0:
         return None
     try:

@@ -76,7 +76,7 @@ class Recording:
         self.path = path
         self.events: dict[int, dict[str, Any]] = {}  # by cycle
         self.memories: dict[int, str] = {}  # memory before a cycle as JSON, by cycle
-        self.about: dict[str, Any] = {}  # topic ``start``: ``robot``, ``node``, ``software``, ``layout``, …
+        self.about: dict[str, Any] = {}  # topic ``start``
         self.counts: dict[int, int] = {}  # messages by number of the topic
         self.first = self.last = -1  # cycles
         self.start = self.end = self.count = 0  # times of first and last cycle, ns; number of cycles
@@ -138,7 +138,7 @@ class Recording:
         }
 
     def require_slots(self, slots: Sequence[Slot]) -> None:
-        """Check the slots of a controller; a missing slot or another size raises `ConfigurationError`."""
+        """Check a controller's slots; a missing slot or another size raises `ConfigurationError`."""
         recorded = {(slot.group, slot.name): slot.size for slot in self.slots}
         for slot in slots:
             size = recorded.get((slot.group, slot.name))
@@ -151,7 +151,7 @@ class Recording:
 
     @contextlib.contextmanager
     def translated_errors(self, attempt: str) -> Iterator[None]:
-        """Translate errors of inconsistent values into `ConfigurationError` with the attempt."""
+        """Translate errors of inconsistent values into `ConfigurationError`."""
         try:
             yield
         except _MODIFIED as error:
@@ -161,18 +161,18 @@ class Recording:
             ) from error
 
     def memory_of(self, cycle: int) -> dict[str, Any]:
-        """Return the recorded memory before a cycle, with ``settings`` and ``memory``."""
+        """Return the memory before a cycle, with ``settings`` and ``memory``."""
         with self.translated_errors(f"the memory before cycle {cycle}"):
             content = from_json(self.memories[cycle])
             require_types(content, _MEMORY, "it")
         return dict(content)
 
     def messages(self) -> Iterator[tuple[Topic, int, bytes]]:
-        """Return an iterator of topic, time of arrival in ns, and serialized message."""
+        """Iterate over topic, time of arrival in ns, and serialized message."""
         return iter(McapMessages(self.path))
 
     def parse_configuration(self, text: str, urdf: str | None = None) -> Config:
-        """Parse a configuration of the recording (empty: that of the start); errors as for `parse_settings`."""
+        """Parse a configuration of the recording (empty: that of the start)."""
         if not text:
             return self.config
         source = f"the configuration in {self.path}"
@@ -211,13 +211,13 @@ class Recording:
             yield waiting
 
     def memory_before(self, cycle: int) -> int | None:
-        """Return the last cycle with a recorded memory up to a cycle, or None."""
+        """Return the last recorded memory up to a cycle, or None."""
         known = sorted(self.memories)
         place = bisect.bisect_right(known, cycle)
         return known[place - 1] if place else None
 
     def memory_after(self, cycle: int) -> int | None:
-        """Return the first cycle with a recorded memory from a cycle on, or None."""
+        """Return the first recorded memory from a cycle on, or None."""
         return next((each for each in sorted(self.memories) if each >= cycle), None)
 
     @property
@@ -238,7 +238,7 @@ class Recording:
         return found
 
     def message_counts(self) -> Sequence[tuple[str, str, int]]:
-        """Return name, type and number of messages of each used topic."""
+        """Return name, type and number of messages of the used topics."""
         return [(topic.name, topic.type, self.counts[number]) for number, topic in self.topics.items()
                 if number in self.counts]  # fmt: skip
 

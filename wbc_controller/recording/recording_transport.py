@@ -9,12 +9,12 @@ from wbc_controller.middleware.transports.transport import Publish, Stream, Tran
 
 
 class RecordingTransport:
-    """Wrapper of a transport that records messages; outgoing ones after they were sent.
+    """Wrapper that records messages; outgoing ones after they were sent.
 
     Args:
         add_topic: returns the number of a topic and type.
         record_incoming, record_outgoing: called with the number of the topic and the bytes of a message.
-        whole_run: True to record topics without other subscriptions too.
+        whole_run: record topics without other subscriptions too.
     """
 
     def __init__(
@@ -33,7 +33,7 @@ class RecordingTransport:
         self._whole_run = whole_run
 
     def advertise(self, endpoint: Endpoint) -> Publish:
-        """Open a topic for writing."""
+        """See `Transport`."""
         publish = self._transport.advertise(endpoint)
         record_outgoing, topic = self._record_outgoing, self._add_topic(endpoint.name, endpoint.type)
 
@@ -44,7 +44,7 @@ class RecordingTransport:
         return send
 
     def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
-        """Open a topic for reading."""
+        """See `Transport`."""
         record_incoming, topic = self._record_incoming, self._add_topic(endpoint.name, endpoint.type)
 
         def receive(payload: bytes) -> None:
@@ -54,20 +54,20 @@ class RecordingTransport:
         self._transport.subscribe(endpoint, receive)
 
     def stream(self, endpoint: Endpoint, depth: int) -> Stream:
-        """Open a topic for reading by hand; taken messages are recorded."""
+        """See `Transport`."""
         stream = self._transport.stream(endpoint, depth)
         return _RecordingStream(stream, self._record_incoming, self._add_topic(endpoint.name, endpoint.type))
 
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
-        """Return the node names of the other publishers on a topic."""
+        """See `Transport`."""
         return self._transport.publishers(endpoint)
 
     def has_reader(self, endpoint: Endpoint) -> bool:
-        """Return True if a subscription exists or the whole run is recorded."""
+        """Return True with a subscription, or if the whole run is recorded."""
         return self._whole_run or self._transport.has_reader(endpoint)
 
     def close(self) -> None:
-        """Close the transport."""
+        """See `Transport`."""
         self._transport.close()
 
 
@@ -77,7 +77,7 @@ class _RecordingStream:
         self.wait, self.wake = stream.wait, stream.wake
 
     def take(self) -> list[bytes]:
-        """Take the serialized messages, oldest first."""
+        """See `Stream`."""
         taken = self._stream.take()
         for payload in taken:
             self._record_incoming(self._topic, payload)

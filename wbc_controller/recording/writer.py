@@ -69,7 +69,7 @@ class FileSink:
                 self._missing, self._warned_at = 0, -_WARNING_PERIOD
 
     def probe(self) -> None:
-        """Warn if the file cannot be written; leave no empty file."""
+        """Warn if the file cannot be written."""
         try:
             new = not exists(self.path)
             self.path.open("xb" if new else "ab").close()
@@ -94,11 +94,11 @@ class FileSink:
 
 
 class Writer:
-    """Collector of chunks, with a buffer of the last ones and a thread that writes files.
+    """Collector of chunks, with a buffer and a thread that writes files.
 
     Args:
-        plan: ``file`` for the whole run or None, ``folder`` for the last ``seconds`` or None, ``name`` of the
-            robot, and largest number of ``files`` in the folder.
+        plan: ``file`` for the whole run or None, ``folder`` for the last ``seconds`` or None, ``name`` of the robot,
+            and largest number of ``files``.
     """
 
     def __init__(self, plan: dict[str, Any], report: Callable[[str], None]) -> None:
@@ -145,7 +145,7 @@ class Writer:
             self._close_fault()
 
     def flush(self) -> None:
-        """Close and write the chunk, and buffer it with the last seconds."""
+        """Close, write and buffer the chunk."""
         chunk = self._builder.take()
         if chunk is None:
             return
@@ -230,7 +230,7 @@ class Writer:
 
 
 def frames(read: Callable[[], bytes | None], idle: Callable[[], None]) -> Iterator[tuple[int, int, bytes]]:
-    """Yield code, time in ns, and content of the frames of a pipe up to its end.
+    """Yield code, time in ns, and content of the frames of a pipe.
 
     `read` returns new data, None, or no bytes at the end; `idle` is called after each read.
     """

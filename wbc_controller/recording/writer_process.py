@@ -1,4 +1,4 @@
-"""Start of the writer process, and its pipe."""
+"""Start of the writer process."""
 
 from __future__ import annotations
 

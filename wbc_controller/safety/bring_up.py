@@ -1,4 +1,4 @@
-"""Watch of the first seconds: joint motion unexplained by the torques.
+"""Watch of the first seconds for unexplained motion.
 
 Torques at wrong joints let them run away within a few cycles. As damping would act on wrong joints too, the response is
 zero torque. The unexplained velocity of each joint decays, and gains Δv - v̇ Δt per step. v̇ is that of the solution
@@ -36,7 +36,7 @@ class BringUpWatch:
     """Watch of the joint motion against the torques sent; `fault` is that of the last cycle, or None."""
 
     def __init__(self, model: RobotModel, time: float, speed: float, period: float) -> None:
-        """Start a watch for `time`, s, with the largest unexplained `speed`, rad/s."""
+        """Start for `time`, s, with the largest unexplained `speed`, rad/s."""
         self.fault: Fault | None = None
         self._model = model
         self._left, self._largest_gap = time, _LARGEST_GAP * period
@@ -56,7 +56,7 @@ class BringUpWatch:
         command: JointCommand | None,
         jacobian: Callable[[tuple[str, ...]], Array],
     ) -> None:
-        """Compare a state with its prediction, and set `fault`; arguments as for `ModelAudit.check`."""
+        """Compare a state with its prediction, and set `fault`; arguments of `ModelAudit.check`."""
         self.fault = None
         if self._left <= 0.0:
             return

@@ -1,4 +1,4 @@
-"""Safety checks that return a fault or None; NaN fails."""
+"""Safety checks: a fault or None; NaN fails."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -73,7 +73,7 @@ CHECKS = (
 def stale_inputs(
     ages: Mapping[str, float], limit: float, notes: Callable[[], Mapping[str, str]] = dict
 ) -> Fault | None:
-    """Check the ages of inputs, s (inf before the first one); `notes` returns remarks by input for the message."""
+    """Check ages of inputs, s (inf before the first); `notes` returns remarks by input."""
     parts = []
     for name, age in ages.items():
         if not (age <= limit):
@@ -90,7 +90,7 @@ def unusable_torques(
     actuators: Sequence[str],
     tolerance: float = TORQUE_TOLERANCE,
 ) -> Fault:
-    """Return the fault of torques that are not finite or exceed the available bounds, (na,) in N·m."""
+    """Return the fault of torques that are not finite or exceed the bounds, (na,) in N·m."""
     lower, upper = available
     good = (tau >= lower - tolerance * limits) & (tau <= upper + tolerance * limits)
     bound = np.where(tau < 0.0, -lower, upper)

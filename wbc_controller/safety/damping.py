@@ -14,7 +14,7 @@ from wbc_controller.records import Array
 _LARGEST_RATE = 0.9
 #: Tolerance of a search, as a share.
 _TOLERANCE = 0.02
-#: Consecutive searches without a reduction, and their number if no rate is near the largest.
+#: Consecutive searches without a reduction, and number without near rates.
 _SEARCHES, _FEW_SEARCHES = 6, 2
 #: Steps of a search, and number of eigenvectors in its direction.
 _STEPS, _MOTIONS = 20, 6
@@ -122,7 +122,7 @@ def _reduced(search: _Search, D: Array, posture: Array) -> Array:
 
 
 def damped_motions(drive: Drive) -> Array:
-    """Return the projection P on joint motions that actuators damp, (nj, nj); 1 with one motor per joint."""
+    """Return the projection P on joint motions that actuators damp, (nj, nj)."""
     return np.asarray(drive.ratios.T @ drive.from_joints(np.eye(drive.ratios.shape[1])))
 
 

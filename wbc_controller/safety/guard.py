@@ -1,4 +1,4 @@
-"""Decisions of the guard: torques after the controller has stopped.
+"""Decisions of the guard.
 
 ::
 
@@ -79,7 +79,7 @@ class Guard:
         return self.mode in (GuardMode.DAMPING, GuardMode.ZERO)
 
     def deadline(self, inputs: GuardInputs) -> float:
-        """Return the time of the takeover without a new command, s; inf if no command is expected."""
+        """Return the time of the takeover without a new command, s, or inf."""
         limits = self.limits
         if inputs.command_at == -math.inf or (inputs.mode in _ENDED and not inputs.torques.any()):
             return math.inf
@@ -89,7 +89,7 @@ class Guard:
         return due + limits.patience
 
     def step(self, now: float, inputs: GuardInputs) -> Array | None:
-        """Update the mode; return the torques to send, (na,) in N·m, or None."""
+        """Update the mode; return torques, (na,) in N·m, or None."""
         deadline = self.deadline(inputs)
         if inputs.command_at > self._command_at or not (self.sending or self.mode is GuardMode.RELEASED):
             self._command_at = inputs.command_at
@@ -105,7 +105,7 @@ class Guard:
         return self._torques(now, inputs) if self.sending else None
 
     def velocity_is_stale(self, now: float, inputs: GuardInputs) -> bool:
-        """Return True without fresh joint velocities for damping."""
+        """Return True without fresh velocities for damping."""
         fresh = now - inputs.velocity_at <= self.limits.state_timeout
         return inputs.velocity is None or not fresh or not np.isfinite(inputs.velocity).all()
 

@@ -1,4 +1,4 @@
-"""Live audit: consistency of states and torques with the laws of motion.
+"""Live audit by the laws of motion.
 
 Between two states, the energy changes by the work of the torques (equation (29) of the note; S6), the momentum by
 gravity and contact forces (equation (26); S5), and every joint accelerates by the equations of motion (S1). A residual

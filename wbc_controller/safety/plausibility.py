@@ -1,4 +1,4 @@
-"""Plausibility of states, falls, and time budgets (NaN fails)."""
+"""Plausibility of states, falls, time budgets (NaN fails)."""
 
 import math
 from collections import deque
@@ -98,7 +98,7 @@ class StateWatch:
         )
 
     def check(self, state: RobotState) -> Fault | None:
-        """Compare a state with the previous one; return its fault, or None. A repeated state has no effect."""
+        """Return the fault of a state, or None. A repeated state has no effect."""
         before = self._state
         if state is before:
             return self.fault
@@ -124,7 +124,7 @@ class StateWatch:
         return self.fault
 
     def plausible_velocities(self, joint_velocity: Array) -> Array | None:
-        """Return the joint velocities, (nj,), with zeros for implausible ones; None if one is not finite."""
+        """Return joint velocities, (nj,), with zeros for implausible ones; None if one is not finite."""
         speeds = np.abs(joint_velocity)
         if all_true(speeds <= self._speed_limits):
             return joint_velocity
@@ -230,14 +230,14 @@ def _names(model: RobotModel) -> _Names:
 
 
 def wrap_hint(change: float) -> str:
-    """Return a hint if a jump is about one turn, rad; otherwise an empty string."""
+    """Return a hint if a jump is about one turn, rad; or ""."""
     if abs(abs(change) - 2.0 * math.pi) > _NEARLY_A_TURN:
         return ""
     return "; a jump by one turn: the driver must unwrap encoders that wrap at ±π"
 
 
 def joint_speed_limits(model: RobotModel, multiple: float) -> Array:
-    """Return the largest plausible joint velocities, (nj,) in rad/s, from a multiple of the limits."""
+    """Return the largest plausible joint velocities, (nj,) in rad/s."""
     limits = np.where(model.velocity_limits > 0.0, np.maximum(model.velocity_limits, LEAST_LIMIT), UNLIMITED)
     return np.asarray(np.minimum(multiple * limits, UNLIMITED))
 
@@ -273,7 +273,7 @@ class FallWatch:
         self._begun = False
 
     def check(self, now: float, state: RobotState) -> Fault | None:
-        """Compare a plausible state with that of the activation; return the fault, or None."""
+        """Compare a plausible state with the activation; return the fault, or None."""
         if not self.floating:
             return None
         limits = self._limits
@@ -314,7 +314,7 @@ def upward(q: Array) -> tuple[float, float, float]:
 
 
 def _limb_ends(model: pin.Model) -> list[tuple[int, Array]]:
-    """Return the last joint of each limb, with the farthest origin of its frames, (3,) in m."""
+    """Return the last joint of each limb with its farthest frame origin, (3,) in m."""
     inner = {int(parent) for parent in list(model.parents)[1:]}
     ends = {joint: np.zeros(3) for joint in range(2, model.njoints) if joint not in inner}
     for frame in model.frames:

@@ -1,4 +1,4 @@
-"""Kernels of `safety.plausibility`: jumps, frozen and implausible values."""
+"""Kernels of `safety.plausibility`."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Plausibility of single samples: reachable from the last accepted one."""
+"""Plausibility of single samples."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SEQUENCE = 3
 
 
 class SampleCheck:
-    """Comparison of each sample of one topic with the last accepted one; counts and explains rejections."""
+    """Comparison of each sample with the last accepted one."""
 
     def __init__(self, names: tuple[str, ...], keys: tuple[str, ...], memory: SampleMemory) -> None:
         """Start a check; `names` and `keys` (settings of the speeds) appear in messages, (n,)."""
@@ -54,7 +54,7 @@ class SampleCheck:
         return cls(AXES, ("max_base_speed",) * 3 + ("max_base_turn",) * 3, memory)
 
     def check(self, stamp: int, position: Array, velocity: Array) -> str:
-        """Return the reason to reject a sample at a stamp, ns, or ""; velocities are empty if not measured."""
+        """Return the reason to reject a sample, or ""; stamp in ns; velocities are empty if not measured."""
         elapsed = 1.0e-9 * (stamp - self._stamp) if self._stamp else math.nan
         found = compare_sample(self._memory, position, velocity, elapsed)
         if found < 0:

@@ -1,4 +1,4 @@
-"""Supervisor: modes of the controller, and the only source of a `JointCommand`.
+"""Supervisor: modes, and the only source of a `JointCommand`.
 
 ::
 
@@ -41,7 +41,7 @@ _AHEAD = 0.05
 
 @dataclass(frozen=True, slots=True)
 class SupervisorLimits:
-    """Timing and limits of the supervisor."""
+    """Timing and limits."""
 
     activation_ramp: float  # s
     hold_time: float  # longest time without a solution within `hold_window` before damping, s
@@ -97,7 +97,7 @@ class Supervisor:
 
     @property
     def limits(self) -> SupervisorLimits:
-        """Timing and limits; may be replaced between cycles."""
+        """Timing and limits."""
         return self._limits  # type: ignore[return-value]  # set by the constructor
 
     @limits.setter
@@ -249,7 +249,7 @@ class Supervisor:
     def _follow(
         self, now: float, state: RobotState | None, joint_velocity: Array | None, solution: Solution
     ) -> JointCommand | None:
-        """Return the command of a solution; None, after a change of mode, if not usable."""
+        """Return the command of a solution; None if not usable."""
         share, kept, seen = self._share.sample(now), 0.0, self._no_state if state is None else state
         if self._filter > 0.0 and self._reached_solution and share >= 1.0:
             kept = math.exp(-self._elapsed / self._filter)

@@ -1,4 +1,4 @@
-"""Kernel of `safety.supervisor`: command that follows a solution."""
+"""Kernel of `safety.supervisor`."""
 
 from wbc_controller.compilation import Indices, Matrix, OutVector, StridedVector, Struct, Vector, compiled
 from wbc_controller.inverse_dynamics.limits.joint_motion_kernels import clipped

@@ -70,7 +70,7 @@ class Config:
         return f"{self.source}: {error}" if self.source else error
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the values without defaults, as below ``ros__parameters`` in a file."""
+        """Return the values without defaults, as below ``ros__parameters``."""
         return self.settings.model_dump(exclude_unset=True)
 
     def to_yaml(self) -> str:
@@ -79,7 +79,7 @@ class Config:
         return str(yaml.safe_dump(content, sort_keys=False, allow_unicode=True, default_flow_style=None, width=120))
 
     def __getitem__(self, key: str) -> Any:
-        """Return a value or section by dotted key, such as ``config["tasks.com.weight"]``, or raise `UnknownKey`."""
+        """Return a value or section by dotted key, or raise `UnknownKey`."""
         value: Any = self.settings.model_dump()
         if not isinstance(key, str):
             raise UnknownKey(f"{reprlib.repr(key)}: a key must be a string with dots, such as 'tasks.com.weight'")

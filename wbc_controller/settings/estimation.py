@@ -16,8 +16,8 @@ class EstimationSettings(Section):
 
     base_state: Literal["odom", "imu"] = Field(
         "odom",
-        description="Source of the base's pose and twist. odom: topic `odom`. imu: estimate from the topic `imu`, the "
-        "joints and the active contacts.",
+        description="Source of the base's pose and twist: topic `odom`, or an estimate from the topic `imu`, joints "
+        "and contacts.",
     )
     imu_frame: str = Field(
         "", max_length=255, description="URDF frame with the axes of the IMU data; empty for the base link."
@@ -39,8 +39,7 @@ class EstimationSettings(Section):
     )
     contact_noise: Annotated[Positive, Field(le=10.0)] = Field(
         1.0e-3,
-        description="Noise density of the contact velocity (creep), m/s/√Hz. Large values hide slip: with 0.01, a sole "
-        "that slides at 0.3 m/s is not rejected.",
+        description="Noise density of the contact velocity (creep), m/s/√Hz. Large values hide slip.",
     )
     joint_position_noise: NonNegative = Field(
         1.0e-3, le=1.0, description="Standard deviation of the joint positions, rad."
@@ -65,8 +64,7 @@ class EstimationSettings(Section):
     )
     absolute_pose: bool = Field(
         False,
-        description="Use absolute poses from the topic `pose` (motion capture, SLAM). They define the world, and the "
-        "estimate starts with the first of them.",
+        description="Use absolute poses from the topic `pose` (motion capture, SLAM), which define the world.",
     )
     pose_frame: str = Field("", max_length=255, description="Robot frame of these poses; empty for the base link.")
     pose_noise: Annotated[Positive, Field(ge=1.0e-4, le=10.0)] = Field(
@@ -77,16 +75,15 @@ class EstimationSettings(Section):
     )
     joint_velocity: Literal["measured", "differentiated"] = Field(
         "measured",
-        description="measured: from the joint states. differentiated: from positions and timestamps; measured "
-        "velocities are ignored.",
+        description="differentiated: from positions and timestamps.",
     )
     joint_velocity_time: Annotated[Positive, Field(ge=5.0e-4, le=0.05)] = Field(
         0.004, description="Time constant of the differentiation, s; the delay is about twice as long."
     )
     disturbance: Literal["never", "imu", "always"] = Field(
         "imu",
-        description="Estimate and compensate generalized forces that are not in the model (friction, wrong torques and "
-        "masses). imu: if `base_state` is imu.",
+        description="Estimate and compensate forces outside the model (friction, wrong torques and masses). imu: if "
+        "`base_state` is imu.",
     )
     disturbance_time: Annotated[Positive, Field(ge=0.02, le=60.0)] = Field(
         0.2, description="Time constant of the disturbance estimate, s."
@@ -96,7 +93,7 @@ class EstimationSettings(Section):
     )
 
     torque_filter: Literal["never", "imu", "always"] = Field(
-        "imu", description="Low-pass filter of the torques against sensor noise. imu: if `base_state` is imu."
+        "imu", description="Low-pass filter of the torques; imu: likewise."
     )
     torque_filter_time: Annotated[Positive, Field(ge=5.0e-4, le=0.05)] = Field(
         0.008, description="Time constant of the torque filter, s."

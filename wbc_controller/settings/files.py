@@ -27,7 +27,7 @@ _INTEGER = "tag:yaml.org,2002:int"
 
 
 def find_configuration(name: str) -> Path:
-    """Return the path of a shipped configuration, such as ``g1``, or an existing path; else `ConfigurationError`."""
+    """Return the path of a shipped configuration or an existing path; else `ConfigurationError`."""
     path = Path(name)
     if path.suffix in (".yaml", ".yml") or len(path.parts) > 1:
         if not is_file(path):
@@ -123,7 +123,7 @@ def parse_settings(parameters: Mapping[str, Any], source: str) -> Settings:
 
 
 def _count(node: yaml.Node, source: str, keys: tuple[str, ...], counts: dict[int, int]) -> int:
-    """Check a node for `read_yaml`; return its number of values with aliases expanded."""
+    """Check a node for `read_yaml`; return its number of values."""
     place = f"{source}:{node.start_mark.line + 1}"
     if id(node) in counts:
         if not counts[id(node)]:

@@ -52,17 +52,13 @@ class TorqueSpeedSettings(Section):
 class SelfCollisionSettings(Section):
     """Self-collision avoidance (docs/limits.md)."""
 
-    enabled: bool = Field(
-        False, description="Keep a distance between links, computed from the URDF collision elements."
-    )
+    enabled: bool = Field(False, description="Keep a distance between links.")
     margin: Annotated[Positive, Field(le=0.5)] = Field(0.02, description="Smallest distance, m.")
     acceleration: Annotated[Positive, Field(le=1.0e3)] = Field(
         20.0,
         description="Deceleration of approaching links, m/s². The motors must reach it with a stretched arm.",
     )
-    horizon: NonNegative = Field(
-        0.02, le=1.0, description="Look-ahead time, s; at least one period is used. See `position_horizon`."
-    )
+    horizon: NonNegative = Field(0.02, le=1.0, description="Look-ahead time, s, as `position_horizon`.")
     max_pairs: int = Field(12, ge=1, le=200, description="Number of constrained pairs per cycle: the most urgent ones.")
     srdf: str = Field("", description="Path of an SRDF, as `robot.urdf`; its disabled pairs are excluded.")
     visual: list[str] = Field(
@@ -70,8 +66,8 @@ class SelfCollisionSettings(Section):
     )
     pairs: list[str] = Field(
         default_factory=list,
-        description="Pairs `<link>/<link>`. Empty: all pairs except links connected by one or two joints, disabled "
-        "pairs of the SRDF, and pairs nearer than `margin` in `robot.posture`.",
+        description="Pairs `<link>/<link>`. Empty: all except links connected by one or two joints, disabled pairs "
+        "of the SRDF, and pairs nearer than `margin` in `robot.posture`.",
     )
 
 
@@ -91,16 +87,16 @@ class LimitSettings(Section):
     position_horizon: NonNegative = Field(
         0.02,
         le=1.0,
-        description="Look-ahead time of position and velocity limits, s; at least one period is used. Longer horizons "
-        "brake earlier and are less sensitive to noise and latency.",
+        description="Look-ahead time of position and velocity limits, s, at least one period. Longer horizons brake "
+        "earlier and are less sensitive to noise.",
     )
     velocity: bool = Field(True, description="Enforce the URDF's joint velocity limits.")
     velocity_scale: Annotated[Positive, Field(le=1.0)] = Field(1.0, description="Usable share of the velocity limits.")
     acceleration: Positive = Field(
         200.0,
         le=1.0e5,
-        description="Largest joint acceleration, rad/s². Also the deceleration before position limits: the motors must "
-        "reach it. It is exceeded only to avoid a joint stop.",
+        description="Largest joint acceleration, rad/s², also for braking before position limits: the motors must "
+        "reach it.",
     )
     torque_rate: Positive = Field(
         100.0, le=1.0e3, description="Largest torque rate, in effort limits per second; applied per period."

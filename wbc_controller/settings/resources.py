@@ -50,7 +50,7 @@ def read_text(path: Path, subject: str, largest: int) -> str:
 
 
 def is_file(path: Path) -> bool:
-    """Return True if a file exists; False also for names that the system refuses."""
+    """Return True if a file exists; False for invalid names."""
     try:
         return path.is_file()
     except OSError:
@@ -58,7 +58,7 @@ def is_file(path: Path) -> bool:
 
 
 def shown(name: str | Path) -> str:
-    """Quote a name for a message; long names are shortened in the middle."""
+    """Quote a name for a message, shortened in the middle."""
     text = repr(name) if isinstance(name, str) else str(name)
     return text if len(text) <= _LONGEST_NAME else f"{text[:100]}…{text[-100:]} ({len(text)} characters)"
 

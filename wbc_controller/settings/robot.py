@@ -45,8 +45,7 @@ class TransmissionSettings(Section):
 
     ratios: Annotated[dict[str, Finite], _by_joint()] = Field(
         min_length=1,
-        description="Ratio by joint: actuator turns per joint turn. Actuator speed = Σ ratio · joint speed, "
-        "joint torque = ratio · actuator torque.",
+        description="Ratio by joint: actuator speed = Σ ratio · joint speed, joint torque = ratio · actuator torque.",
     )
     effort_limit: Positive = Field(description="Largest torque of the actuator, N·m.")
     rotor_inertia: NonNegative = Field(0.0, le=10.0, description="Inertia at the speed of the actuator, kg·m².")
@@ -81,26 +80,26 @@ class RobotSettings(Section):
 
     urdf: str = Field(
         "",
-        description="Path, relative to the configuration file, or `package://<package>/<path in its share folder>` of "
-        "a ROS 2 package or Python distribution. Empty: from the topic `robot_description`.",
+        description="Path, or `package://<package>/<path in its share folder>`. Empty: from the topic "
+        "`robot_description`.",
     )
     base: Literal["floating", "fixed"] = Field("floating", description="Attachment of the root link to the world.")
     joints: list[str] = Field(
         min_length=1,
-        description="Moving, measured joints. URDF joints that mimic one of them follow; all other joints are locked.",
+        description="Moving, measured joints. Mimic joints follow them; all others are locked.",
     )
     actuators: list[str] = Field(
         default_factory=list,
         description="Actuators in the order of the effort command: joints with their own motor, and names in "
-        "`transmission`. Empty: one motor per non-passive joint, in the order of `joints`.",
+        "`transmission`. Empty: the non-passive `joints`.",
     )
     transmission: dict[str, TransmissionSettings] = Field(
         default_factory=dict, description="Actuators that drive joints through transmissions, by name."
     )
     command: Literal["actuators", "joints"] = Field(
         "actuators",
-        description="Effort command: torques of the actuators, or (if the drivers handle the transmissions) of the "
-        "driven joints in the order of `joints`.",
+        description="Effort command: torques of the actuators, or of the driven `joints`, if the drivers handle the "
+        "transmissions.",
     )
     passive_joints: Annotated[dict[str, PassiveJointSettings], _by_joint(*PassiveJointSettings.model_fields)] = Field(
         default_factory=dict, description="Joints in `joints` without their own motor."

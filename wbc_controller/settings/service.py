@@ -1,4 +1,4 @@
-"""Settings of loop, solver, safety, guard, audit, recorder, mock robot."""
+"""Settings of the nodes, safety, recorder, mock robot."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class RealtimeSettings(Section):
 
     scheduling: Literal["other", "fifo", "rr"] = Field(
         "other",
-        description="Scheduling class of all threads: SCHED_FIFO, SCHED_RR, or unchanged (`other`).",
+        description="Scheduling class of all threads; `other`: unchanged.",
     )
     priority: Annotated[int, Field(ge=1, le=99)] = Field(
         50, description="Priority for `fifo` and `rr`; larger numbers are more urgent."
@@ -39,8 +39,7 @@ class RealtimeSettings(Section):
     lock_memory: bool = Field(False, description="Lock present and future memory in RAM (mlockall).")
     cpu_dma_latency: Annotated[int, Field(ge=0, le=100_000)] | None = Field(
         None,
-        description="Longest wake-up latency of processors, µs (PM QoS); 0 disables idle states. None: set by the "
-        "system.",
+        description="Longest wake-up latency of processors, µs (PM QoS); 0 disables idle states.",
     )
 
 
@@ -72,8 +71,8 @@ class SolverSettings(Section):
     regularization_acceleration: Positive = Field(
         1.0e-5,
         le=1.0,
-        description="Weight of ½(‖q̈‖² + ‖ḣ_G/m‖²): joint accelerations, and centroidal momentum rate divided by the "
-        "mass; (rad/s²)⁻², (m/s²)⁻².",
+        description="Weight of ½(‖q̈‖² + ‖ḣ_G/m‖²), joint accelerations and centroidal momentum rate; (rad/s²)⁻², "
+        "(m/s²)⁻².",
     )
     regularization_force: Positive = Field(
         1.0e-6,
@@ -91,18 +90,17 @@ class SafetySettings(Section):
     synchronized_clocks: bool = Field(
         False,
         description="True if robot and computer have synchronized clocks (PTP, chrony) or a simulator's clock "
-        "(`use_sim_time`): ages then include a constant latency. False: the clock offset is learned, together with the "
-        "shortest latency.",
+        "(`use_sim_time`): ages then include a constant latency.",
     )
     clock_tolerance: Annotated[Positive, Field(le=0.5)] = Field(
         0.01,
-        description="With `synchronized_clocks`: largest lead of a timestamp over the computer's clock, s; also the "
-        "error of ages. With a simulator at least the interval of its clock messages.",
+        description="With `synchronized_clocks`: largest lead of a timestamp over the computer's clock, s; with a "
+        "simulator at least the interval of its clock messages.",
     )
     activation_ramp: NonNegative = Field(
         0.2,
         le=60.0,
-        description="Ramp time of the torques, s. An unsupported robot falls during the ramp, so keep it short.",
+        description="Ramp time of the torques, s; an unsupported robot falls meanwhile.",
     )
     hold_time: NonNegative = Field(
         0.1, le=1.0, description="Longest time without a solution within `hold_window`, s; then damping mode."
@@ -125,8 +123,7 @@ class SafetySettings(Section):
     bring_up_time: NonNegative = Field(
         5.0,
         le=3600.0,
-        description="Active time after the start of the process in which unexplained motion stops the robot without "
-        "damping, s: torques may reach wrong joints. 0 for never.",
+        description="First active time in which unexplained motion stops the robot without damping, s; 0 for never.",
     )
     bring_up_speed: Annotated[Positive, Field(le=1.0e3)] = Field(
         5.0,
@@ -139,8 +136,8 @@ class SafetySettings(Section):
     min_height: NonNegative = Field(
         0.4,
         le=1.0,
-        description="Height of a floating base above the lowest limb end that counts as a fall, as a share of the "
-        "height at activation; 0 for none.",
+        description="Height of a floating base above the lowest limb end that counts as a fall, as a share of that "
+        "at activation; 0 for none.",
     )
     max_magnitude: Annotated[Positive, Field(le=1.0e9)] = Field(
         1.0e6, description="Largest plausible joint position or base coordinate, rad or m."
@@ -170,14 +167,13 @@ class SafetySettings(Section):
     )
     frozen_time: Annotated[Positive, Field(le=60.0)] = Field(
         0.1,
-        description="Longest repetition of bitwise equal joint or base states at non-zero velocity, s; at least "
+        description="Longest repetition of equal joint or base states at non-zero velocity, s; at least "
         "`state_timeout`.",
     )
 
     torque_publishers: list[NodeName] = Field(
         ["guard"],
-        description="Other nodes that may publish torques: names in the controller's namespace, or absolute names. "
-        "`activate` is refused while any other node publishes torques.",
+        description="Other nodes that may publish torques: names in the controller's namespace, or absolute names.",
     )
 
     @model_validator(mode="after")
@@ -195,7 +191,7 @@ class RecorderSettings(Section):
     )
     folder: str = Field(
         "",
-        description="Folder of the files; empty for `wbc_controller` in `$XDG_STATE_HOME`, by default ~/.local/state.",
+        description="Folder; empty for `wbc_controller` in `$XDG_STATE_HOME`, by default ~/.local/state.",
     )
     files: int = Field(10, ge=1, le=1000, description="Number of files kept per robot; the oldest are removed.")
 
@@ -210,8 +206,7 @@ class GuardSettings(Section):
     damping_time: NonNegative = Field(5.0, le=60.0, description="Duration of damping before zero torque, s.")
     torque: Annotated[Positive, Field(le=1.0)] = Field(
         0.2,
-        description="Largest damping torque, and largest torque from which a returning controller takes over, as a "
-        "share of the effort limit.",
+        description="Largest damping torque, and torque at the return of a controller, as a share of the effort limit.",
     )
 
 
@@ -235,28 +230,24 @@ SensorQuality = Literal["ideal", "good", "cheap"]
 
 
 class TerrainSettings(Section):
-    """Block of ground on the floor of the mock robot: a step, a slope, a mat, or uneven cells."""
+    """Block on the floor: a step, slope, mat, or uneven cells."""
 
-    position: Vector3 = Field(
-        description="Middle of the edge at -x of the upper face, m; `rpy` turns the block about this point."
-    )
+    position: Vector3 = Field(description="Middle of the upper edge at -x, m, the centre of the rotation `rpy`.")
     size: Annotated[list[Annotated[Positive, Field(le=200.0)]], Field(min_length=3, max_length=3)] = Field(
-        description="Length along x, width along y and thickness, m."
+        description="Along x, along y, and thickness, m."
     )
-    rpy: Vector3 = Field([0.0, 0.0, 0.0], description="Roll, pitch and yaw, rad; a pitch above 0 descends along x.")
+    rpy: Vector3 = Field([0.0, 0.0, 0.0], description="Roll, pitch (above 0: descends along x) and yaw, rad.")
     friction: Annotated[NonNegative, Field(le=2.0)] | None = Field(
         None, description="Coulomb friction coefficient; default `mock.friction`."
     )
     stiffness: Annotated[Positive, Field(le=1.0e7)] | None = Field(
-        None, description="Stiffness at each contact point of the robot, N/m; rigid by default."
+        None, description="Stiffness at each contact point, N/m; rigid by default."
     )
     damping: Annotated[Positive, Field(le=1.0e6)] = Field(
-        500.0, description="Damping at each contact point of soft ground, N·s/m."
+        500.0, description="Damping of soft ground, also per point, N·s/m."
     )
-    unevenness: NonNegative = Field(
-        0.0, le=1.0, description="Largest random difference in height of a cell, upwards or downwards, m."
-    )
-    cell: Positive = Field(0.3, description="Side of a square cell of uneven ground, m.")
+    unevenness: NonNegative = Field(0.0, le=1.0, description="Largest random change of a cell's height, m.")
+    cell: Positive = Field(0.3, description="Side of a square cell, m.")
     seed: int = Field(0, ge=0, le=2**31 - 1, description="Random seed of the heights.")
 
     @property
@@ -280,24 +271,19 @@ class MockSettings(Section):
     step: Annotated[Positive, Field(le=0.01)] = Field(0.001, description="Time step of the simulation, s.")
     floor_normal: Direction = Field([0.0, 0.0, 1.0], description="Normal of the floor; any length.")
     friction: Annotated[NonNegative, Field(le=2.0)] = Field(
-        0.7, description="Coulomb friction coefficient of the floor, independent of the contacts."
+        0.7, description="Coulomb friction coefficient of the floor."
     )
-    terrain: dict[Name, TerrainSettings] = Field(default_factory=dict, description="Blocks of ground on the floor.")
+    terrain: dict[Name, TerrainSettings] = Field(default_factory=dict, description="Blocks of ground.")
     push_duration: Annotated[Positive, Field(le=10.0)] = Field(0.1, description="Duration of a push, s.")
     command_timeout: Annotated[Positive, Field(le=10.0)] = Field(
-        0.1, description="Age of the torques after which the robot damps its joints itself, s."
+        0.1, description="Age of the torques after which the joints are damped, s."
     )
     damping: Damping = Field(2.0, description="Joint damping without torque commands, N·m·s/rad.")
-    joint_friction: NonNegative = Field(
-        0.0, le=1.0e3, description="Dry friction of each joint, unknown to the controller, N·m."
-    )
-    joint_viscosity: NonNegative = Field(
-        0.0, le=1.0e3, description="Viscous friction of each joint, unknown to the controller, N·m·s/rad."
-    )
+    joint_friction: NonNegative = Field(0.0, le=1.0e3, description="Dry friction of each joint in the simulation, N·m.")
+    joint_viscosity: NonNegative = Field(0.0, le=1.0e3, description="Viscous friction, N·m·s/rad.")
     sensors: SensorQuality = Field(
         "ideal",
-        description="Quality of IMU, encoders and motors: exact, or with noise, biases and resolution of real parts "
-        "(docs/estimation.md). Odometry is exact.",
+        description="Quality of IMU, encoders and motors (docs/estimation.md). Odometry is exact.",
     )
     sensor_seed: int = Field(0, ge=0, le=2**31 - 1, description="Random seed of the sensors.")
     pose_rate: NonNegative = Field(0.0, le=1.0e3, description="Rate of the topic `pose`, Hz; 0 for none.")
@@ -306,5 +292,5 @@ class MockSettings(Section):
     pose_turn_noise: NonNegative = Field(0.0, le=3.0, description="Standard deviation of their orientation, rad.")
     joint_velocity: bool = Field(
         True,
-        description="Joint states contain velocities; without them set `estimation.joint_velocity` = differentiated.",
+        description="Joint states contain velocities.",
     )

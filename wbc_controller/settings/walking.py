@@ -13,61 +13,54 @@ _Length = Annotated[Positive, Field(le=5.0)]
 
 
 class WalkingSettings(Section):
-    """Gait of a biped or quadruped. Every key has a default that follows from the robot.
+    """Gait ([Walking](walking.md)). Defaults follow from the robot; z: height of its centre of mass.
 
-    z is the height of its centre of mass. Left, right, width, least_width and max_step_width: bipeds only.
+    Left, right, width, least_width and max_step_width: bipeds only.
     """
 
     gait: Literal["trot", "walk"] | None = Field(
         None,
-        description="Gait of a quadruped: `trot` (default, diagonal feet together) or `walk` (one foot at a time).",
+        description="Of a quadruped: `trot` (default, diagonal feet together) or `walk` (one foot at a time).",
     )
-    left: str | None = Field(None, description="Contact of the left foot; default: the surface contact to the left.")
-    right: str | None = Field(None, description="Contact of the right foot; default: the surface contact to the right.")
+    left: str | None = Field(None, description="Contact of the left foot; default by position.")
+    right: str | None = Field(None, description="Contact of the right foot; default by position.")
     single_support: _Time | None = Field(
         None,
-        description="Nominal duration of a swing, s; default 1.5·√(z/g) for bipeds, 1.25·√(z/g) for a trot, 1.8·√(z/g) "
-        "for a walk.",
+        description="Nominal duration of a swing, s; default √(z/g) times 1.5 (bipeds), 1.25 (trot) or 1.8 (walk).",
     )
     double_support: _Time | None = Field(
-        None, description="Duration of the support by all feet between two swings, s; default 0.05, quadrupeds 0.03."
+        None, description="Duration on all feet between two swings, s; default 0.05, quadrupeds 0.03."
     )
     clearance: _Length | None = Field(
         None,
-        description="Height of the swing foot above the ground, m; default 0.07·z, at most 0.6 of the height to which "
-        "a biped can raise its flat feet; quadrupeds 0.18·z.",
+        description="Height of the swing foot above the ground, m; default 0.07·z, at most 0.6 of the feasible height; "
+        "quadrupeds 0.18·z.",
     )
     lowering: Annotated[float, Field(ge=0.0, le=1.0)] | None = Field(
         None,
-        description="Distance by which the centre of mass is lowered while walking, m: long steps need bent knees; "
-        "default 0.03·z, at most 0.2 of the height to which a biped can raise its flat feet; quadrupeds 0.",
+        description="Lowering of the centre of mass for bent knees, m; default 0.03·z, at most 0.2 of the feasible "
+        "height of a foot; quadrupeds 0.",
     )
-    width: _Length | None = Field(
-        None, description="Distance between the feet, m; default 0.85 of that in the nominal posture."
-    )
+    width: _Length | None = Field(None, description="Distance between the feet, m; default 0.85 of the nominal one.")
     least_width: _Length | None = Field(
         None,
-        description="Smallest distance between the feet, m; default 0.6 of that in the nominal posture, and at least "
-        "the width of a sole and 0.03 m.",
+        description="Smallest distance, m; default 0.6 of the nominal one, at least the width of a sole and 0.03 m.",
     )
     max_step_length: _Length | None = Field(
-        None, description="Longest step, m; default 0.65·z. Quadrupeds: from below the body to the foot; default 0.6·z."
+        None, description="Longest step, m; default 0.65·z; quadrupeds from below the body, 0.6·z."
     )
-    max_step_width: _Length | None = Field(None, description="Largest distance between the feet, m; default 0.8·z.")
-    command_timeout: _Time = Field(
-        0.5, description="Time without a message on `cmd_vel` after which the robot stops, s."
-    )
+    max_step_width: _Length | None = Field(None, description="Largest distance, m; default 0.8·z.")
+    command_timeout: _Time = Field(0.5, description="Age of the last `cmd_vel` after which the robot stops, s.")
     max_speed: Positive | None = Field(
         None,
-        description="Largest speed forward, m/s; default 0.12·√(g·z), at most 0.8 of the feasible speed; trot "
-        "0.5·√(g·z), walk 0.06·√(g·z). Backward half of it.",
+        description="Largest speed forward, m/s, half backward; default √(g·z) times 0.12 (bipeds, at most 0.8 of "
+        "the feasible speed), 0.5 (trot) or 0.06 (walk).",
     )
     max_side_speed: Positive | None = Field(
         None,
-        description="Largest speed sideways, m/s; default 0.08·√(g·z), at most 0.8 of the feasible speed; trot "
-        "0.25·√(g·z), walk 0.03·√(g·z).",
+        description="The same sideways, m/s; factors 0.08, 0.25 and 0.03.",
     )
     max_turn_rate: Positive | None = Field(
         None,
-        description="Largest turning rate, rad/s; default 0.5, at most 0.8 of the feasible rate; trot 1.5, walk 0.2.",
+        description="Largest turning rate, rad/s; default 0.5 (bipeds, at most 0.8 of the feasible rate), 1.5 or 0.2.",
     )

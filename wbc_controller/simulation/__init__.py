@@ -1,1 +1,1 @@
-"""Mock robot: a MuJoCo plant with the topics of a real robot; only this package imports mujoco."""
+"""Mock robot on MuJoCo, imported only here."""

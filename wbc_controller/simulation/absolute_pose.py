@@ -1,4 +1,4 @@
-"""Absolute poses of motion capture or SLAM: at their own rate, noisy and delayed."""
+"""Absolute poses, noisy and delayed."""
 
 from collections import deque
 

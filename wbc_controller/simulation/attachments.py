@@ -1,4 +1,4 @@
-"""Attachments of the mock robot's links: grips at fixed contacts, and joints that close loops."""
+"""Grips and closed loops of the mock robot."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

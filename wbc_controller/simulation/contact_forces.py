@@ -1,4 +1,4 @@
-"""Geoms of each contact in MuJoCo, and the forces on them."""
+"""Geoms of contacts, and forces on them."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any

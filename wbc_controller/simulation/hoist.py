@@ -1,4 +1,4 @@
-"""Hoist that holds the mock robot's base at its start, with ramps."""
+"""Hoist of the mock robot."""
 
 import math
 from typing import Any

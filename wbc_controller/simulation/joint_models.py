@@ -1,4 +1,4 @@
-"""Joints of MuJoCo's model besides motors: passive, geared and mimic joints."""
+"""Passive, geared and mimic joints in MuJoCo."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Measurements of the mock robot's sensors at one instant, and their messages."""
+"""Measurements of the sensors, and their messages."""
 
 from dataclasses import dataclass, field
 from typing import Any

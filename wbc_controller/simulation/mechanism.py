@@ -1,4 +1,4 @@
-"""MuJoCo's model of the robot: mechanism, ground, shapes and hoist."""
+"""MuJoCo's model of the robot."""
 
 import logging
 import math

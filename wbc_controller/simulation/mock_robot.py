@@ -1,4 +1,4 @@
-"""Mock robot as a node: a `Plant` on the topics `middleware.topics.MOCK_TOPICS`, over any transport.
+"""Mock robot on the topics `MOCK_TOPICS`.
 
 `MockRobot.run` runs in real time or in lockstep. On one thread, alternate `publish`, the controller, and `advance`.
 """

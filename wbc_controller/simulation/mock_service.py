@@ -1,4 +1,4 @@
-"""Service of the mock robot on any transport."""
+"""Service of the mock robot."""
 
 import logging
 import threading

@@ -1,4 +1,4 @@
-"""Physics of the mock robot: MuJoCo, built from the URDF and configuration of the controller.
+"""Physics of the mock robot.
 
 The shapes of configured contacts apply only without shapes in the URDF, and between two links. Inputs and outputs
 follow the conventions of `wbc_controller.records` (Pinocchio).

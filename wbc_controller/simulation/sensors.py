@@ -1,4 +1,4 @@
-"""Errors of sensors and motors: noise, biases, resolution, offsets and torque errors (sources: docs/estimation.md)."""
+"""Errors of sensors and motors (sources: docs/estimation.md)."""
 
 import math
 from collections.abc import Mapping

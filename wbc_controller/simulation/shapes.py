@@ -1,4 +1,4 @@
-"""Collision shapes of the URDF that touch the floor of the mock robot.
+"""Shapes that touch the floor.
 
 Meshes become convex hulls. A sole becomes balls at the corners of its outline, a round tip one ball, a wheel a thin
 rim.

@@ -1,4 +1,4 @@
-"""Controller and physics of the mock robot in one thread, without topics."""
+"""Controller and physics in one thread, without topics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Speed of a simulation relative to real time."""
+"""Speed relative to real time."""
 
 import logging
 from collections.abc import Callable

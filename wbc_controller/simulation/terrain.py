@@ -1,4 +1,4 @@
-"""Ground of the mock robot: blocks on the floor, rigid or soft.
+"""Blocks of ground, rigid or soft.
 
 A contact of MuJoCo with the impedance d and ``solref`` (-k, -b) has the force (k r + b ṙ) / ((1 - d) A) at the depth r,
 with the inverse mass A of the two bodies (`body_invweight0`): k = K (1 - d) A gives the stiffness K in N/m.

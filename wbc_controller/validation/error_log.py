@@ -1,4 +1,4 @@
-"""Collection of logged errors during a trial."""
+"""Logged errors of a trial."""
 
 import contextlib
 import logging

@@ -38,7 +38,7 @@ class User:
         self.send_bytes(key, encode(content), subject)
 
     def send_bytes(self, key: str, payload: bytes, subject: str = "") -> None:
-        """Send bytes, possibly an invalid message."""
+        """Send bytes, possibly invalid."""
         self._publish[key, subject](payload)
 
     def send_text(self, key: str, text: str) -> None:
@@ -69,13 +69,13 @@ class User:
 
 
 def twist(velocity: Array) -> Any:
-    """Return a geometry_msgs/Twist of a velocity forward, to the left and turning, (3,) in m/s and rad/s."""
+    """Return a geometry_msgs/Twist, from (3,) in m/s and rad/s."""
     linear, angular = np.array([velocity[0], velocity[1], 0.0]), np.array([0.0, 0.0, velocity[2]])
     return message("geometry_msgs/msg/Twist", linear=vector(linear), angular=vector(angular))
 
 
 def reliable_counterpart(topic: Endpoint) -> Endpoint:
-    """Return the counterpart of a topic, with a queue that drops no message while this process is busy."""
+    """Return the counterpart of a topic, with an unlimited queue."""
     return dataclasses.replace(counterpart(topic), qos=dataclasses.replace(topic.qos, depth=1000))
 
 
@@ -85,7 +85,7 @@ def activation_commands(mode: str) -> tuple[str, ...]:
 
 
 def com_trajectory(times: Sequence[float], positions: Array) -> Any:
-    """Return an immediate trajectory through points at rest, (n, 3) in m."""
+    """Return an immediate trajectory through points, (n, 3) in m."""
     upright = message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
     points = [
         message(
@@ -103,7 +103,7 @@ def com_trajectory(times: Sequence[float], positions: Array) -> Any:
 
 
 def joint_trajectory(joints: Sequence[str], times: Sequence[float], positions: Array) -> Any:
-    """Return an immediate joint trajectory through points at rest, (n, k) in rad."""
+    """Return an immediate joint trajectory, (n, k) in rad."""
     nothing = np.zeros(0)
     points = [
         message(

@@ -1,4 +1,4 @@
-"""Adaptation of place and time of a step to the measured state.
+"""Adaptation of place and time of a step.
 
 At the end of the single support after the time T, the DCM is at
 

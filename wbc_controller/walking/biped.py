@@ -1,4 +1,4 @@
-"""Walker of bipeds: phases of the gait, and references for the controller in every cycle."""
+"""The walker of bipeds."""
 
 import cmath
 import math

@@ -1,4 +1,4 @@
-"""Prediction of a fall: the DCM is farther away than any step reaches.
+"""Prediction of a fall.
 
 While the centre of pressure is at p, the point of the support next to the DCM ξ, the DCM moves within the time t of
 the fastest step to ξ_t = p + (ξ - p) e^{ωt}. A foot can then be placed within the reach of the leg. From there, steps

@@ -1,4 +1,4 @@
-"""The feet: poses of their soles, and references of the tasks on their frames."""
+"""Feet: poses and references."""
 
 import math
 from dataclasses import dataclass, field

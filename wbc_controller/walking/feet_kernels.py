@@ -1,4 +1,4 @@
-"""Kernel for the reference of the frame of a swing foot."""
+"""Kernel for the reference of a swing foot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Planned footsteps: sides, limits, and the nominal step towards the next one."""
+"""Planned footsteps."""
 
 import cmath
 import math

@@ -1,4 +1,4 @@
-"""From a velocity command to the nominal step."""
+"""Nominal steps of a velocity."""
 
 import cmath
 from dataclasses import dataclass

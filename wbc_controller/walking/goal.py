@@ -1,4 +1,4 @@
-"""Velocity that moves a walking robot to a pose on the ground, and stops it there."""
+"""Velocity towards a pose on the ground."""
 
 import cmath
 import math

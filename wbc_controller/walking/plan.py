@@ -1,4 +1,4 @@
-"""Record of the walker's plan for viewers: phase, capture point, swing feet, touchdowns and margin."""
+"""Record of the walker's plan for viewers."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Walker of quadrupeds: a trot or a walk on four point feet, and references for the controller."""
+"""The walker of quadrupeds."""
 
 import cmath
 import math

@@ -1,4 +1,4 @@
-"""Reaction of the centre of mass to the acceleration of the swing foot.
+"""Reaction of the centre of mass to the swing foot.
 
 The inverted pendulum has no swing leg. With the sagittal component L of its angular momentum about the centre of mass,
 m z (c̈ - ω² (c - p)) = -L̇. L = λ ẋ for a foot that moves at ẋ gives c̈ = ω² (c - p) + μ ẍ with μ = -λ / (m z).

@@ -1,4 +1,4 @@
-"""References of tasks with fixed rates, and the smooth step between two values."""
+"""References at fixed rates, and the smooth step."""
 
 from collections.abc import Sequence
 

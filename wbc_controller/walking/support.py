@@ -1,4 +1,4 @@
-"""Area of the feet that the centre of pressure may use."""
+"""Area of the centre of pressure."""
 
 import cmath
 from dataclasses import dataclass

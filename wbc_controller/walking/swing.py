@@ -1,4 +1,4 @@
-"""Motion of the swing foot: replanned in every cycle from its present reference."""
+"""Motion of the swing foot, replanned in every cycle."""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Touchdown of the swing foot: by a contact sensor or by its motion, whichever is first."""
+"""Touchdown by a contact sensor or by motion."""
 
 from wbc_controller.records import Array
 

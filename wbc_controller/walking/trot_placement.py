@@ -1,4 +1,4 @@
-"""Placement of the feet in a trot: the line between two diagonal feet, and the divergent component of motion (DCM).
+"""Placement of the feet in a trot.
 
 Two point feet exert no moment about the line between them. Along the line the controller accelerates the body; across
 it the body falls like the linear inverted pendulum, ξ̇ = ω (ξ - p). The place of the next line controls it.

@@ -1,4 +1,4 @@
-"""Walker: turns a command to walk into contacts and references; base of the walkers of bipeds and quadrupeds."""
+"""Base class of walkers."""
 
 import math
 from abc import ABC, abstractmethod

@@ -1,1 +1,1 @@
-"""Demonstration of the controller on the mock robot, with a recording and an HTML report."""
+"""Demonstration on the mock robot, with a report."""

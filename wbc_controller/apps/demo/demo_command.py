@@ -22,7 +22,7 @@ from wbc_controller.settings.service import SensorQuality
 @click.option("--sensors", type=click.Choice(get_args(SensorQuality)),
               help="Estimate the base from sensors of this quality instead of odometry.")  # fmt: skip
 def demo(robot: str, folder: Path, lockstep: bool, real_time_factor: float, sensors: str | None) -> None:
-    """Run the demo of a robot on the mock robot, commanded by topics.
+    """Run the demo of a robot on the mock robot.
 
     ROBOT is a CONFIG as in other commands, or `walk`: G1 walks forward, turns, steps to the left, walks a curve and
     stops.

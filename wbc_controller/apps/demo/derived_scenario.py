@@ -1,4 +1,4 @@
-"""Scenario of a robot without a predefined one, scaled to its legs or arms, support and mass."""
+"""Scenario of any robot, scaled to its limbs, support and mass."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 from wbc_controller.settings import FramePoseTask, Settings
 
-#: Amplitude of the sway: share of the distance from the centre of mass to the edge of the support, and maximum, m.
+#: Amplitude of the sway: share of the distance to the support's edge, and maximum, m.
 _SWAY, _LARGEST_SWAY = 0.4, 0.04
 _SQUAT = 0.12  # depth of the squat: share of the height of the centre of mass
 #: Impulse of a push: share of m ω d, which moves the capture point to the support's edge; and maximum speed change,
@@ -37,8 +37,8 @@ def derived_scenario(settings: Settings, model: RobotModel) -> Scenario:
     """Return a scenario for a legged robot, or for arms on a fixed base.
 
     Legs: sway and squat within `com_distance`, a reach with the first hand of a disabled task, and pushes by a share of
-    m ω d, the impulse that moves the capture point to the support's edge. ω² = g/h, with the height h of the centre of
-    mass and its distance d from the edge. Arms: a reach with each such hand in its easiest direction, and pushes.
+    m ω d, the impulse that moves the capture point to the support's edge: ω² = g/h, height h of the centre of mass,
+    distance d from the edge. Arms: a reach with each such hand in its easiest direction, and pushes.
     Infeasible motions are omitted.
 
     Raises:
@@ -96,7 +96,7 @@ def _arm_scenario(settings: Settings, model: RobotModel, hands: Mapping[str, Fra
 
 
 def _mobility(model: RobotModel, frame: str) -> Array:
-    """Return the translational mobility J M⁻¹ Jᵀ of a frame in the nominal posture, (3, 3) in 1/kg."""
+    """Return J M⁻¹ Jᵀ of a frame's translation in the nominal posture, (3, 3) in 1/kg."""
     q, data = model.configuration(model.posture), model.pinocchio.createData()
     pin.computeAllTerms(model.pinocchio, data, q, np.zeros(model.nv))
     M = np.triu(data.M) + np.triu(data.M, 1).T
@@ -127,7 +127,7 @@ def _reach(
 
 
 class _Stance:
-    """The robot on its feet in the nominal posture."""
+    """The robot in the nominal posture."""
 
     def __init__(self, settings: Settings, model: RobotModel) -> None:
         self._settings, self._qp = settings, make_qp(settings, model)

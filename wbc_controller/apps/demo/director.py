@@ -1,4 +1,4 @@
-"""Execution of a demo scenario by topics, with a log of the received messages."""
+"""Execution of a demo scenario by topics."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Window:
 
 
 class Log:
-    """Messages received during a demo; the transport's thread fills it."""
+    """Messages of a demo; the transport's thread fills it."""
 
     def __init__(self) -> None:
         #: Recorded messages by name and type of the topic: stamp in ns, and payload.
@@ -72,18 +72,18 @@ class Log:
         transport.subscribe(counterpart(endpoint), receive)
 
     def newest_payload(self, owner: str, key: str) -> bytes:
-        """Return the payload of the newest message of a topic."""
+        """Return the newest payload of a topic."""
         return self._newest[owner, key, ""]
 
     def newest_message(self, owner: str, key: str, subject: str = "") -> Any | None:
-        """Return the newest message of a topic, or None before the first."""
+        """Return the newest message, or None before the first."""
         place = (owner, key, subject)
         payload = self._newest.get(place)
         return None if payload is None else decode(payload, self._types[place])
 
     @property
     def time(self) -> float:
-        """Simulated time of the newest joint state, s; 0 before the first."""
+        """Simulated time of the newest joint state, s; initially 0."""
         payload = self._newest.get(("mock", "joint_states", ""))
         return 0.0 if payload is None else header_time(payload)
 
@@ -106,20 +106,20 @@ class Director:
         """Open the counterparts of all topics of both nodes.
 
         Args:
-            frames: frame of each frame task, by name of the task.
+            frames: frame of each frame task.
             com: name of the centre-of-mass task; empty without one.
             recorded: names of the recorded topics.
-            advance: waits for a new state, at most a short time; in lockstep it executes one step.
+            advance: waits for a new state; in lockstep it executes one step.
             report_phase: receives the name of each phase.
         """
         self.log = Log()
-        self.phases: list[tuple[float, str]] = []  # start in simulated time, s, and name
+        self.phases: list[tuple[float, str]] = []  # simulated time, s, and name
         self.windows: dict[str, Window] = {}
         #: Start, s, and trajectory of the centre of mass; None while the robot walks.
         self.references: list[tuple[float, Trajectory | None]] = []
         self.targets: dict[str, Array] = {}  # by task, (3,) in m
         self._model = model
-        self.frames = frames  # frame of each frame task, by name of the task
+        self.frames = frames
         self._com = com
         self._data = model.pinocchio.createData()
         self._joint_reader = JointStateReader(model.joints, "position")
@@ -138,7 +138,7 @@ class Director:
                     self._types[key] = endpoint.type
 
     def play(self, scenario: Scenario) -> None:
-        """Execute a scenario from the first state to the last push; raise `DemoFailed` if the demo cannot continue."""
+        """Execute a scenario; raise `DemoFailed` if the demo cannot continue."""
         self._begin("start")
         self._wait_for(
             "joint state of the mock robot", lambda: self.log.newest_message("mock", "joint_states") is not None
@@ -238,7 +238,7 @@ class Director:
         return model.state(position, np.zeros(model.nj), *base)[0]
 
     def com(self) -> Array:
-        """Return the centre of mass in the newest state, (3,) in m."""
+        """Return the newest centre of mass, (3,) in m."""
         return np.array(pin.centerOfMass(self._model.pinocchio, self._data, self.state()))
 
     def _move_to_standing(self) -> None:
@@ -318,7 +318,7 @@ class Director:
         self.windows[walk.name] = Window(start + walk.acceleration, self.time)
 
     def _stop(self, duration: float) -> None:
-        """Let the velocity command time out, until the robot stands."""
+        """Let the command time out until the robot stands."""
         self._begin("stop")
         self._run(duration)
         start = self.time

@@ -1,4 +1,4 @@
-"""Feasible motions of a hand along a straight line, by inverse kinematics with limits."""
+"""Feasible motions of a hand along a straight line."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ _MAX_EFFORT = 0.8  # of an effort limit, for gravity
 
 
 class Hand:
-    """A frame moved by an arm, with the base fixed in the nominal posture."""
+    """A frame moved by an arm on a fixed base."""
 
     def __init__(self, model: RobotModel, frame: str, *, free_orientation: bool) -> None:
-        """Compute the initial placement; `free_orientation` permits a change of orientation."""
+        """Compute the initial placement; `free_orientation` permits rotations."""
         self._model, self._frame, self._free_orientation = model, model.frame_id(frame, "frame"), free_orientation
         self._data = model.pinocchio.createData()
         carrying = set(model.pinocchio.supports[model.pinocchio.frames[self._frame].parentJoint])
@@ -36,7 +36,7 @@ class Hand:
         self.easiest_direction = np.linalg.eigh(ways @ ways.T)[1][:, 2]
 
     def _kinematics(self, posture: Array) -> tuple[pin.SE3, Array]:
-        """Return placement and Jacobian of the own joints, (6, k), in a posture, (nj,) in rad."""
+        """Return placement and Jacobian of the own joints, (6, k), in a posture, (nj,)."""
         model = self._model
         q = model.configuration(posture)
         pin.computeJointJacobians(model.pinocchio, self._data, q)
@@ -75,7 +75,7 @@ class Hand:
         return bool(within and self._effort(posture) <= max(_MAX_EFFORT, self._effort(np.array(model.posture))))
 
     def _effort(self, posture: Array) -> float:
-        """Return the largest share of an effort limit that gravity takes without contact forces."""
+        """Return the largest share of an effort limit that gravity takes."""
         model = self._model
         gravity = pin.computeGeneralizedGravity(model.pinocchio, self._data, model.configuration(posture))
         return float(np.max(np.abs(model.actuation.torques(gravity)) / model.effort_limits))

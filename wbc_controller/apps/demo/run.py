@@ -1,4 +1,4 @@
-"""Execution of a demo: controller and mock robot run a recorded scenario with a verdict and a report."""
+"""Execution of a demo, with verdict and report."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ from wbc_controller.simulation.mock_robot import MockRobot
 _FIRST_DOMAIN = 100  # 100 to 199 by process ID, for concurrent demos
 
 
-_UserSession = tuple[Transport, Callable[[Log], None]]  # transport of the user, and the function that advances time
+_UserSession = tuple[Transport, Callable[[Log], None]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,18 +69,13 @@ class _DemoSetup:
 def run_demo(
     robot: str, folder: Path, *, lockstep: bool = False, real_time_factor: float = 1.0, sensors: str | None = None
 ) -> bool:
-    """Run the demo of a robot, print a table, and write the recording and the report.
+    """Run the demo of a robot, and write the recording and the report; return True if all targets were met.
 
     Args:
-        robot: name of a supplied robot, or path of a configuration; other robots get a derived scenario. "walk" is
-            the walk of G1.
-        folder: folder of the recording and the report.
+        robot: a configuration, or "walk" for the walk of G1; robots without a scenario get a derived one.
         lockstep: run in one process without real time.
         real_time_factor: simulated seconds per second.
         sensors: quality of the sensors for base estimation; None for exact sensors and odometry.
-
-    Returns:
-        True if all targets were met.
 
     Raises:
         ConfigurationError: if the robot is unknown, refused by the pre-flight check, or has no possible scenario.

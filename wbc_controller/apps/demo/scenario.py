@@ -47,18 +47,18 @@ class Shove:
 
 @dataclass(frozen=True, slots=True)
 class Walk:
-    """Walk at a velocity by `cmd_vel`; the mean velocity counts after the acceleration."""
+    """Walk by `cmd_vel`; the mean velocity counts after the acceleration."""
 
     name: str
     velocity: tuple[float, float, float]  # forward, to the left and turning, m/s and rad/s
     duration: float = 6.0  # s
-    acceleration: float = 3.0  # time from the begin until the velocity is reached, s
+    acceleration: float = 3.0  # until the velocity is reached, s
     target: float = 0.05  # largest error of the mean velocity, m/s and rad/s
 
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """Demo of one robot."""
+    """Demo of a robot."""
 
     stand: float = 3.0  # s
     moves: tuple[Move, ...] = ()
@@ -69,17 +69,17 @@ class Scenario:
     recovery: float = 2.0  # until the centre of mass must return after a push, s
     recovery_target: float = 0.02  # largest distance then, m
     force_target: float = 0.01  # of the total vertical force, as a share of the weight
-    com: str = "com"  # centre-of-mass task; empty without one
+    com: str = "com"  # empty without one
 
 
 def sway(amplitude: float, target: float) -> Move:
-    """Return a motion to the left, to the right and back, amplitude in m."""
+    """Return a motion to the left, to the right and back; m."""
     left, right = (0.0, amplitude, 0.0), (0.0, -amplitude, 0.0)
     return Move("sway", ((1.5, left), (4.0, right), (5.5, (0.0, 0.0, 0.0))), target)
 
 
 def squat(depth: float, target: float) -> Move:
-    """Return a motion down and up, depth in m."""
+    """Return a motion down and up; m."""
     down = (0.0, 0.0, -depth)
     return Move("squat", ((1.5, down), (2.5, down), (4.0, (0.0, 0.0, 0.0))), target)
 

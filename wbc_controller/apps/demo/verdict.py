@@ -1,4 +1,4 @@
-"""Verdict of a demo: comparison of the recorded run with the targets of the scenario."""
+"""Verdict of a demo: comparison with the targets."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _STANDING = 0.005
 
 
 def reference_of(run: RunData, director: Director) -> Array:
-    """Return the commanded centre-of-mass reference, (n, 3) in m; NaN before the first."""
+    """Return the reference of the centre of mass, (n, 3) in m; NaN before the first."""
     reference = np.full_like(run.com, np.nan)
     for start, trajectory in director.references:
         for i in np.flatnonzero(run.start + run.time >= start):
@@ -46,7 +46,7 @@ def distances_to_targets(run: RunData, director: Director, model: RobotModel) ->
 def judge(
     run: RunData, scenario: Scenario, windows: Mapping[str, Window], distances: Mapping[str, Array], weight: float
 ) -> tuple[Result, ...]:
-    """Compare a run with the targets of the scenario; `windows` by phase, `distances` of the hands, `weight` in N."""
+    """Compare a run with its targets; `windows` by phase, `distances` of the hands, `weight` in N."""
     error = np.linalg.norm(run.com - run.com_reference, axis=1)
 
     def within(name: str, values: Array, after: float = 0.0) -> Array:
@@ -96,7 +96,7 @@ def judge(
 
 
 def _walked(run: RunData, scenario: Scenario, windows: Mapping[str, Window]) -> list[Result]:
-    """Compare the mean velocities of the walks with the commands, and that after the stop with 0."""
+    """Compare the mean velocities of the walks with the commands."""
     wanted = {walk.name: (walk.velocity, walk.target) for walk in scenario.walks}
     if wanted:
         wanted["stop"] = (0.0, 0.0, 0.0), _STANDING
@@ -115,7 +115,7 @@ def _walked(run: RunData, scenario: Scenario, windows: Mapping[str, Window]) -> 
 
 
 def _distance(name: str, values: Array, limit: float) -> Result:
-    """Compare the largest distance in m with a limit; NaN or no values miss the target."""
+    """Compare the largest distance, m, with a limit; NaN or no values miss it."""
     measured = f"{1e3 * np.max(values):.2f} mm" if len(values) else "not reached"
     return Result(name, f"below {1e3 * limit:g} mm", measured, len(values) > 0 and bool(np.max(values) < limit))
 

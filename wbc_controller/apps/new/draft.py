@@ -1,4 +1,4 @@
-"""Steps from a URDF to the draft of a configuration."""
+"""Steps from a URDF to a draft."""
 
 from __future__ import annotations
 
@@ -36,11 +36,10 @@ _LEG_JOINTS = 3  # smallest number
 def new_configuration(
     urdf: str, *, srdf: str | None = None, base: Base | None = None, feet: Sequence[str] = ()
 ) -> Draft:
-    """Return the draft of a robot's configuration.
+    """Return the draft of a configuration.
 
     Args:
-        urdf: path or ``package://`` address of the URDF.
-        srdf: path or address of the SRDF with postures.
+        urdf: path or ``package://`` address; srdf likewise.
         base: attachment of the root link to the world; None for a choice by the feet.
         feet: links to stand on; empty for a search.
 
@@ -73,7 +72,7 @@ def new_configuration(
 def _feet(
     source: UrdfSource, postures: Mapping[str, Mapping[str, float]], feet: Sequence[str], carrying: Sequence[str]
 ) -> tuple[Draft, Body, list[Foot]]:
-    """Begin a draft, and return the named feet or search for them; joints that move `carrying` are kept."""
+    """Begin a draft, and return the feet; joints that move `carrying` are kept."""
     draft = Draft()
     draft.put("robot.urdf", source.address)
     draft.put("robot.base", "floating")
@@ -95,7 +94,7 @@ def _model(draft: Draft, source: UrdfSource, *, floating: bool) -> RobotModel:
 
 
 def _shapes(model: RobotModel, source: UrdfSource, draft: Draft) -> Elements:
-    """Read the collision shapes of the robot, or visual shapes of links without them; missing files get a note."""
+    """Read the collision shapes, or visual shapes of links without them; missing files get a note."""
     tree, folder, lost = copy.deepcopy(source.tree), source.path.parent, []
     for link in tree.iterfind("link"):
         for element in link.findall("collision") or link.findall("visual"):

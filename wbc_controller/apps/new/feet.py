@@ -1,4 +1,4 @@
-"""Search for the feet among the ends of the kinematic tree."""
+"""Search for the feet."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
-#: Largest height difference of two feet and smallest height of other parts above them, as shares of the robot's height.
+#: Largest height difference of feet, and smallest of other parts above them, as shares of the robot's height.
 _LEVEL, _ABOVE = 0.15, 0.02
-_ALIKE = 0.2  # largest relative difference of the masses of two legs
+_ALIKE = 0.2  # largest relative difference of leg masses
 _LEG_JOINTS = 3  # smallest number; fingers have fewer
 
 Elements = Mapping[int, Sequence[pin.GeometryObject]]  # shapes by frame index of the link
@@ -27,13 +27,13 @@ class Limb:
     """End of the kinematic tree, with the joints that move only it."""
 
     end: int
-    joints: tuple[int, ...]  # from the trunk to the end
+    joints: tuple[int, ...]
     mass: float  # kg
     lowest_point: float  # height, m, with the base upright
 
 
 class Body:
-    """The robot in one posture, with the base upright at the world's origin."""
+    """The robot in one posture, upright at the origin."""
 
     def __init__(self, model: RobotModel, elements: Elements, posture: Array) -> None:
         """Compute kinematics and limbs in a posture, (nj,) in rad."""
@@ -44,7 +44,7 @@ class Body:
         pin.computeJointJacobians(model.pinocchio, self.data, q)
         points = {joint: self._points(joint) for joint in range(1, model.pinocchio.njoints)}
         everything = np.vstack(list(points.values()))
-        self.height = float(np.ptp(everything[:, 2]))  # of the whole robot, m
+        self.height = float(np.ptp(everything[:, 2]))  # m
         self._lowest_points = {joint: float(some[:, 2].min(initial=np.inf)) for joint, some in points.items()}
         self.limbs = [self._limb(end) for end in range(2, model.pinocchio.njoints) if not self._children(end)]
         self.arms = self._arms()  # the limbs, with a palm in place of its fingers
@@ -83,17 +83,17 @@ class Body:
         return [*(limb for limb in self.limbs if limb not in fingers), *palms]
 
     def axis(self, joint: int) -> Array:
-        """Return the axis of a joint in its own frame, (3,)."""
+        """Return a joint's axis in its own frame, (3,)."""
         column = self.model.pinocchio.joints[joint].idx_v
         jacobian = pin.getJointJacobian(self.model.pinocchio, self.data, joint, pin.LOCAL)
         return np.asarray(jacobian[3:, column])
 
     def limb_of(self, foot: Foot) -> Limb:
-        """Return the limb that ends in a foot, or only the joint that moves the foot."""
+        """Return the limb of a foot, or only the joint that moves it."""
         return next((limb for limb in self.limbs if limb.end == foot.joint), self._limb(foot.joint))
 
     def feet(self) -> list[Foot]:
-        """Return the feet, the front left one first; empty if the robot does not stand on limbs."""
+        """Return the feet, the front left one first; empty without limbs to stand on."""
         lowest = min(self.limbs, key=lambda limb: limb.lowest_point, default=None)
         if lowest is None:
             return []
@@ -121,7 +121,7 @@ class Body:
         return self._measure_feet([limb.end for limb in alike])
 
     def feet_on_links(self, links: Sequence[str]) -> list[Foot]:
-        """Return the feet on the named links; raise `ConfigurationError` for a name that no joint moves."""
+        """Return the feet on named links; raise `ConfigurationError` if no joint moves one."""
         frames = self.model.pinocchio.frames
         moved = {str(f.name): int(f.parentJoint) for f in frames if f.type == pin.BODY and f.parentJoint > 1}
         for link in links:
@@ -138,5 +138,5 @@ class Body:
     def _measure_feet(self, ends: Sequence[int]) -> list[Foot]:
         feet = [measure(self.model, self.elements, end, self.data.oMi[end].inverse(), self.axis(end)) for end in ends]
         at = {foot.joint: self.data.oMi[foot.joint].act(foot.placement.translation) for foot in feet}
-        # Rounded, so that adjacent feet have the same forward distance.
+        # rounded for adjacent feet
         return sorted(feet, key=lambda foot: (-round(at[foot.joint][0] / self.height, 1), -at[foot.joint][1]))

@@ -1,4 +1,4 @@
-"""Shape of a foot, measured on the URDF: a flat sole, a ball or a wheel."""
+"""Shape of a foot: a flat sole, a ball or a wheel."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
 _DOWN = np.cos(np.radians(30.0))  # largest angle between ground and sole, 30°
-#: Cosine of the largest angle between facet normals of one sole, 3°, and of one flat face, 0.3°.
+#: Cosine of the largest angle between facet normals of a sole, 3°, and of a flat face, 0.3°.
 _ALIKE, _FLAT = np.cos(np.radians(3.0)), np.cos(np.radians(0.3))
 #: Smallest area of a sole in m², as a share of the outline from below, and smallest length of its shorter side, m.
 _LEAST_AREA, _LEAST_SHARE, _LEAST_SIDE = 4.0e-4, 0.25, 0.015
@@ -26,7 +26,7 @@ _LAYERS, _LAYER_SHARE = (2.0e-4, 1.0e-3, 3.0e-3), 0.6
 _RECTANGLE = 0.97  # share of the bounding rectangle
 _MOST_CORNERS = 8  # largest number of corners of a sole; a contact may have 12
 _LINE = 1.0e-3  # smallest width of a plane set of points, as a share of its length
-#: Smallest radius of a wheel's rim as a share of the largest, and number of sectors that are checked.
+#: Smallest radius of a wheel's rim as a share of the largest, and number of checked sectors.
 _ROUND, _SECTORS = 0.97, 24
 _CONTINUOUS_RANGE = 1.9 * np.pi  # smallest range of a continuous joint, rad
 #: Largest deviation of a ball from a sphere, as a share of the radius, and largest radius, m.
@@ -37,7 +37,7 @@ UNKNOWN_RADIUS = 0.01  # m
 
 @dataclass(frozen=True, slots=True)
 class Foot:
-    """A foot of the robot."""
+    """A foot."""
 
     joint: int  # index in the Pinocchio model
     link: str
@@ -55,7 +55,7 @@ class Foot:
 def measure(
     model: RobotModel, elements: Mapping[int, Sequence[pin.GeometryObject]], joint: int, upward: pin.SE3, axis: Array
 ) -> Foot:
-    """Measure the foot of a joint; `upward` has the base's axes in the joint's frame, x forward and z up."""
+    """Measure a foot; `upward` has the base's axes in the joint's frame, x forward and z up."""
     frames = model.pinocchio.frames
     own = [(frame, element) for frame, some in elements.items() for element in some]
     own = [(frame, element) for frame, element in own if frames[frame].parentJoint == joint]
@@ -68,7 +68,7 @@ def measure(
     wheel = _wheel(model, joint, link, points, axis) if abs(axis @ down) < 1.0 - _DOWN else None
     if wheel is not None:
         return wheel
-    # Only the lowest link counts: the flat side of a shank above a ball is not a sole.
+    # the flat side of a shank above a ball is not a sole
     normal = _face(
         np.vstack([some for (frame, _), some in zip(own, shapes, strict=True) if frame == own[lowest][0]]), down
     )
@@ -122,7 +122,7 @@ def _wheel(model: RobotModel, joint: int, link: str, points: Array, axis: Array)
 
 
 def _face(points: Array, down: Array) -> Array | None:
-    """Return the outward normal of the largest flat face below, (3,); None without a face of a sole's size."""
+    """Return the outward normal of the largest flat face below, (3,); None without a sole-sized face."""
     try:
         hull = ConvexHull(points)
     except QhullError:
@@ -140,7 +140,7 @@ def _face(points: Array, down: Array) -> Array | None:
     outline_below = float(areas @ (normals @ down))  # approximate area of the outline seen from below
     if not (areas[sole].sum() >= max(_LEAST_AREA, _LEAST_SHARE * outline_below)):
         return None
-    # Rounded edges would tilt the normal, so only the flattest part counts.
+    # rounded edges would tilt the normal
     flat = sole & (cosines[int(np.argmax(np.where(sole, (cosines > _FLAT) @ areas, 0.0)))] > _FLAT)
     mean = areas[flat] @ normals[flat]
     return np.asarray(mean / np.linalg.norm(mean))
@@ -157,7 +157,7 @@ def _flat_face(points: Array, down: Array) -> Array | None:
 
 
 def _plane(points: Array, normal: Array, forward: Array) -> pin.SE3:
-    """Return the plane that touches a body from below: z into the body, x forward."""
+    """Return the plane that touches a body from below: z inwards, x forward."""
     z = -normal
     x = forward - (forward @ z) * z
     x /= np.linalg.norm(x)
@@ -193,7 +193,7 @@ def _area(polygon: Array) -> float:
 
 
 def _ball(points: Array, down: Array) -> tuple[Array, float] | None:
-    """Return centre, (3,) in m, and radius of a sphere fitted to the lower side of a shape; None if the fit is poor."""
+    """Return centre, (3,) in m, and radius of a sphere fitted to the lower side; None if the fit is poor."""
     try:
         hull = ConvexHull(points)
     except QhullError:

@@ -1,4 +1,4 @@
-"""Movable joints of a URDF and postures of its SRDF, before a configuration exists."""
+"""Movable joints of a URDF, and postures of its SRDF."""
 
 from __future__ import annotations
 
@@ -45,12 +45,12 @@ class UrdfSource:
 
     @property
     def has_floating_base(self) -> bool:
-        """True if joints of the URDF represent a floating base."""
+        """True if URDF joints represent a floating base."""
         return bool(virtual_joints(self.tree))
 
     @property
     def root(self) -> str:
-        """Name of the root link."""
+        """Root link."""
         children = {child.get("link") for child in self.tree.iterfind("joint/child")}
         return next(str(link.get("name")) for link in self.tree.iterfind("link") if link.get("name") not in children)
 
@@ -67,7 +67,7 @@ def read_source(urdf: str) -> UrdfSource:
 
 
 def _address(path: Path) -> str:
-    """Return the ``package://`` address of a file of an installed package, otherwise its path."""
+    """Return the ``package://`` address if possible, otherwise the path."""
     for folder in path.parents:
         if folder.parent.name != "share":
             continue
@@ -80,7 +80,7 @@ def _address(path: Path) -> str:
 
 
 def ranges_of(source: UrdfSource, limits: Mapping[str, Mapping[str, float]]) -> dict[str, tuple[float, float]]:
-    """Return the position limits of the movable joints, after replacement of URDF limits."""
+    """Return the position limits of the movable joints after replacements."""
     tree, _ = read_robot(source.text, {name: JointLimits(**entries) for name, entries in limits.items()})
     found = {}
     for joint in tree.iterfind("joint"):

@@ -1,4 +1,4 @@
-"""Placeholders for joint limits that are missing in the URDF or implausible."""
+"""Placeholders of missing or implausible joint limits."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _RANGE = round(np.pi, 4)  # placeholder of a missing range to either side, rad
 class Placeholders:
     """Limits that replace limits of the URDF."""
 
-    values: dict[str, dict[str, float]]  # by joint, in the form of ``robot.joint_limits``
+    values: dict[str, dict[str, float]]  # as ``robot.joint_limits``
     reasons: dict[str, dict[str, str]]  # by joint and kind of limit
     without_effort: list[str]
 

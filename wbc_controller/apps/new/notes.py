@@ -1,4 +1,4 @@
-"""Draft of a configuration: values, notes on their origin, and their YAML."""
+"""Draft of a configuration: values with notes on their origin."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _WIDTH, _ONE_LINE = 120, ("tasks", "contacts", "robot.joint_limits", "robot.lock
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """A sentence on a key of the configuration."""
+    """A sentence on a key."""
 
     key: str
     text: str
@@ -36,7 +36,7 @@ class Note:
 
 @dataclass
 class Draft:
-    """A draft of a configuration."""
+    """A draft."""
 
     values: dict[str, Any] = field(default_factory=dict)
     notes: list[Note] = field(default_factory=list)
@@ -73,7 +73,7 @@ class Draft:
         return parse_settings(self.values, "the draft")
 
     def to_yaml(self, title: str) -> str:
-        """Return the draft as a ROS 2 parameter file, with each note as a comment above its key."""
+        """Return the draft as a ROS 2 parameter file, with the notes as comments."""
         lines = [*_comment(title, ""), f"{NODE_NAME}:", "  ros__parameters:"]
         self._write(self.values, "", "    ", lines)
         return "\n".join(lines) + "\n"
@@ -95,7 +95,7 @@ class Draft:
 
 
 def identifier(name: str) -> str:
-    """Return a link's name as a name of a task or contact: letters, digits and underscores."""
+    """Return a link's name with letters, digits and underscores only."""
     plain = re.sub(r"\W", "_", name, flags=re.ASCII)
     return plain if re.match(r"[A-Za-z_]", plain) else f"_{plain}"
 

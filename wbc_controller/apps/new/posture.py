@@ -1,4 +1,4 @@
-"""Nominal posture: the SRDF's if the robot can stand in it, otherwise a computed one."""
+"""Nominal posture: the SRDF's if possible, otherwise a computed one."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _SRDF_MARGIN = 0.03  # from the limits, rad; above the default of ``limits.posit
 #: Distance of a computed posture from the limits: share of the range, and maximum, rad.
 _MARGIN, _LARGEST_MARGIN = 0.1, 0.2
 _NOTED_CHANGE = 1.0e-3  # smallest noted change, rad
-#: Number of sampled arm postures, and largest distance of each joint from the middle of its range, rad.
+#: Number of sampled arm postures, and largest distance from the middle of a range, rad.
 _SAMPLES, _SPREAD = 400, 1.0
 
 Postures = Mapping[str, Mapping[str, float]]  # postures of an SRDF: joint positions in rad by name
@@ -37,7 +37,7 @@ def srdf_posture(model: RobotModel, postures: Postures) -> tuple[str, Array]:
 
 
 def put_standing(model: RobotModel, feet: Sequence[Foot], postures: Postures, draft: Draft) -> Array:
-    """Write the posture of a standing robot, and return it, (nj,) in rad."""
+    """Write the posture of a standing robot; return it, (nj,) in rad."""
     name, reference = srdf_posture(model, postures)
     if not name:
         reference = _with_margin(model, reference)
@@ -47,7 +47,6 @@ def put_standing(model: RobotModel, feet: Sequence[Foot], postures: Postures, dr
         _put(draft, model, reference, f"Posture {name!r} of the SRDF: level feet, centre of mass above them.")
         _note_moved(draft, model, reference, postures[name])
         return reference
-    # If no posture keeps the SRDF's height and foot distances, one with bent legs may be found.
     searches = [legs, Legs(model, feet, reference, keep_feet=False)] if name else [legs]
     stands = (posture for search in searches if (posture := search.solve()) is not None)
     found = next((posture for posture in stands if not _standing_fault(feet, legs.place_feet(posture))), None)
@@ -68,7 +67,7 @@ def put_standing(model: RobotModel, feet: Sequence[Foot], postures: Postures, dr
 
 
 def put_fixed(model: RobotModel, postures: Postures, draft: Draft) -> Array:
-    """Write the posture of a robot on a fixed base, and return it, (nj,) in rad."""
+    """Write the posture on a fixed base; return it, (nj,) in rad."""
     name, reference = srdf_posture(model, postures)
     if name:
         _put(draft, model, reference, f"Posture {name!r} of the SRDF.")
@@ -101,7 +100,7 @@ def _put(draft: Draft, model: RobotModel, posture: Array, text: str, origin: str
 
 
 def _standing_fault(feet: Sequence[Foot], placement: FeetPlacement) -> str:
-    """Return the reason why the robot cannot stand in a posture; empty if it can."""
+    """Return the reason why the robot cannot stand; empty if it can."""
     if not (placement.level_error <= _LEVEL):
         return f"the feet are {1e3 * placement.level_error:.0f} mm or mrad off level"
     points = np.vstack(
@@ -124,7 +123,7 @@ def _with_margin(model: RobotModel, posture: Array) -> Array:
 
 
 def _dexterous(model: RobotModel) -> Array:
-    """Return a posture with high manipulability of the ends, (nj,) in rad, off the limits."""
+    """Return a posture with high manipulability, (nj,) in rad, off the limits."""
     pinocchio, data = model.pinocchio, model.pinocchio.createData()
     ends = [j for j in range(1, pinocchio.njoints) if not list(pinocchio.children[j])]
     lower, upper = usable_ranges(model)

@@ -1,4 +1,4 @@
-"""Search for a standing posture: level feet, centre of mass above their middle, bent legs, joints off the limits."""
+"""Search for a standing posture, stable and with bent legs."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class _Leg:
 
 @dataclass(frozen=True, slots=True)
 class FeetPlacement:
-    """Placement of the feet in a posture, with the base upright at the origin."""
+    """Placement of the feet, with the base upright at the origin."""
 
     bottoms: Array  # height of the lowest point of each foot, (n,) in m
     middles: Array  # of the feet, (n, 3) in m
@@ -85,7 +85,7 @@ class Legs:
         return legs
 
     def _find_mirrored(self) -> dict[int, tuple[int, Array]]:
-        """Return, by right leg, the mirrored left leg and the signs of its joint positions, (k,)."""
+        """Return the mirrored left leg of each right leg, and the signs of its joint positions, (k,)."""
         axes, places = self._zero_kinematics()
         found: dict[int, tuple[int, Array]] = {}
         flip = np.array([1.0, -1.0, 1.0])
@@ -129,7 +129,7 @@ class Legs:
         return max(0.0, float(np.mean([places[leg.joints[0]][2] for leg in self._legs if leg.joints] or [0.0])))
 
     def place_feet(self, posture: Array) -> FeetPlacement:
-        """Return the placement of the feet in a posture, (nj,) in rad."""
+        """Return the feet in a posture, (nj,) in rad."""
         model, data = self.model.pinocchio, self._data
         com = pin.centerOfMass(model, data, self.model.configuration(posture))
         bottoms, middles, tilts, yaw = [], [], [], []
@@ -148,7 +148,7 @@ class Legs:
         return FeetPlacement(np.array(bottoms), np.array(middles), np.array(tilts), np.array(yaw), np.array(com))
 
     def solve(self) -> Array | None:
-        """Return the standing posture nearest to the reference, (nj,) in rad; None without a solution."""
+        """Return the nearest standing posture, (nj,) in rad, or None."""
         rng = np.random.default_rng(0)
         middle = np.clip(self.reference[self._columns], *self._bounds.T)
         starts = [middle, *(middle + rng.uniform(-_SPREAD, _SPREAD, (_STARTS, len(middle))))]
@@ -167,7 +167,7 @@ class Legs:
         return min(found, key=lambda posture: self._cost(posture[self._columns]), default=None)
 
     def _search(self, start: Array, height: float | None) -> Array | None:
-        """Search with the base at a height above the ground, m; None maximizes the height."""
+        """Search at a base height, m; None maximizes it."""
 
         def objective(x: Array) -> float:
             bottom = 0.0 if height is not None else float(self.place_feet(self._expand(x)).bottoms.mean()) / self._size
@@ -202,7 +202,7 @@ class Legs:
         posture = self._expand(x)
         placement = self.place_feet(posture)
         offsets = (placement.middles[:, :2] - self._targets) / self._size
-        offsets[:, 0] -= offsets[:, 0].mean()  # all feet may shift forward: the centre of mass decides
+        offsets[:, 0] -= offsets[:, 0].mean()
         offset = (placement.com - placement.middles.mean(axis=0))[:2] / self._size
         change = float(((posture - self.reference) ** 2).sum())
         return (

@@ -1,4 +1,4 @@
-"""Contacts, tasks, gains and limits of a draft, by similarity to the supplied robots."""
+"""Contacts, tasks, gains and limits of a draft."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from wbc_controller.settings import LimitSettings
 
 #: Stiffness of the centre of mass in units of the squared pendulum frequency g/h, and its range, 1/s².
 _COM, _COM_RANGE = 7.0, (60.0, 250.0)
-_MAX_LOAD = 3.0  # largest normal force of a contact, in weights of the robot
+_MAX_LOAD = 3.0  # largest normal force, in weights
 _FRICTION = {"surface": 0.7, "point": 0.6, "rolling": 0.6}  # assumed friction of soles, and of small feet and wheels
 #: Joint damping in emergencies, as a share of m g h, N·m·s/rad, and its maximum, the value of G1.
 _DAMPING, _MOST_DAMPING = 0.009, 2.0
@@ -79,7 +79,7 @@ def put_contacts(model: RobotModel, feet: Sequence[Foot], draft: Draft) -> None:
 def put_standing_tasks(
     model: RobotModel, arms: Sequence[Limb], feet: Sequence[Foot], height: float, draft: Draft
 ) -> None:
-    """Write the tasks of a legged robot with its centre of mass at `height` above its feet, m."""
+    """Write the tasks of a legged robot; `height` of the centre of mass above its feet, m."""
     stiffness = float(np.clip(float(f"{_COM * model.gravity / height:.2g}"), *_COM_RANGE))
     draft.note("tasks", "Weights of the supplied robots; stiffnesses scaled to a centre of mass "
                f"{height:.2f} m above the feet.", "guess")  # fmt: skip
@@ -133,7 +133,7 @@ def link_of(model: RobotModel, joint: int) -> str:
 
 
 def put_limits(model: RobotModel, draft: Draft) -> None:
-    """Write the share of the joint speeds, and the distance from the position limits."""
+    """Write the limits of joint speeds and positions."""
     ranges = model.position_upper - model.position_lower
     smallest = int(np.argmin(ranges))
     margin = float(f"{_MARGIN * ranges[smallest]:.1g}")
@@ -148,7 +148,7 @@ def put_limits(model: RobotModel, draft: Draft) -> None:
 
 
 def put_walking(urdf: str, draft: Draft) -> None:
-    """Write the section of walking for two soles or four points, if each leg moves its foot in all directions."""
+    """Write the section of walking for two soles or four points on freely movable legs."""
     kinds = [contact["type"] for contact in draft.values["contacts"].values()]
     if kinds not in (["surface"] * 2, ["point"] * 4):
         return
@@ -170,7 +170,7 @@ def put_walking(urdf: str, draft: Draft) -> None:
 
 
 def _feet_move_freely(qp: WholeBodyQP) -> bool:
-    """Return whether joints that move one contact alone move it in all directions, in the nominal posture."""
+    """Return whether each leg's own joints move its contact in all directions, in the nominal posture."""
     jacobians = [contact.jacobian(qp.dynamics)[:, qp.model.v_index] for contact in qp.contacts.values()]
     moving = sum(J.any(axis=0).astype(int) for J in jacobians)
     ranks = [np.linalg.matrix_rank(J[:, moving == 1], tol=_IMMOBILE) for J in jacobians]
@@ -178,7 +178,7 @@ def _feet_move_freely(qp: WholeBodyQP) -> bool:
 
 
 def put_damping(model: RobotModel, height: float, draft: Draft) -> None:
-    """Write the damping of a robot smaller than G1; `height` of the centre of mass in m."""
+    """Write the damping of a robot smaller than G1; `height` of the centre of mass, m."""
     damping = float(f"{_DAMPING * model.mass * model.gravity * height:.1g}")
     if damping < _MOST_DAMPING:
         draft.put("safety.damping", damping, "In proportion to mass and size; G1 has 2 N·m·s/rad.", "guess")

@@ -1,1 +1,1 @@
-"""Page in the browser that shows and commands a robot."""
+"""Page in the browser."""

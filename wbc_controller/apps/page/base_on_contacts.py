@@ -1,4 +1,4 @@
-"""Placement of a base without a measured pose on the contacts of the nominal posture."""
+"""Placement of an unmeasured base on its contacts."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ from wbc_controller.records import Array
 
 
 class BaseOnContacts:
-    """Fits the base to the contact positions of the nominal posture, for drawing only."""
+    """Fits the base to the contacts of the nominal posture, for drawing only."""
 
     def __init__(self, robot: Robot) -> None:
-        """Compute the contact points in the nominal posture, upright on the floor."""
         self._model, self._robot = robot.model, robot
         self._enabled = [name for name, contact in robot.settings.contacts.items() if contact.enabled]
         self._reference_points = self._points(self._model.configuration(self._model.posture))
@@ -28,7 +27,7 @@ class BaseOnContacts:
         )
 
     def place(self, q: Array) -> Array:
-        """Return a configuration, (nq,), with the best fit of the base; the base of `q` is ignored."""
+        """Return a configuration, (nq,), with the best fit of the base."""
         q = self._model.configuration(q[self._model.q_index])
         here = self._points(q)
         if not len(here):

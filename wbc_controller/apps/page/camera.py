@@ -1,4 +1,4 @@
-"""The camera of a page: the whole robot is in view, and stays there when the robot walks."""
+"""The camera of a page follows the robot."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from wbc_controller.records import Array
 _ANGLE = 0.75  # vertical angle of view, rad
 _DIRECTION = np.array([1.7, -1.5, 0.65])  # from the robot to the camera
 _FILLED = 0.92  # largest part of the view that the robot fills
-_ASPECT = 0.5  # smallest width of the canvas, as a share of its height, that shows the whole robot
+_ASPECT = 0.5  # smallest width of the canvas as a share of its height
 _NEAREST = 0.3  # smallest distance of the camera, m
-_TRAILING = 0.3  # horizontal distance by which the camera trails the robot, m
+_TRAILING = 0.3  # distance behind the robot, m
 
 
 def camera(robot: Robot, meshes: Sequence[Mesh]) -> tuple[Array, Array, float]:
-    """Return the first position of the camera and its target, (3,) each in m, and its vertical angle of view, rad.
+    """Return position and target of the camera, (3,) each in m, and its vertical angle of view, rad.
 
-    The view contains the bounding box of the robot in its posture, with its lowest point at height 0. At the distance d
-    from the centre of the box, a corner at the offset r satisfies |r·right| ≤ s aspect (d + r·forward) and
-    |r·up| ≤ s (d + r·forward), with s = filled tan(angle / 2).
+    The view contains the robot's bounding box, with its lowest point at height 0. At the distance d from the centre, a
+    corner at the offset r satisfies |r·right| ≤ s aspect (d + r·forward) and |r·up| ≤ s (d + r·forward), with
+    s = filled tan(angle / 2).
     """
     placements = robot.dynamics.joints.reshape(-1, 4, 3)  # columns of the rotation, then the translation
     links = [mesh.vertices @ placements[mesh.joint, :3] + placements[mesh.joint, 3] for mesh in meshes]
@@ -44,14 +44,14 @@ def camera(robot: Robot, meshes: Sequence[Mesh]) -> tuple[Array, Array, float]:
 
 
 class CameraFollower:
-    """Moves the cameras of all browsers with the base of the robot."""
+    """Moves all cameras with the base."""
 
     def __init__(self) -> None:
         self.on = True
         self._places: dict[int, Array] = {}  # followed place by client, (2,) in m; at first the origin
 
     def follow(self, clients: Mapping[int, viser.ClientHandle], place: Array) -> None:
-        """Move each camera, so that it trails the place of the base, (2,) in m, by at most `_TRAILING`."""
+        """Let each camera trail the place of the base, (2,) in m, by at most `_TRAILING`."""
         self._places = {number: self._places.get(number, np.zeros(2)) for number in clients}
         for number, client in clients.items():
             way = place - self._places[number]

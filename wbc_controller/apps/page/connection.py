@@ -1,4 +1,4 @@
-"""Connection of one browser, with an allow-list and a rate limit for messages."""
+"""Connection of a browser, with allow-list and rate limit."""
 
 from __future__ import annotations
 
@@ -14,34 +14,32 @@ from wbc_controller.apps.page.page_messages import AllowList
 
 _log = logging.getLogger(__name__)
 
-#: Rate limit, messages per second, and burst of one browser; the page sends at most 50 of the camera, 20 of a control
-#: and 20 of a handle or link per second.
+#: Rate limit, messages per second, and burst; a page sends at most 90 per second.
 RATE, BURST = 300.0, 300.0
 
 
 class RateLimit:
-    """Rate limit: passes a burst at once, further messages at the rate."""
+    """Passes a burst at once, further messages at the rate."""
 
     def __init__(self, rate: float = RATE, burst: float = BURST) -> None:
-        """Start with a full burst; `rate` in messages per second, `burst` in messages."""
+        """Start with a full burst of messages; rate in messages per second."""
         self._period, self._ahead = 1.0 / rate, (burst - 1.0) / rate
         self._next = -float("inf")  # time of the next message at the constant rate, s
 
     def wait(self, now: float) -> float:
-        """Count a message at the monotonic time `now`, s, and return the delay before it may be read, s."""
+        """Count a message at the time `now`; return the delay before its reading; s."""
         wait = max(0.0, self._next - self._ahead - now)
         self._next = max(self._next, now) + self._period
         return wait
 
 
 class PageConnection(ServerConnection):
-    """Drops messages that are not on the allow-list, and logs the first one of each browser.
+    """Drops messages not on the allow-list, and logs the first one.
 
     The rate limit delays reading; a browser above it answers pings late and is disconnected.
     """
 
     def __init__(self, allowed: AllowList, protocol: ServerProtocol, server: Server, **options: Any) -> None:
-        """Extend the arguments of websockets' own connection by the allow-list."""
         super().__init__(protocol, server, **options)
         self._allowed = allowed
         self._rate_limit = RateLimit()

@@ -1,4 +1,4 @@
-"""Buttons, switches and sliders that send requests of `wbc send`."""
+"""Controls that send requests of `wbc send`."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _DURATION = 3600.0  # s
 
 
 class Controls:
-    """Controls of the panel, shared by all pages; they use the server's event loop, which orders input and updates."""
+    """Controls of the panel, shared by all pages, on the server's event loop."""
 
     def __init__(self, server: viser.ViserServer, robot: Robot, sender: RequestSender) -> None:
         self._gui, self._settings, self._sender = server.gui, robot.settings, sender
@@ -50,7 +50,7 @@ class Controls:
                 self._task(name, robot.settings)
 
     def show(self, snapshot: Snapshot, mock: bool) -> None:
-        """Set the controls to the controller's values, except after user input; `mock` is True for a mock robot."""
+        """Set the controls to the controller's values, except after user input."""
         self._mock.visible = mock
         if snapshot.references is not None and snapshot.status is not None:
             self._loop.call_soon_threadsafe(self._show, snapshot, snapshot.status.values)
@@ -85,7 +85,7 @@ class Controls:
             self._gui.add_button(word.capitalize(), color="gray", hint=hint).on_click(self._send_on_click(word))
 
     def _add_fault_controls(self) -> None:
-        """Add the controls of faults; each change sends all faults, as required by the mock robot's topic."""
+        """Add the controls of faults; each change sends all faults."""
         slippery = self._gui.add_checkbox("Slippery floor", False)
         friction = self._gui.add_slider("Floor friction", 0.0, _MAX_FRICTION, 0.01, 0.2)
         sliders = [

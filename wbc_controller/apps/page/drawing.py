@@ -1,4 +1,4 @@
-"""Scene in the browser: meshes of the robot, contact forces, support polygon and references."""
+"""Scene in the browser."""
 
 from __future__ import annotations
 
@@ -30,8 +30,7 @@ _SWITCH_OF = {
     "contacts": "support",
     "swing_paths": "steps",
 }  # groups that share the switch of another group
-#: Motion below which a joint or a shape is not redrawn, m or the sine of half an angle. A robot at rest is not redrawn,
-#: which saves processor time without a GPU.
+#: Motion below which nothing is redrawn, m or the sine of half an angle: saves processor time without a GPU.
 _STILL_JOINT, _STILL_SHAPE = 1.0e-4, 1.0e-3
 #: Darkest and brightest grey of a link, so that white and black links show their shape.
 _DARKEST, _BRIGHTEST = 0.16, 0.86
@@ -40,7 +39,7 @@ _TRANSLUCENT = 0.35  # opacity
 
 
 class Drawing:
-    """Draws snapshots of a robot in the scene of a viser server."""
+    """Draws snapshots in the scene of a viser server."""
 
     def __init__(self, server: viser.ViserServer, robot: Robot, meshes: Sequence[Mesh]) -> None:
         self._scene, self._robot = server.scene, robot
@@ -73,7 +72,7 @@ class Drawing:
         robot.dynamics.update(snapshot.q, snapshot.v)
         shapes = list(draw(robot.dynamics, robot.tasks, robot.contacts, snapshot.references, snapshot.forces))
         shapes += snapshot.steps
-        with self._server.atomic():  # a page must not show a part of a snapshot
+        with self._server.atomic():
             self._tree.move(self._data)
             self._draw(shapes)
 
@@ -82,12 +81,12 @@ class Drawing:
         self._shown[group] = shown
 
     def set_translucent(self, translucent: bool) -> None:
-        """Make the robot translucent or opaque."""
+        """Make the robot translucent."""
         for handle, _ in self.links:
             handle.opacity = _TRANSLUCENT if translucent else None
 
     def set_shadows(self, shadows: bool) -> None:
-        """Switch shadows and reflections, which are expensive without a GPU."""
+        """Switch shadows and reflections."""
         self._scene.configure_default_lights(True, cast_shadow=shadows)
         self._light.visible = not shadows  # reflections replace this light
         self._scene.configure_environment_map("studio" if shadows else None, environment_intensity=0.6)

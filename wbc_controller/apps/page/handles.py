@@ -1,4 +1,4 @@
-"""Handles of tasks with a position or orientation; a drag sends the setpoint."""
+"""Handles of tasks; a drag sends the setpoint."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _HOLD_TIME = 0.3  # after a setpoint ramp, s
 
 
 class Handles:
-    """Handles of all tasks, shared by all pages."""
+    """Handles, shared by all pages."""
 
     def __init__(self, server: viser.ViserServer, robot: Robot, sender: RequestSender) -> None:
         self._handles = {
@@ -37,12 +37,12 @@ class Handles:
         }
 
     def show(self, snapshot: Snapshot) -> None:
-        """Move the handles, except dragged ones, to the references, or to the values of disabled tasks."""
+        """Move the handles, except dragged ones, to the references, or the values of disabled tasks."""
         for handle in self._handles.values():
             handle.show(snapshot)
 
     def show_rings(self, shown: bool) -> None:
-        """Show or hide the rings for rotations."""
+        """Show or hide the rings."""
         for handle in self._handles.values():
             handle.show_rings(shown)
 

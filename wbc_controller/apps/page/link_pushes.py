@@ -1,4 +1,4 @@
-"""Pushes of the mock robot: a drag on a link draws an arrow, its release sends the push."""
+"""Pushes of the mock robot by drags on its links."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _COLOR = (255, 120, 30)
 
 
 class LinkPushes:
-    """Accepts pulls on the robot's links from all pages while `enabled`."""
+    """Accepts pulls from all pages while `enabled`."""
 
     def __init__(self, server: viser.ViserServer, robot: Robot, drawing: Drawing, sender: RequestSender) -> None:
         self._server, self._robot, self._sender = server, robot, sender
@@ -38,7 +38,7 @@ class LinkPushes:
             client = int(event.client_id)
             start, end = np.array(event.start_position), np.array(event.end_position)
             force = self.force(end - start)
-            # viser also ends the drags of a closed page; they must not push.
+            # viser also ends the drags of a closed page
             closed = client not in self._server.get_clients()
             if event.phase == "end" or closed or not self.enabled:
                 self.end_drags(client)
@@ -79,13 +79,13 @@ class LinkPushes:
         self._pulls[client] = arrow, self._server.scene.add_label(f"{name}/force", text, position=end)
 
     def end_drags(self, client: int) -> None:
-        """End the pull of a page."""
+        """End the pull of a closed page."""
         for handle in self._pulls.pop(client, ()):
             handle.remove()
 
 
 def _link_of(model: pin.Model, joint: int) -> tuple[str, pin.SE3]:
-    """Return the link moved by a joint, the nearest one of several, and its placement on the joint."""
+    """Return the nearest link moved by a joint, and its placement on the joint."""
     frames = [frame for frame in model.frames if frame.parentJoint == joint and frame.type == pin.BODY]
     frame = min(frames, key=lambda frame: float(np.linalg.norm(frame.placement.translation)))
     return str(frame.name), frame.placement

@@ -1,4 +1,4 @@
-"""Meshes for the browser, simplified to a number of triangles, with sharp edges."""
+"""Simplified meshes for the browser, with sharp edges."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _MERGE_DISTANCE = 1.0e-5  # m
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mesh:
-    """A mesh fixed to one joint."""
+    """A mesh of one joint."""
 
     name: str
     joint: int  # index of the joint in `RobotModel.pinocchio`; 0 for the world
@@ -35,7 +35,7 @@ class Mesh:
 
 
 def build_meshes(model: RobotModel, most: int = TRIANGLES) -> list[Mesh]:
-    """Return the meshes of a robot with about `most` triangles; raise `ConfigurationError` for unreadable geometry."""
+    """Return meshes of about `most` triangles; raise `ConfigurationError` for unreadable geometry."""
     visuals, bare = read_visuals(model)
     counts = [visual.shape.num_tris if isinstance(visual.shape, coal.BVHModelBase) else 0 for visual in visuals]
     share = min(1.0, most / max(1, sum(counts)))

@@ -1,4 +1,4 @@
-"""The page: scene, panels and, with permission to command, handles and controls."""
+"""The page: scene, panels, handles and controls."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ link.</div>"""
 
 
 class SnapshotSource(Protocol):
-    """Source of snapshots: topics of a robot, or a recording."""
+    """Topics of a robot, or a recording."""
 
     def snapshot(self) -> Snapshot:
         """Return the newest snapshot."""
@@ -53,7 +53,7 @@ class SnapshotSource(Protocol):
 
 
 class Page:
-    """Page of one robot for any number of browsers; `shown` counts drawn snapshots with a new state."""
+    """Page for any number of browsers; `shown` counts drawn snapshots with a new state."""
 
     def __init__(self, server: viser.ViserServer, robot: Robot, meshes: Sequence[Mesh], source: SnapshotSource) -> None:
         self.shown, self._stamp = 0, -1
@@ -99,7 +99,7 @@ class Page:
         server.initial_camera.fov = fov
 
     def enable_commands(self, sender: RequestSender, is_mock: Callable[[], bool]) -> None:
-        """Add the controls for commands, before `run`; `is_mock` returns True for a mock robot."""
+        """Add the controls, before `run`."""
         self._is_mock = is_mock
         gui = self.server.gui
         self._controls = Controls(self.server, self._robot, sender)
@@ -121,7 +121,7 @@ class Page:
             self._pushes.end_drags(client.client_id)
 
     def show_time_line(self, time_line: TimeLine) -> None:
-        """Add the time line of a recording, before `run`."""
+        """Add the time line, before `run`."""
         self._time_line = time_line
 
     def add_view_options(self) -> None:
@@ -145,13 +145,13 @@ class Page:
         return lambda event: self.drawing.set_visible(group, event.target.value)
 
     def report(self, words: str, error: str) -> None:
-        """List a request by its words and its error, empty after success; from any thread."""
+        """List a request and its error, empty after success; from any thread."""
         if words or error:
             self._requests.appendleft((": ".join(filter(None, (words, error))), not error))
             self._requests_changed = True
 
     def run(self, stop: threading.Event) -> None:
-        """Draw snapshots while a page is open, until the event is set; errors are logged."""
+        """Draw snapshots until the event is set; errors are logged."""
         due, count, logged = time.monotonic(), 0, -float("inf")
         while not stop.is_set():
             if not self.server.get_clients():

@@ -1,4 +1,4 @@
-"""Commands with a page: `wbc view` for a running robot or a recording, `wbc play` for a mock robot."""
+"""Commands with a page: `wbc view`, `wbc play`."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Allow-list of messages from a browser: types, fields and values.
+"""Allow-list of messages from a browser.
 
-Each class describes one of viser's messages, with viser's names of classes and fields. Other messages are dropped
-before viser decodes them, because viser applies any attribute in a message and forwards it to all pages.
+Each class describes one of viser's messages, with its names. Others are dropped before viser decodes them, because
+viser applies any attribute in a message and forwards it to all pages.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class _Updates(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class GuiUpdateMessage(_Message):
-    """Press of a button, or new value of a switch, slider or drop-down list."""
+    """Press of a button, or new value of a control."""
 
     uuid: _Name
     updates: _Updates
@@ -79,7 +79,7 @@ class TransformControlsDragStartMessage(_Message):
 
 
 class TransformControlsUpdateMessage(_Message):
-    """Drag of a handle, with its pose in the world, m."""
+    """Drag of a handle; pose in the world, m."""
 
     name: _Name
     wxyz: _Quaternion
@@ -125,12 +125,11 @@ class AllowList:
     """Allow-list of messages to viser."""
 
     def __init__(self, *, commands: bool) -> None:
-        """Compile the list; `commands` is True if the page may command."""
         self._decoder: msgspec.msgpack.Decoder[Any] = msgspec.msgpack.Decoder(COMMANDING if commands else WATCHING)
-        self.gui: viser.GuiApi | None = None  # controls of the page; None before they exist
+        self.gui: viser.GuiApi | None = None  # None before they exist
 
     def fault(self, payload: bytes | str) -> str:
-        """Return the reason for a refusal, with type, field and value; empty if the message is allowed."""
+        """Return the reason for a refusal; empty if the message is allowed."""
         if isinstance(payload, str):
             return f"text message {reprlib.repr(payload)}; valid: binary messages"
         try:

@@ -1,4 +1,4 @@
-"""Service of the page, for the topics of a running robot or for a recording."""
+"""Service of the page, on topics or a recording."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def serve(
     commands: bool = False,
     ready: Callable[[str], None] = lambda address: None,
 ) -> None:
-    """Serve the page until the event is set; `ready` receives the page's address.
+    """Serve the page until the event is set; `ready` receives its address.
 
     Raises:
         ConfigurationError: if the robot cannot be drawn, or `host` is not an address of this computer.
@@ -74,7 +74,7 @@ def serve(
 
 
 def serve_recording(path: Path, stop: threading.Event, *, host: str, port: int) -> None:
-    """Serve the page of a recording until the event is set; arguments and errors as for `serve`."""
+    """Serve a recording; arguments and errors as for `serve`."""
     recorded = Recording(path)
     robot = Robot(recorded.config.settings, recorded.config.urdf)
     click.echo(f"{path}: {recorded.count} cycles of {recorded.about['robot']}")
@@ -99,7 +99,7 @@ def _page(
 
 
 def _use_batch_scheduling() -> None:
-    """Use the batch scheduling of Linux for this thread and its children, so that control loops have priority."""
+    """Use Linux's batch scheduling for this thread and its children: control loops have priority."""
     if hasattr(os, "SCHED_BATCH"):
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
 

@@ -1,4 +1,4 @@
-"""Panels of the page as HTML: mode, binding constraints, tasks, contacts and torques."""
+"""Panels of the page as HTML."""
 
 from __future__ import annotations
 
@@ -187,12 +187,12 @@ def _short(error: float) -> str:
 
 
 def _plain(name: str) -> str:
-    """Return a name without underscores: ``left_knee_joint's upper torque limit`` becomes ``left knee's …``."""
+    """Shorten ``left_knee_joint's upper torque limit`` to ``left knee's …``."""
     return name.replace("_joint", "").replace("_", " ")
 
 
 def request_list(lines: Sequence[tuple[str, bool]]) -> str:
-    """Return the list of requests, newest first, refused ones in red."""
+    """Return the requests, newest first, refused ones in red."""
     if not lines:
         return _page(['<span class="muted">none</span>'])
     return _page(

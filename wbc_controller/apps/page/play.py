@@ -1,4 +1,4 @@
-"""Execution of `wbc play`: mock robot and controller as processes, and a page that commands them."""
+"""Execution of `wbc play`: processes and a page."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ _LOG_LINES = 12
 def play(
     robot: str, stop: threading.Event, *, host: str, port: int, domain: int | None = None, factor: float = 1.0
 ) -> None:
-    """Start mock robot and controller, activate, and serve the page until the event is set.
+    """Run mock robot, controller and page until the event is set.
 
-    `domain` is by default an unused DDS domain, `factor` the number of simulated seconds per second.
+    `domain`: by default an unused DDS domain; `factor`: simulated seconds per second.
 
     Raises:
         WbcError: if a process ends by itself, with the end of its log.
@@ -43,7 +43,7 @@ def play(
         tempfile.TemporaryDirectory(prefix="wbc_play_") as folder,
         contextlib.closing(Processes(robot, Path(folder), domain, own_sessions=True)) as processes,
     ):
-        # With --patient, simulated time waits for a controller that a browser without a GPU delays.
+        # simulated time waits for a controller delayed by a browser
         processes.start("mock", "--patient", "--real-time-factor", f"{factor:g}")
         processes.start("controller", "--activate", "--use-sim-time")
         starter = threading.Thread(
@@ -62,7 +62,7 @@ def play(
 
 
 def free_domain() -> int:
-    """Return a DDS domain without a participant on this computer; raise `WbcError` if all candidates are in use."""
+    """Return a DDS domain without a participant on this computer; raise `WbcError` without any."""
     for i in range(_DOMAINS):
         domain = _FIRST_DOMAIN + (os.getpid() + i) % _DOMAINS
         # RTPS 9.6.1.1: port of the first participant of a domain.

@@ -1,4 +1,4 @@
-"""Playback of a recording: snapshots by time, and a time line with modes, faults, contacts and pushes."""
+"""Playback of a recording, with a time line."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Playback:
     """Snapshots of a recording by time.
 
     Attributes:
-        time: present time, s; `seek` sets it.
+        time: present time, s.
         speed: recorded seconds per second.
 
     Raises:
@@ -164,7 +164,7 @@ class Playback:
 
 
 class TimeLine:
-    """Time line on the page; like `Controls`, it uses the server's event loop."""
+    """Time line on the page, on the server's event loop."""
 
     def __init__(self, server: viser.ViserServer, playback: Playback) -> None:
         self._playback, gui = playback, server.gui
@@ -208,7 +208,7 @@ class TimeLine:
 
 
 def marks_html(playback: Playback) -> str:
-    """Return the marks along the time as HTML."""
+    """Return the marks along the time."""
     ticks = "".join(
         f'<i title="{escape(f"{mark.time:.2f} s: {mark.text}", quote=True)}" style="position:absolute;top:0;bottom:0;'
         f'width:3px;left:{100.0 * mark.time / max(playback.duration, 1e-9):.2f}%;background:{_COLORS[mark.kind]}"></i>'
@@ -223,7 +223,7 @@ def marks_html(playback: Playback) -> str:
 
 
 def time_of(recorded: Recording, stamp: int) -> float:
-    """Return the time of a stamp since the start of the recording, s."""
+    """Return the time of a stamp since the start, s."""
     return 1.0e-9 * (stamp - recorded.start)
 
 

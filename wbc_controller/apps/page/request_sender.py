@@ -1,4 +1,4 @@
-"""Sender of requests from the pages: immediate, or at a bounded rate during drags."""
+"""Sender of requests from the pages."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _QUEUE_SIZE = 200
 
 
 class RequestSender:
-    """Sends requests on its own thread, the newest value of each drag at most once per `PERIOD`."""
+    """Sends requests on its own thread; the newest value of each drag once per `PERIOD`."""
 
     def __init__(
         self,
@@ -29,7 +29,7 @@ class RequestSender:
         report: Callable[[str, str], None],
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Create the sender; `start` starts its thread.
+        """Create the sender.
 
         Args:
             send: sends one request from any thread; may raise `WbcError`.
@@ -48,7 +48,7 @@ class RequestSender:
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread and drop queued requests."""
+        """End the thread."""
         with self._lock:
             self._dragged.clear()
         try:
@@ -60,7 +60,7 @@ class RequestSender:
             self._thread.join()
 
     def send_words(self, *words: str) -> None:
-        """Send a request of `wbc send`; an emergency stop overtakes all queued requests."""
+        """Send a request of `wbc send`; emergency stops overtake."""
         request = self._parse(words)
         if request is not None:
             self.request(request, " ".join(words))
@@ -79,12 +79,12 @@ class RequestSender:
             self._report(words, f"dropped: the queue of {_QUEUE_SIZE} requests is full")
 
     def drag(self, key: str, client: int, value: Sequence[str] | Request) -> None:
-        """Store the newest value of a page's drag: a request, or its words, for the control `key`."""
+        """Store the newest value of a page's drag: a request, or its words."""
         with self._lock:
             self._dragged[key] = self._clock(), client, value
 
     def drop_drags(self, client: int) -> None:
-        """Drop the stored drags of a closed page."""
+        """Drop the drags of a closed page."""
         with self._lock:
             self._dragged = {key: value for key, value in self._dragged.items() if value[1] != client}
 

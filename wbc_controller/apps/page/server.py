@@ -1,7 +1,7 @@
-"""Server of the page: viser's server behind a check of every request and message.
+"""Viser's server behind a check of every request.
 
-viser serves its page and connections on one port with `websockets`, without checks. `websockets` calls `Gate` before it
-answers a request, and `PageConnection` drops messages that are not on the allow-list.
+viser serves its page and connections on one port with `websockets`, which calls `Gate` before it answers a request;
+`PageConnection` drops messages that are not on the allow-list.
 """
 
 from __future__ import annotations
@@ -54,20 +54,20 @@ _Process = Callable[[ServerConnection, Request], Response | None]
 
 
 class Gate:
-    """Decides on every HTTP request before an answer.
+    """Decides on every HTTP request.
 
     On the loopback, hosts must be names of the loopback, and connections from pages of other sites are refused. On
     other interfaces every request needs the token.
     """
 
     def __init__(self, host: str, token: str = "") -> None:
-        """Set the rules for an address; without a token, addresses beyond the loopback get a random one."""
+        """Set the rules; addresses beyond the loopback get a random token by default."""
         self.loopback = _is_loopback(host)
         self.token = token or ("" if self.loopback else secrets.token_urlsafe(24))  # empty if none is required
         self.port = 0
 
     def refusal(self, request: Request) -> str:
-        """Return the reason for a refusal; empty if the request is answered."""
+        """Return the reason for a refusal, or an empty text."""
         hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
         named = hosts[0] if len(hosts) == 1 else ""
         if not _HOST.fullmatch(named) or (self.loopback and _hostname(f"//{named}") not in _LOOPBACK):
@@ -90,7 +90,7 @@ class Gate:
             yield cookie[name].value
 
     def checking(self, process: _Process) -> _Process:
-        """Return `process`, a function that answers requests, preceded by the check."""
+        """Return `process`, preceded by the check."""
 
         def checked(connection: ServerConnection, request: Request) -> Response | None:
             why = self.refusal(request)
@@ -149,7 +149,7 @@ def open_server(host: str, port: int, gate: Gate, *, commands: bool = False) -> 
 
 
 def address(gate: Gate, host: str) -> str:
-    """Return the address of the page, with its token if required."""
+    """Return the page's address, with its token if required."""
     shown = "localhost" if gate.loopback else f"[{host}]" if ":" in host else host
     if host in ("0.0.0.0", "::"):  # noqa: S104 - compared with, not bound to
         shown = socket.gethostname()
@@ -176,7 +176,7 @@ def _install_checks(gate: Gate, allowed: AllowList) -> Iterator[threading.Event]
 
 
 def _require_own_address(host: str) -> None:
-    """Refuse an address of another computer; viser would try a thousand ports and then wait forever."""
+    """Refuse an address of another computer; viser would wait forever."""
     try:
         family, kind, _, _, place = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, kind) as probe:

@@ -1,4 +1,4 @@
-"""Robot and its state at one moment, from topics or a recording."""
+"""Robot and its state at one moment."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Robot:
     """A robot for drawing: settings, model, tasks and contacts."""
 
     def __init__(self, settings: Settings, urdf: str | None = None) -> None:
-        """Build the robot, with `urdf` if the settings name no file; raise `ConfigurationError` for a mismatch."""
+        """Build the robot, with `urdf` if the settings name none; raise `ConfigurationError` for a mismatch."""
         self.settings = settings
         self.model: RobotModel = make_model(settings, urdf)
         self.contacts: dict[str, Contact] = {
@@ -39,22 +39,22 @@ class Robot:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Snapshot:
-    """State of a robot and its controller at one moment."""
+    """State of robot and controller at one moment."""
 
-    stamp: int  # ns; 0 before the first
-    age: float  # wall time since the last state, s; initially infinite
+    stamp: int  # ns; initially 0
+    age: float  # wall time since the last state, s
     q: Array  # (nq,)
     v: Array  # (nv,)
-    mode: str = ""  # mode of the controller, in a fault with code and sentence; empty without a controller
+    mode: str = ""  # of the controller, in a fault with code and sentence; or empty
     #: Joint torques, (nj,) in N·m, in the order of the model's joints; None without commands.
     torques: Array | None = None
     #: Contact forces of the solution by contact, in the form of `Solution.forces`.
     forces: Mapping[str, Array] = field(default_factory=dict)
     references: References | None = None  # None in modes without references
-    steps: Sequence[Shape] = ()  # planned steps and swing paths of a walking robot
+    steps: Sequence[Shape] = ()  # planned steps and swing paths
     status: RobotStatus | None = None  # None before the first message
-    silence: float = math.inf  # wall time since the last status, s; initially infinite
-    base_measured: bool = True  # False if the robot is drawn standing on its contacts, without a measured base
+    silence: float = math.inf  # wall time since the last status, s
+    base_measured: bool = True  # False if drawn standing on its contacts
 
     @property
     def following(self) -> bool:

@@ -27,7 +27,7 @@ _MAX_AGE = 0.2  # of torques, forces and planned steps relative to the state, ro
 
 
 class TopicSource:
-    """Reads the topics of a robot; messages wait in DDS until a snapshot is requested."""
+    """Reads the topics of a robot on request."""
 
     def __init__(self, session: Session, robot: Robot) -> None:
         self._session, self._robot = session, robot
@@ -49,7 +49,7 @@ class TopicSource:
         self._base_on_contacts = BaseOnContacts(robot)
 
     def snapshot(self) -> Snapshot:
-        """Return the newest snapshot."""
+        """See `SnapshotSource`."""
         model = self._robot.model
         self._joints.update()
         self._base.update()
@@ -76,7 +76,7 @@ class TopicSource:
         )
 
     def read_status(self) -> list[str]:
-        """Read the status of the nodes, and return the refusals since the last call."""
+        """See `SnapshotSource`."""
         refused = []
         for status in self._listener.read_statuses():
             self._status_at = time.monotonic()
@@ -145,7 +145,7 @@ class _Stream:
             try:
                 self.newest = self._reader.read(payload)
             except InputRefused:
-                return  # the controller reports this refusal in its diagnostics
+                return
             self._arrival = time.monotonic()
 
     def age(self) -> float:

@@ -1,4 +1,4 @@
-"""Controls of walking: sliders of the velocity, a button that sends it while it is held, and one to stand."""
+"""Controls of walking."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from wbc_controller.settings import WalkingSettings
 
 #: Messages per second of a held button.
 RATE = 10.0
-#: Label, first value, and largest value without one in the configuration, by slider: m/s and rad/s.
+#: Label, first value, and default maximum of each slider, m/s or rad/s.
 _SLIDERS = (("Forward [m/s]", 0.2, 0.5), ("To the left [m/s]", 0.0, 0.3), ("Turn left [rad/s]", 0.0, 0.5))
 
 
 class WalkControls:
-    """Folder `Walking`. A released button and a closed page send nothing, so that the robot stops by its timeout."""
+    """Folder `Walking`. A released button and a closed page send nothing: the robot stops by its timeout."""
 
     def __init__(self, server: viser.ViserServer, settings: WalkingSettings, sender: RequestSender) -> None:
         self._sender = sender

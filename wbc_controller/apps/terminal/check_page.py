@@ -29,7 +29,7 @@ _DOT = 0.012  # radius of dots, as a share of the drawing's width
 
 
 def write_check_page(config: Config, findings: Sequence[Finding], failure: str, path: Path) -> None:
-    """Write the page of a check with its findings or its error `failure`; raise `ConfigurationError` if this fails."""
+    """Write the findings of a check, or its error `failure`; raise `ConfigurationError` if this fails."""
     settings = config.settings
     model = make_model(settings, config.urdf)
     qp = make_qp(settings, model)

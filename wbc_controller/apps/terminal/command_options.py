@@ -1,4 +1,4 @@
-"""Options of several commands: CONFIG, --namespace, --remap."""
+"""Common options: CONFIG, --namespace, --remap."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ remap_option = click.option("--remap", "remappings", multiple=True, metavar="FRO
 
 
 def with_options(*options: Callable[[F], F]) -> Callable[[F], F]:
-    """Combine decorators; the first one comes first in the help."""
+    """Combine decorators in the order of the help."""
 
     def decorate(function: F) -> F:
         for option in reversed(options):
@@ -41,7 +41,7 @@ def with_options(*options: Callable[[F], F]) -> Callable[[F], F]:
 
 
 def load_named(config: str) -> Settings:
-    """Load the settings of a supplied robot or a file; raise `ConfigurationError` for unknown or invalid ones."""
+    """Load the settings of a supplied robot or a file; raise `ConfigurationError` if invalid."""
     return load_settings(find_configuration(config))
 
 

@@ -1,4 +1,4 @@
-"""Keyboard of `wbc drive`: keys become walking velocities."""
+"""Keyboard of `wbc drive`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from wbc_controller.middleware.setpoints import velocity_message
 
 #: Time between two messages, s.
 PERIOD = 0.1
-#: Direction forward, to the left and turning, by key: those of teleop_twist_keyboard, the arrows, and w, a, s, d.
+#: Direction forward, to the left and turning, by key.
 DIRECTIONS: Mapping[str, tuple[int, int, int]] = {
     "u": (1, 0, 1), "i": (1, 0, 0), "o": (1, 0, -1),
     "j": (0, 0, 1), "l": (0, 0, -1),
@@ -45,7 +45,7 @@ KEYS = """\
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """Direction and speeds of the driver: forward, to the left, and turning."""
+    """Direction and speeds."""
 
     speed: float  # m/s
     turn_rate: float  # rad/s
@@ -53,12 +53,12 @@ class Drive:
 
     @property
     def velocity(self) -> tuple[float, float, float]:
-        """Commanded velocity forward and to the left, m/s, and turning rate, rad/s."""
+        """Velocity forward and to the left, m/s, and turning rate, rad/s."""
         forward, left, turning = self.direction
         return self.speed * forward, self.speed * left, self.turn_rate * turning
 
     def after(self, keys: str) -> Drive:
-        """Return the state after pressed keys, as read from the terminal; an unknown key stops."""
+        """Return the state after pressed keys; an unknown key stops."""
         drive = self
         while keys:
             length = _ARROW if keys[:2] in ("\x1b[", "\x1bO") else 1
@@ -72,7 +72,7 @@ class Drive:
 
 @contextlib.contextmanager
 def single_keys(terminal: int) -> Iterator[None]:
-    """Let a terminal pass on each key without echo."""
+    """Pass on each key of a terminal without echo."""
     before = termios.tcgetattr(terminal)
     tty.setcbreak(terminal)
     try:
@@ -83,7 +83,7 @@ def single_keys(terminal: int) -> Iterator[None]:
 
 
 def publish_velocities(session: Session, drive: Drive, terminal: int) -> None:
-    """Publish the velocity until the input ends, and at last a velocity of zero."""
+    """Publish the velocity until the input ends, then zero."""
     publish, due = session.open("controller", "cmd_vel"), time.monotonic()
     status: dict[str, str] = {}
     try:
@@ -105,7 +105,6 @@ def publish_velocities(session: Session, drive: Drive, terminal: int) -> None:
 
 
 def _line(drive: Drive, mode: str, status: Mapping[str, str]) -> str:
-    """Return the command, and the state of the controller."""
     forward, left, turning = drive.velocity
     parts = [f"forward {forward:.2f}, left {left:.2f} m/s, turn {turning:.2f} rad/s", mode]
     if "walking/phase" in status:

@@ -1,4 +1,4 @@
-"""Commands `wbc run`, `mock`, `guard` and `estimate`: nodes on DDS."""
+"""Commands `wbc run`, `mock`, `guard` and `estimate`."""
 
 from __future__ import annotations
 

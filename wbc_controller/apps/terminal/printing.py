@@ -11,7 +11,7 @@ _KEY_VALUE = "diagnostic_msgs/msg/KeyValue"  # type of diagnostic entries, print
 
 
 def as_text(content: Any) -> str:
-    """Return a message as text."""
+    """Return a message as YAML."""
     return "\n".join(_fields(content, ""))
 
 

@@ -21,7 +21,7 @@ HEADINGS: Mapping[str, tuple[int, int, int]] = {
     "down": (0, 0, -1),
 }
 AXES: Mapping[str, tuple[int, int, int]] = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
-#: Rotation axes of a lean, in the axes of the robot's heading.
+#: Rotation axes of a lean, likewise.
 LEANS: Mapping[str, tuple[int, int, int]] = {
     "forward": (0, 1, 0),
     "back": (0, -1, 0),
@@ -40,7 +40,7 @@ _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)([A-Za-z]*)")
 
 
 def number(text: str, subject: str, units: Mapping[str, float] = PLAIN) -> float:
-    """Return a number in SI units; raise `InputRefused` for other texts and unknown units."""
+    """Return a number in SI units; raise `InputRefused` otherwise."""
     match = _NUMBER.fullmatch(text)
     if match is None:
         raise InputRefused(f"{subject}: expected a number, got {text!r}")
@@ -50,10 +50,10 @@ def number(text: str, subject: str, units: Mapping[str, float] = PLAIN) -> float
 
 
 def displacement(words: Sequence[str], subject: str, units: Mapping[str, float]) -> tuple[Array, bool]:
-    """Return the sum of pairs of a number and a direction, such as ``0.02 forward 0.01 down``.
+    """Return the sum of pairs such as ``0.02 forward 0.01 down``.
 
     Returns:
-        The sum, (3,), and True for the axes of the robot's heading, False for the axes of the world.
+        The sum, (3,), and True for the axes of the robot's heading, False for those of the world.
 
     Raises:
         InputRefused: if the words have another form, or mix both kinds of direction.

@@ -47,11 +47,11 @@ FORMS = {
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """One message to a node."""
+    """One message."""
 
     node: str  # ``controller`` or ``mock``
-    key: str  # key of the topic in the node's table
-    subject: str  # task or contact of the topic; empty for other topics
+    key: str  # of the topic
+    subject: str  # task or contact, or empty
     summary: str  # effect in words, without a full stop
     make: Callable[[ReadMessage], Any]  # may read messages of the nodes
     #: Frame to be checked by the sender, as the mock robot only logs an error; or empty.

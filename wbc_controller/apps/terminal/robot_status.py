@@ -1,4 +1,4 @@
-"""Newest status of a robot, from the topics of its nodes."""
+"""Newest status of a robot."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _TASK_PERIODS = 3.0  # for the first status, in periods of the diagnostics
 
 @dataclass(frozen=True, slots=True)
 class RobotStatus:
-    """Newest messages of a robot's nodes."""
+    """Newest messages."""
 
     status: Any  # diagnostic_msgs/DiagnosticStatus of the controller
     rate: float  # per second of wall time; NaN if unknown
-    tasks: Mapping[str, tuple[Any | None, Any | None]]  # value and reference messages of each task, by name
+    tasks: Mapping[str, tuple[Any | None, Any | None]]  # value and reference of each task
     guard: str  # empty without a guard
 
     @property
@@ -37,7 +37,7 @@ class RobotStatus:
 
 
 class StatusListener:
-    """Subscribes to the status topics of a robot, and counts the cycles."""
+    """Subscribes to the status, and counts the cycles."""
 
     def __init__(self, session: Session, settings: Settings) -> None:
         self._session, self._settings = session, settings
@@ -56,7 +56,7 @@ class StatusListener:
             session.listen("controller", key, name)
 
     def wait_for_first(self) -> None:
-        """Wait for the messages of a complete first status; raise `NoAnswer` without a controller."""
+        """Wait for a complete status; raise `NoAnswer` without a controller."""
         self._session.wait_for_controller()
         self._session.until(
             lambda: self.read_statuses() and len(self._cycles) > 1, "the controller has stopped publishing its status"
@@ -67,7 +67,7 @@ class StatusListener:
                 time.sleep(0.02)
 
     def read_statuses(self) -> list[Any]:
-        """Return the controller's statuses since the last call, oldest first."""
+        """Return the new statuses, oldest first."""
         now, statuses = time.monotonic(), list(self._session.statuses())
         for status in statuses:
             self._status = status
@@ -77,7 +77,7 @@ class StatusListener:
         return statuses
 
     def newest(self) -> RobotStatus | None:
-        """Return the status as of the last `read_statuses`; None before the first one."""
+        """Return the status as of the last `read_statuses`, or None."""
         if self._status is None:
             return None
         (first, before), (last, after) = self._cycles[0], self._cycles[-1]

@@ -1,4 +1,4 @@
-"""Connection of a user to a robot's nodes: newest messages, requests and outcomes."""
+"""Connection of a user to a robot's nodes."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _RAMPED = {"activate": "active", "deactivate": "inactive"}  # commands with a to
 
 
 class NoAnswer(WbcError):
-    """A node was not found or did not answer."""
+    """A node is missing or did not answer."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -55,7 +55,7 @@ class Answer:
 def topics_of(
     settings: Settings, namespace: str = "/", remappings: Mapping[str, str] | None = None
 ) -> dict[tuple[str, str, str], Endpoint]:
-    """Return the topics of all nodes, by node, key and subject."""
+    """Return the topics of all nodes."""
     kinds = {name: task.type for name, task in settings.tasks.items()}
     tables = {
         "controller": (CONTROLLER_TOPICS, NODE_NAME),
@@ -90,7 +90,7 @@ class Session:
         patience: float = DISCOVERY_PATIENCE,
         node: str = _NODE,
     ) -> None:
-        """Join the DDS domain as a node; an undiscovered node counts as absent after `patience`, wall time, s."""
+        """Join the DDS domain; an undiscovered node counts as absent after `patience`, wall time, s."""
         self.topics = topics_of(settings, namespace, remappings)
         self._settings = settings
         self._status_name = f"{namespace.strip('/')}/{NODE_NAME}: control loop".lstrip("/")
@@ -108,7 +108,7 @@ class Session:
         self._transport.close()
 
     def listen(self, node: str, key: str, subject: str = "", *, depth: int = 1) -> None:
-        """Subscribe to a topic and store its newest messages; a latched topic delivers its last message."""
+        """Subscribe, and store the newest messages."""
         place = (node, key, subject)
         if place not in self._messages:
             self._messages[place] = self._subscribe(counterpart(self.topics[place]), depth)
@@ -125,7 +125,7 @@ class Session:
         return payloads
 
     def poll(self, node: str, key: str, subject: str = "") -> Callable[[], bytes | None]:
-        """Return a function that returns the newest payload since its last call, by a best-effort subscription."""
+        """Return a function that returns the newest payload since its last call (best effort)."""
         topic = dataclasses.replace(counterpart(self.topics[node, key, subject]), qos=STATE_IN)
         stream = self._transport.stream(topic, depth=1)
 
@@ -136,35 +136,35 @@ class Session:
         return newest
 
     def newest(self, node: str, key: str, subject: str = "") -> Any | None:
-        """Return the newest message of a subscribed topic; None before the first one."""
+        """Return the newest message; None before the first."""
         payloads = self._messages[node, key, subject]
         return decode(payloads[-1], self.topics[node, key, subject].type) if payloads else None
 
     def take(self, node: str, key: str, subject: str = "") -> Iterator[Any]:
-        """Remove and yield the stored messages of a topic, oldest first."""
+        """Yield and remove the stored messages, oldest first."""
         payloads = self._messages[node, key, subject]
         while payloads:
             yield decode(payloads.popleft(), self.topics[node, key, subject].type)
 
     def wait_for_message(self, node: str, key: str, subject: str = "") -> Any:
-        """Return the newest message of a topic, after waiting for the first one; raise `NoAnswer` without any."""
+        """Return the newest message, or wait for the first; raise `NoAnswer` without any."""
         self.listen(node, key, subject)
         name = self.topics[node, key, subject].name
         self.until(lambda: self._messages[node, key, subject], f"no message on {name}{self._mode_note()}")
         return self.newest(node, key, subject)
 
     def until(self, condition: Callable[[], Any], error: str, patience: float = ANSWER_TIMEOUT) -> None:
-        """Wait until a condition on the messages is true; raise `NoAnswer` with the text `error` otherwise."""
+        """Wait for a condition; raise `NoAnswer` with the text `error` otherwise."""
         with self._arrival:
             if not self._arrival.wait_for(condition, patience):
                 raise NoAnswer(error)
 
     def publishers(self, topic: Endpoint) -> tuple[str, ...]:
-        """Return the names of the nodes that publish on a topic."""
+        """Return the nodes that publish on a topic."""
         return self._transport.publishers(topic)
 
     def mode(self) -> str:
-        """Return the controller's state; empty before its first message."""
+        """Return the controller's state; initially empty."""
         state = self.newest("controller", "state") if ("controller", "state", "") in self._messages else None
         return "" if state is None else str(state.data)
 
@@ -172,7 +172,7 @@ class Session:
         return f"; the controller is {self.mode()}" if self.mode() else ""
 
     def execute(self, request: Request) -> Answer:
-        """Send a request, and wait for its outcome; raise `NoAnswer` without a node or an answer."""
+        """Send a request, and return its outcome; raise `NoAnswer` without a node or answer."""
         if (request.node, request.key, request.summary) == ("controller", "command", "estop"):
             return self._emergency_stop(request)
         if request.node == "mock":
@@ -183,7 +183,7 @@ class Session:
         return self._request_recording(request) if request.key == "record" else self._send_and_confirm(request)
 
     def open(self, node: str, key: str, subject: str = "") -> DdsPublication:
-        """Advertise a topic for `send` early, because discovery of a publisher takes time."""
+        """Advertise a topic for `send`: discovery takes time."""
         place = (node, key, subject)
         with self._opening:
             if place not in self._publications:
@@ -191,7 +191,7 @@ class Session:
             return self._publications[place]
 
     def send(self, request: Request) -> None:
-        """Send a request without waiting for its outcome; refusals appear in the controller's diagnostics. Thread-safe.
+        """Send a request without waiting for its outcome. Thread-safe.
 
         Raises:
             NoAnswer: without a subscriber of the topic.
@@ -207,10 +207,7 @@ class Session:
         publication(encode(content))
 
     def _stop_before(self, request: Request) -> None:
-        """Stop a walking robot before the hoist lifts it, and wait until it stands: its steps would not end in the air.
-
-        Without a status of an active controller nothing is sent.
-        """
+        """Let a walking robot stand before the hoist lifts it; without a status nothing is sent."""
         lifts = request.key == "hold" and request.make(self.wait_for_message).data
         if not lifts or self._settings.walking is None:
             return
@@ -228,7 +225,7 @@ class Session:
             stop(encode(velocity_message((0.0, 0.0, 0.0))))
 
     def _values_in(self, payload: bytes | None) -> dict[str, str]:
-        """Return the values of the controller's status in a message of the diagnostics; empty without one."""
+        """Return the values of the controller's status in diagnostics, or nothing."""
         array = [] if payload is None else decode(payload, self.topics["controller", "diagnostics", ""].type).status
         own = [status.values for status in array if status.name == self._status_name]
         return {value.key: value.value for value in own[-1]} if own else {}
@@ -243,7 +240,7 @@ class Session:
         return Answer(True, f"the controller is {self.mode()}")
 
     def find_controller(self) -> None:
-        """Wait until DDS has discovered the publisher of the controller's state, before the first subscription.
+        """Wait for the discovery of the controller's state, before the first subscription.
 
         Fast DDS delays latched messages by up to 3 s for a reader announced before the writer's discovery.
 
@@ -258,7 +255,7 @@ class Session:
             time.sleep(0.01)
 
     def wait_for_controller(self) -> None:
-        """Wait for messages on the controller's topics state and diagnostics; raise `NoAnswer` without them."""
+        """Wait for state and diagnostics of the controller; raise `NoAnswer` without them."""
         self.find_controller()
         self.listen("controller", "state")
         self.listen("controller", "diagnostics", depth=1000)
@@ -309,13 +306,13 @@ class Session:
         return found
 
     def statuses(self) -> Iterator[Any]:
-        """Remove and yield the controller's statuses (DiagnosticStatus) since the last call, oldest first."""
+        """Yield and remove the controller's statuses, oldest first."""
         for array in self.take("controller", "diagnostics"):
             yield from (status for status in array.status if status.name == self._status_name)
 
     def follow(self, topic: Endpoint) -> Callable[[float], list[Any]]:
-        """Subscribe to any topic; return a function that waits up to a time, s, and returns the new messages."""
-        # Outputs of a node keep their quality of service; inputs accept publishers of any quality.
+        """Subscribe; return a function that waits up to a time, s, and returns the new messages."""
+        # Inputs accept publishers of any quality of service.
         endpoint = dataclasses.replace(topic, qos=STATE_IN) if topic.direction is Direction.IN else counterpart(topic)
         payloads = self._subscribe(
             dataclasses.replace(endpoint, qos=dataclasses.replace(endpoint.qos, depth=1000)), 1000

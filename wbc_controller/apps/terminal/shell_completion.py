@@ -19,7 +19,7 @@ def complete_config(ctx: click.Context, param: click.Parameter, incomplete: str)
 
 
 def complete_words(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Complete the next word of a request."""
+    """Complete a request."""
     settings = _settings(ctx)
     if settings is None:
         return []
@@ -28,7 +28,7 @@ def complete_words(ctx: click.Context, param: click.Parameter, incomplete: str) 
 
 
 def complete_topics(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Complete the topics of all nodes."""
+    """Complete topics."""
     settings = _settings(ctx)
     if settings is None:
         return []

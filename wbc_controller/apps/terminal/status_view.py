@@ -41,13 +41,13 @@ _FAULT_CODE = re.compile(rf"\b({'|'.join(NEXT_STEPS)})\b")
 
 
 def next_step(state: str) -> str:
-    """Return the next step after the fault in the controller's state; empty without a fault."""
+    """Return the next step after a fault, or an empty text."""
     found = _FAULT_CODE.search(state)
     return NEXT_STEPS[found[1]] if found else ""
 
 
 def status_view(settings: Settings, robot: RobotStatus) -> RenderableType:
-    """Return the state of a controller as a table."""
+    """Return the status as a table."""
     values = robot.values
     table = Table.grid(padding=(0, 2))
     for row in facts(robot):
@@ -65,7 +65,7 @@ def status_view(settings: Settings, robot: RobotStatus) -> RenderableType:
 
 
 def facts(robot: RobotStatus) -> list[tuple[str, str]]:
-    """Return further facts as pairs of name and text."""
+    """Return further facts."""
     values, found = robot.values, []
     late = values.get("deadlines_missed", "0")
     cycles = f"{robot.rate:.0f} per second" if np.isfinite(robot.rate) else "counting"
@@ -108,7 +108,7 @@ def _milliseconds(age: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class TaskRow:
-    """One task in words; unknown values and values of disabled tasks are empty."""
+    """One task in words; unknown values are empty."""
 
     name: str
     kind: str
@@ -120,7 +120,7 @@ class TaskRow:
 
 
 def task_rows(settings: Settings, robot: RobotStatus) -> list[TaskRow]:
-    """Return a row for each task."""
+    """Return a row per task."""
     rows, values = [], robot.values
     for name, task in settings.tasks.items():
         weight = values.get(f"task_weight/{name}")
@@ -151,7 +151,7 @@ def _task_table(settings: Settings, robot: RobotStatus) -> Table:
 
 
 def format_numbers(content: Any, kind: str) -> str:
-    """Return the numbers of a setpoint, reference or value in short form."""
+    """Return the numbers of a task's message in short form."""
     if kind in JOINT_FIELDS:
         joints: Sequence[float] = getattr(content, JOINT_FIELDS[kind])
         return f"{len(joints)} joints"

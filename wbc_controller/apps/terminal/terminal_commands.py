@@ -1,4 +1,4 @@
-"""Commands on the topics of running nodes: `wbc send`, `drive`, `echo`, `status` and `topics`."""
+"""Commands on topics: `wbc send`, `drive`, `echo`, `status`, `topics`."""
 
 from __future__ import annotations
 
@@ -200,7 +200,7 @@ def topics() -> None:
 
 
 def find_topic(text: str, topics: dict[tuple[str, str, str], Endpoint]) -> Endpoint:
-    """Return the topic with this name or end of a name, such as ``com/reference``; raise `InputRefused` without one."""
+    """Return the topic with this name or end of a name; raise `InputRefused` without one."""
     by_name = {topic.name: topic for topic in topics.values()}
     # Latched messages require the sender's row, with a latched subscription.
     by_name |= {topic.name: topic for topic in topics.values() if topic.direction is Direction.OUT}

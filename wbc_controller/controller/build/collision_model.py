@@ -1,4 +1,4 @@
-"""Collision model from URDF and SRDF: shapes and pairs of links."""
+"""Collision model from URDF and SRDF."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Footprint of a body: contact region of its shapes on a plane."""
+"""Contact region of a body on a plane."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Static limits of a gait: reach and joint velocities of a swing; for bipeds torques and friction of one leg."""
+"""Static limits of a gait: reach, velocities, torques, friction."""
 
 from __future__ import annotations
 

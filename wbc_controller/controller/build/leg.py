@@ -1,4 +1,4 @@
-"""Kinematics of one leg: postures with its foot at a place relative to the base, and joint velocities of a swing."""
+"""Inverse kinematics of one leg."""
 
 from __future__ import annotations
 

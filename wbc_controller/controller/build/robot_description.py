@@ -1,4 +1,4 @@
-"""Actuators and inertias from URDF and settings, without Pinocchio."""
+"""Actuators and inertias, without Pinocchio."""
 
 from __future__ import annotations
 

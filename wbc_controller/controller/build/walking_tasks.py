@@ -1,4 +1,4 @@
-"""Tasks of a walker: names, the configured tasks that it suspends or turns, and defaults of settings."""
+"""Tasks of a walker."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Feasible walking speeds with their limiting quantities; for bipeds the load of one leg, and distance of the feet."""
+"""Feasible walking speeds with their limiting quantities."""
 
 from __future__ import annotations
 

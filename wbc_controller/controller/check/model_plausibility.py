@@ -1,4 +1,4 @@
-"""Plausibility of masses, inertias, limits, sizes and friction."""
+"""Plausibility of the model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pre-flight check, `wbc check`: model, contacts and stance."""
+"""Pre-flight check, `wbc check`."""
 
 from __future__ import annotations
 

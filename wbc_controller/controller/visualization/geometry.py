@@ -1,4 +1,4 @@
-"""Visual geometry: URDF visuals, and convex hulls for browsers without a GPU."""
+"""Visual geometry of the URDF."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plotly figures: panels of lines, series by category, one cycle in 3-D.
+"""Plotly figures.
 
 Without plotly the functions raise `ConfigurationError`.
 """

@@ -1,4 +1,4 @@
-"""Shapes of one cycle for markers and plots: contacts, forces, support, centre of mass, references, steps."""
+"""Shapes of one cycle for markers and plots."""
 
 from __future__ import annotations
 

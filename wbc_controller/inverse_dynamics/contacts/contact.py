@@ -1,4 +1,4 @@
-"""Base classes: motion constraint, force bounds and cone."""
+"""Base classes of contacts."""
 
 from __future__ import annotations
 

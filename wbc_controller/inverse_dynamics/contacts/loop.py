@@ -1,4 +1,4 @@
-"""Kinematic loop closed by a joint outside the tree."""
+"""Kinematic loop."""
 
 from __future__ import annotations
 

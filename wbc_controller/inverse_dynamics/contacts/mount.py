@@ -1,4 +1,4 @@
-"""Placement of a contact on its link, and its relative motion."""
+"""Placement of a contact on its link."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Contact of a rectangle or polygon, with six-dimensional wrench."""
+"""Contact of a rectangle or polygon."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cost of one priority level, as a sum of squares."""
+"""Cost of one priority level."""
 
 from collections.abc import Mapping, Sequence
 

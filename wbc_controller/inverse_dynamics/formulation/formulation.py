@@ -1,4 +1,4 @@
-"""Fast formulation: fills the program of `plain_qp` with kernels."""
+"""Fast formulation of `plain_qp`."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Kernel for all state-dependent numbers of the quadratic program."""
+"""Kernel for the numbers of the quadratic program."""
 
 from wbc_controller.compilation import OutVector, Struct, Vector, compiled
 from wbc_controller.inverse_dynamics.limits.joint_motion_kernels import JointMotion, acceleration_bounds

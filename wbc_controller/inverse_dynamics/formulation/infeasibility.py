@@ -1,4 +1,4 @@
-"""Diagnosis of infeasibility: conflicting constraints, and the smallest slack.
+"""Conflicting constraints, and the smallest slack.
 
 Linear programs over the constraints of the failed problem:
 

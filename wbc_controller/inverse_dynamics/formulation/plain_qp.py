@@ -1,4 +1,4 @@
-"""Definition of the quadratic program in plain NumPy: H, g, A, b, C and bounds.
+"""Definition of the quadratic program in plain NumPy.
 
 Start reading here: `Formulation` computes the same with kernels and caches; tests compare both.
 

@@ -1,4 +1,4 @@
-"""Arrays of a quadratic program, and residuals of its constraints."""
+"""Arrays and residuals of a quadratic program."""
 
 import math
 

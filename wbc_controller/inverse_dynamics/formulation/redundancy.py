@@ -1,4 +1,4 @@
-"""Redundant contacts: (nearly) dependent rows of J v̇ = b become part of the cost.
+"""Redundant contacts: dependent rows become part of the cost.
 
 Such rows (examples: docs/contacts.md) become contradictory by rounding, contact velocities (nᵀJ̇ v = -ṅᵀJ v) or anchors.
 The mobility of the contacts determines them independently of the coordinates (S2). It is the inverse of their

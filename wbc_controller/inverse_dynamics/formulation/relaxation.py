@@ -1,4 +1,4 @@
-"""Relaxation of conflicting limits, and the cost of violations."""
+"""Relaxation of conflicting limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Base class of limits on combinations of accelerations."""
+"""Base class of limits."""
 
 from __future__ import annotations
 

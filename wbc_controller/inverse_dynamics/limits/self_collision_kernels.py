@@ -1,4 +1,4 @@
-"""Kernels of `limits.self_collision`: near pairs and rates of distances."""
+"""Kernels of `limits.self_collision`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bounds of torques: effort limits, torque-speed curve, rate."""
+"""Bounds of torques."""
 
 from __future__ import annotations
 

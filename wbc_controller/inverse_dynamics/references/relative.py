@@ -1,4 +1,4 @@
-"""Setpoints relative to reference, heading, or a robot frame."""
+"""Relative setpoints."""
 
 from __future__ import annotations
 

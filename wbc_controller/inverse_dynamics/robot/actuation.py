@@ -1,4 +1,4 @@
-"""Generalized force of the actuators, and its elimination."""
+"""Generalized force of the actuators."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Construction of the robot model from its URDF."""
+"""Robot model from its URDF."""
 
 from __future__ import annotations
 

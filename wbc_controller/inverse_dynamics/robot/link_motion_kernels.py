@@ -1,4 +1,4 @@
-"""Kernel for twists and drifts of all links, and the momentum rate.
+"""Kernel for twists and drifts of all links.
 
 Twists [linear, angular] are at the world origin in world axes; at a point p, the linear part is v₀ + ω × p. The same
 holds for spatial accelerations; the classical acceleration of p adds ω × v(p). Jacobian columns are twists.

@@ -1,4 +1,4 @@
-"""Motors and transmissions; loaded by the guard without Pinocchio."""
+"""Motors and transmissions, without Pinocchio."""
 
 from __future__ import annotations
 

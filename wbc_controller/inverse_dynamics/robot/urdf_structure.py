@@ -1,4 +1,4 @@
-"""Structure checks: unique names, one tree of links, known joints, shapes with sizes."""
+"""Structure checks of a URDF."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Warm start with the active set of the previous problem."""
+"""Warm start with the previous active set."""
 
 from __future__ import annotations
 

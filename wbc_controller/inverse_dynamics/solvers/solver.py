@@ -17,7 +17,7 @@ class Solver(ABC):
     active_set: ActiveSet | None = None  # of the last problem; None for solvers with their own warm start
 
     def solve(self, problem: QuadraticProgram) -> Answer:
-        """Solve a problem, warm-started from the last solution; never raises for infeasibility."""
+        """Solve a problem, warm-started; never raises for infeasibility."""
         if self.active_set is not None:
             answer = self.active_set.solve(problem)
             if answer is not None:

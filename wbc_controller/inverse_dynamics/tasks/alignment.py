@@ -1,4 +1,4 @@
-"""Tasks that point an axis in a direction or at a point."""
+"""Tasks that point an axis."""
 
 from __future__ import annotations
 

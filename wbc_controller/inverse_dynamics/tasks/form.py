@@ -1,4 +1,4 @@
-"""Form of a reference: vector, direction, orientation or pose."""
+"""Form of a reference."""
 
 from __future__ import annotations
 

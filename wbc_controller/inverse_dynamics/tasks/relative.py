@@ -1,4 +1,4 @@
-"""Task on the pose relative to another frame."""
+"""Task on a relative pose."""
 
 from __future__ import annotations
 

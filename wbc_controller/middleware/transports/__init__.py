@@ -1,1 +1,1 @@
-"""Transports of messages: in memory, by DDS, by ROS 2."""
+"""Transports of messages."""

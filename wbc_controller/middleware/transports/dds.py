@@ -1,4 +1,4 @@
-"""Transport on CycloneDDS from PyPI, compatible with ROS 2."""
+"""Transport on CycloneDDS, compatible with ROS 2."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class DdsTransport:
             raise TransportError(f"cannot join DDS domain {self._settings.domain_id}: {error}") from error
 
     def advertise(self, endpoint: Endpoint) -> DdsPublication:
-        """Open a topic for writing."""
+        """See `Transport`."""
         with self._lock, _translated(f"cannot advertise {endpoint.name}"):
             announcement, _ = self._opened(endpoint)
             writer = DataWriter(self._participant, self._topic(endpoint), _writer_qos(endpoint))
@@ -91,7 +91,7 @@ class DdsTransport:
         return self._settings.domain_id
 
     def deliver(self, endpoint: Endpoint, payload: bytes, found_within: float, patience: float) -> bool:
-        """Open a topic, send one message, and wait for the acknowledgment of its readers.
+        """Send one message, and wait for the acknowledgment of its readers.
 
         Args:
             found_within: timeout for a reader, s.
@@ -109,7 +109,7 @@ class DdsTransport:
         return True
 
     def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
-        """Open a topic for reading, with the callback on the transport's thread."""
+        """See `Transport`."""
         with self._lock, _translated(f"cannot subscribe to {endpoint.name}"):
             announcement, dispatcher = self._opened(endpoint)
             reader = DataReader(self._participant, self._topic(endpoint), _reader_qos(endpoint))
@@ -117,7 +117,7 @@ class DdsTransport:
             announcement.add_reader(reader)
 
     def stream(self, endpoint: Endpoint, depth: int) -> _Stream:
-        """Open a topic for reading by hand, with a queue in DDS."""
+        """See `Transport`."""
         endpoint = dataclasses.replace(endpoint, qos=dataclasses.replace(endpoint.qos, depth=depth))
         with self._lock, _translated(f"cannot subscribe to {endpoint.name}"):
             announcement, _ = self._opened(endpoint)
@@ -128,7 +128,7 @@ class DdsTransport:
             return stream
 
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
-        """Return the node names of the other publishers on a topic, sorted."""
+        """See `Transport`."""
         with self._lock, _translated(f"cannot query {endpoint.name}"):
             if self._closed:
                 raise TransportError(f"cannot query {endpoint.name}: the transport is closed")
@@ -136,14 +136,14 @@ class DdsTransport:
             return self._graph.publishers(_dds_name(endpoint))
 
     def has_reader(self, endpoint: Endpoint) -> bool:
-        """Return True if an advertised topic has a reader."""
+        """See `Transport`."""
         with _translated(f"cannot query {endpoint.name}"):  # without the lock, which would block the loop
             if self._closed:
                 raise TransportError(f"cannot query {endpoint.name}: the transport is closed")
             return any(each.has_reader for each in self._publications.get(endpoint.name, ()))
 
     def close(self) -> None:
-        """Stop the thread and delete all DDS entities, once; a call from a callback raises `TransportError`."""
+        """See `Transport`; a call from a callback raises `TransportError`."""
         if self._dispatcher is not None:
             self._dispatcher.refuse_own_thread()
         with self._closing:
@@ -207,7 +207,7 @@ class DdsPublication:
         return bool(self._writer.get_matched_subscriptions())
 
     def wait_for_reader(self, patience: float) -> bool:
-        """Wait for a reader of the topic, at most `patience` seconds; return True if there is one."""
+        """Wait for a reader, at most `patience` seconds; return True if there is one."""
         deadline = time.monotonic() + patience
         while not self.has_reader:
             if time.monotonic() >= deadline:
@@ -238,13 +238,13 @@ class _Stream:
         self._woken = self._closed = False
 
     def take(self) -> list[bytes]:
-        """Take the serialized messages, oldest first."""
+        """See `Stream`."""
         self._require_open()
         with _translated(f"cannot read {self._endpoint.name}"):
             return dds_raw.take(self._reader, self._endpoint.qos.depth)
 
     def wait(self, seconds: float) -> bool:
-        """Wait for a message or `wake`, at most `seconds`; return True if one arrived."""
+        """See `Stream`."""
         self._require_open()
         with _translated(f"cannot wait for {self._endpoint.name}"):
             triggered = self._triggers.wait(seconds)
@@ -254,7 +254,7 @@ class _Stream:
             return triggered
 
     def wake(self) -> None:
-        """End the present or next wait."""
+        """See `Stream`."""
         if not self._closed:
             self._guard.set(True)
             self._woken = True  # after the guard, so that a set guard is always reset

@@ -1,4 +1,4 @@
-"""Domain and discovery by ROS 2's environment variables (Iron and newer).
+"""Domain and discovery by ROS 2's environment variables.
 
 The default differs from ROS 2: LOCALHOST, so that other computers cannot command the robot (docs/ros2.md).
 """
@@ -106,7 +106,7 @@ def domain_settings(
 def configuration(settings: DomainSettings, uri: str = "", *, network_card: bool = True) -> str:
     """Return Cyclone's configuration for a domain as XML.
 
-    `uri` is ``CYCLONEDDS_URI``, appended for precedence; `network_card` is False on a computer with only the loopback.
+    `uri` is ``CYCLONEDDS_URI``, appended for precedence; `network_card` is False with only the loopback.
     """
     xml = _xml(settings, own_interfaces=_names_interfaces(uri), network_card=network_card)
     return f"{xml},{uri}" if uri else xml
@@ -160,7 +160,7 @@ def _xml(settings: DomainSettings, *, own_interfaces: bool = False, network_card
 
 
 def _interfaces(network_card: bool) -> str:
-    """Select the loopback, for LOCALHOST participants of this host, and optionally Cyclone's choice of network card.
+    """Select the loopback, and optionally Cyclone's choice of network card.
 
     Cyclone 11 ignores announcements on other interfaces.
     """
@@ -200,7 +200,7 @@ _open_lock = threading.Lock()
 
 
 def open_domain(settings: DomainSettings) -> None:
-    """Open a domain, or share an open one.
+    """Open or share a domain.
 
     Raises:
         TransportError: if the domain cannot be opened, or is open with other settings.

@@ -20,13 +20,13 @@ from wbc_controller.middleware.transports.transport import UNNAMED
 
 _TYPE = "rmw_dds_common/msg/ParticipantEntitiesInfo"
 _DISCOVERY = "ros_discovery_info"
-_HEADER, _GID = 4, 16  # bytes of header and participant's identifier in an announcement
+_HEADER, _GID = 4, 16  # bytes of header and participant in an announcement
 _ANNOUNCEMENTS = 1000  # queue length: a starting controller sends one for each of its 150 endpoints
 _CHANGES = 10_000  # graph changes per update
 
 
 class NodeAnnouncement:
-    """Announcement of the node of a participant's readers and writers, published by ROS 2's topic at each change."""
+    """Announcement of the node of a participant's readers and writers."""
 
     def __init__(self, participant: Any, node: str, namespace: str) -> None:
         self._participant_gid = _gid(participant)
@@ -73,7 +73,7 @@ class NodeAnnouncement:
 
 
 class Graph:
-    """Writers of a domain from DDS discovery, with node names from the announcements; updated on demand (60 µs)."""
+    """Writers of a domain with their node names; updated on demand (60 µs)."""
 
     def __init__(self, participant: Any) -> None:
         self._own = participant.guid.bytes
@@ -91,7 +91,7 @@ class Graph:
         self._announcements = DataReader(participant, self._topic, qos)
 
     def publishers(self, topic: str) -> tuple[str, ...]:
-        """Return the sorted node names (or `UNNAMED`) of the writers of a DDS topic in other participants.
+        """Return the sorted node names (or `UNNAMED`) of a topic's writers in other participants.
 
         A failure of the reading raises `DDSException`.
         """

@@ -1,4 +1,4 @@
-"""Serialized reads and writes with internal functions of cyclonedds (11.0).
+"""Serialized reads and writes with internals of cyclonedds (11.0).
 
 The public ``write`` and ``take`` convert messages in Python, at half the speed of our codec; ``WaitSet.wait`` returns
 only the number of triggered readers.
@@ -32,7 +32,7 @@ def write(writer: Any, payload: bytes) -> None:
 
 
 def take(reader: Any, limit: int) -> list[bytes]:
-    """Take the serialized messages from a reader's queue, oldest first; raises `DDSException` on a failure."""
+    """Take serialized messages, oldest first; raises `DDSException` on a failure."""
     samples = ddspy_take(reader._ref, _ANY, limit)
     if isinstance(samples, int):
         raise DDSException(samples)
@@ -49,10 +49,10 @@ def writers_reader(participant: Any) -> Any:
 
 
 def take_writers(reader: Any, limit: int) -> list[tuple[bytes, bytes, str | None]]:
-    """Take the changes of the domain's writers without their QoS (4 µs each); raises `DDSException` on a failure.
+    """Take the changes of the domain's writers (4 µs each); raises `DDSException` on a failure.
 
     Returns:
-        GUID of the writer, GUID of its participant, and the topic's name or None for a removed writer.
+        GUIDs of the writer and its participant, and the topic's name or None for a removed writer.
     """
     samples = ddspy_take_endpoint(reader._ref, limit, lambda *values: values, lambda qos: None)
     if isinstance(samples, int):
@@ -64,7 +64,7 @@ def take_writers(reader: Any, limit: int) -> list[tuple[bytes, bytes, str | None
 
 
 def delete(entity: Any) -> None:
-    """Delete an entity before its Python object. A second call does nothing."""
+    """Delete an entity, once."""
     entity.__del__()
 
 
@@ -78,15 +78,15 @@ class Triggers:
         self._count = 0
 
     def attach_guard(self, guard: Any) -> int:
-        """Attach a guard condition; return its number for `triggered`."""
+        """Attach a guard condition; return its number."""
         return self._attach(guard)
 
     def attach_reader(self, reader: Any) -> int:
-        """Attach a reader; return its number for `triggered` while it has messages."""
+        """Attach a reader; return its number."""
         return self._attach(ReadCondition(reader, _ANY))
 
     def wait(self, seconds: float = math.inf) -> bool:
-        """Wait for a trigger or the timeout; return True after a trigger."""
+        """Wait for a trigger; return False after the timeout."""
         numbers = self._numbers
         timeout = dds_infinity if seconds == math.inf else round(1e9 * seconds)
         count = self._waitset._waitset_wait(self._waitset._ref, numbers, len(numbers), timeout)
@@ -96,7 +96,7 @@ class Triggers:
         return bool(count)
 
     def triggered(self) -> list[int]:
-        """Return the numbers of triggered entities of the last wait."""
+        """Return the numbers triggered in the last wait."""
         numbers = self._numbers
         return [number for number in numbers[: min(self._count, len(numbers))] if number is not None]
 
@@ -107,7 +107,7 @@ class Triggers:
             delete(condition)
 
     def _attach(self, condition: Any) -> int:
-        # Appended first, because the number may trigger at once. Numbers start at 1: 0 is a null pointer in C.
+        # The number may trigger at once; 0 is a null pointer in C.
         self._attached.append(condition)
         number = len(self._attached)
         self._numbers = (dds_c_t.attach * number)()  # a waiting thread keeps the old array

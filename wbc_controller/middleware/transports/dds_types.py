@@ -33,7 +33,7 @@ def type_hash(type_name: str) -> str:
 
 @functools.cache
 def idl_type(type_name: str) -> Any:
-    """Generate the topic class of a type; an unknown or unsupported type raises `TransportError`.
+    """Generate the topic class of a type; an unsupported type raises `TransportError`.
 
     Cached, because cyclonedds compares different classes slowly by content.
     """

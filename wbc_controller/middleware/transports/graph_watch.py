@@ -1,4 +1,4 @@
-"""Periodic check for other publishers, on a thread."""
+"""Periodic check for other publishers."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class GraphWatch:
     def __init__(
         self, transport: Transport, topics: Iterable[Endpoint], changed: Callable[[OtherPublishers], None]
     ) -> None:
-        """Create a watch of topics with different keys; `changed` receives all other publishers at each change."""
+        """Watch topics; `changed` receives all other publishers at each change."""
         self._transport = transport
         self._topics = {topic.key: topic for topic in topics}
         self._changed = changed
@@ -47,7 +47,7 @@ class GraphWatch:
             self._changed(others)
 
     def start(self) -> None:
-        """Check now, then every `PERIOD` on a separate thread until `stop`."""
+        """Check now, then every `PERIOD` on a thread."""
         self.check()
         self._ended.clear()
         self._thread = threading.Thread(target=self._run, name="graph", daemon=True)

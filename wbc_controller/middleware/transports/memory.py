@@ -36,7 +36,7 @@ class MemoryTransport:
         self.closed = False
 
     def advertise(self, endpoint: Endpoint) -> Publish:
-        """Open a topic for writing."""
+        """See `Transport`."""
         with self._bus.lock:
             self._check(endpoint)
             writer = _Writer(endpoint, self, self._bus)
@@ -44,7 +44,7 @@ class MemoryTransport:
         return writer.publish
 
     def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
-        """Open a topic for reading, with the callback on the publisher's thread."""
+        """See `Transport`; callbacks run on the publisher's thread."""
         with self._bus.lock:
             self._check(endpoint)
             reader = _Reader(endpoint, callback, self)
@@ -54,27 +54,27 @@ class MemoryTransport:
                     reader.deliver(writer.endpoint, writer.latched)
 
     def stream(self, endpoint: Endpoint, depth: int) -> _Stream:
-        """Open a topic for reading by hand."""
+        """See `Transport`."""
         stream = _Stream(endpoint, depth, self)
         self.subscribe(endpoint, stream.put)
         return stream
 
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
-        """Return the node names of the other publishers on a topic, sorted."""
+        """See `Transport`."""
         self._require_open(f"query {endpoint.name}")
         with self._bus.lock:
             owners = [writer.owner for writer in self._bus.writers[endpoint.name]]
         return tuple(sorted(owner.name for owner in owners if owner is not self))
 
     def has_reader(self, endpoint: Endpoint) -> bool:
-        """Return True if an advertised topic has a reader."""
+        """See `Transport`."""
         self._require_open(f"query {endpoint.name}")
         with self._bus.lock:
             own = [writer for writer in self._bus.writers[endpoint.name] if writer.owner is self]
             return any(reader.matches(writer.endpoint) for writer in own for reader in self._bus.readers[endpoint.name])
 
     def close(self) -> None:
-        """Close all topics. A second call does nothing."""
+        """See `Transport`."""
         with self._bus.lock:
             self.closed = True
             for readers in self._bus.readers.values():
@@ -104,7 +104,7 @@ class _Stream:
             self._changed.notify()
 
     def take(self) -> list[bytes]:
-        """Take the serialized messages, oldest first."""
+        """See `Stream`."""
         self._owner._require_open(f"read {self._endpoint.name}")
         with self._changed:
             newest = list(self._newest)
@@ -112,7 +112,7 @@ class _Stream:
         return newest
 
     def wait(self, seconds: float) -> bool:
-        """Wait for a message or `wake`, at most `seconds`; return True if one arrived."""
+        """See `Stream`."""
         self._owner._require_open(f"read {self._endpoint.name}")
         with self._changed:
             triggered = self._changed.wait_for(lambda: self._newest or self._woken, seconds)
@@ -120,7 +120,7 @@ class _Stream:
         return bool(triggered)
 
     def wake(self) -> None:
-        """End the present or next wait."""
+        """See `Stream`."""
         with self._changed:
             self._woken = True
             self._changed.notify()

@@ -1,4 +1,4 @@
-"""Transport on a ROS 2 node, with rclpy 7.1 (Jazzy) or later."""
+"""Transport on a ROS 2 node."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _OPTIONAL_PACKAGES = ("tf2_msgs",)  # message packages without wheels on PyPI
 
 
 class Ros2Transport:
-    """Topics with serialized messages on an existing plain or lifecycle node, in all lifecycle states.
+    """Topics with serialized messages on an existing node, in all lifecycle states.
 
     Callbacks run one at a time on the transport's thread (`Reader`). Node parameters ``qos_overrides.<topic>.…``
     override the quality of service. Topics of missing optional packages are not published.
@@ -53,7 +53,7 @@ class Ros2Transport:
         self._streams: list[RawStream] = []
 
     def advertise(self, endpoint: Endpoint) -> Publish:
-        """Open a topic for writing."""
+        """See `Transport`."""
         package = endpoint.type.split("/")[0]
         if package in _OPTIONAL_PACKAGES and importlib.util.find_spec(package) is None:
             _log.warning("%s is not published: the package %s is not installed", endpoint.name, package)
@@ -76,7 +76,7 @@ class Ros2Transport:
         return publish
 
     def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
-        """Open a topic for reading, with the callback on the reader's thread."""
+        """See `Transport`."""
 
         def deliver(payload: bytes) -> None:
             with self._lock:
@@ -109,14 +109,14 @@ class Ros2Transport:
             return subscription
 
     def stream(self, endpoint: Endpoint, depth: int) -> RawStream:
-        """Open a topic for reading by hand, with a queue in the middleware."""
+        """See `Transport`."""
         endpoint = dataclasses.replace(endpoint, qos=dataclasses.replace(endpoint.qos, depth=depth))
         stream = RawStream(endpoint.name, depth, self._subscription(endpoint), self._node.context)
         self._streams.append(stream)
         return stream
 
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
-        """Return the node names of the other publishers on a topic, sorted."""
+        """See `Transport`."""
         with self._lock:
             self._require_open(f"query {endpoint.name}")
             with _translated(f"cannot query {endpoint.name}"):
@@ -127,13 +127,13 @@ class Ros2Transport:
         return tuple(names)
 
     def has_reader(self, endpoint: Endpoint) -> bool:
-        """Return True if an advertised topic has a reader."""
+        """See `Transport`."""
         with self._lock:
             self._require_open(f"query {endpoint.name}")
             return any(publisher.get_subscription_count() for publisher in self._publishers.get(endpoint.name, ()))
 
     def close(self) -> None:
-        """Close all topics, but not the node, after the delivery of the last messages. A second call does nothing."""
+        """Close all topics, but not the node, after the delivery of the last messages."""
         with self._lock:
             self._closed = True
         for stream in self._streams:

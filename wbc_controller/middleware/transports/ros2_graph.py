@@ -1,4 +1,4 @@
-"""Publishers in ROS 2's graph: names, and incompatible types or quality of service.
+"""Publishers in ROS 2's graph.
 
 rclpy's own warnings need an event handler per subscription, which on Fast DDS wakes the executor with every message.
 """
@@ -30,7 +30,7 @@ def node_name(info: Any) -> str:
 
 
 def publisher_names(node: Any, topic: str) -> list[str]:
-    """Return the name of the node of each publisher on a topic, sorted; `UNNAMED` if it is not known.
+    """Return the node of each publisher on a topic, sorted; `UNNAMED` if unknown.
 
     Endpoints of CycloneDDS do not announce their participant (RTPS 2.3, 9.6.2.2), as Fast DDS 3 (Kilted) requires:
     rmw_fastrtps knows the topics of their nodes, but not the reverse.
@@ -55,7 +55,7 @@ def _topics_published_by(node: Any, name: str, namespace: str) -> list[str]:
 
 
 class CompatibilityWatch:
-    """Periodic comparison of subscriptions with the publishers on their topics, on a separate thread."""
+    """Periodic comparison of subscriptions with their publishers, on a thread."""
 
     def __init__(self, node: Any) -> None:
         self._node = node

@@ -54,7 +54,7 @@ class Reader:
         self._guard.trigger()
 
     def close(self) -> None:
-        """Stop the thread, and all callbacks except the calling one."""
+        """Stop the thread and all other callbacks."""
         with self._lock:
             self._closed = True
             thread = self._thread
@@ -94,7 +94,7 @@ class Reader:
 
 
 class RawStream:
-    """Subscription with the newest `depth` messages taken by hand, and a wait without the interpreter's lock.
+    """Subscription with the newest `depth` messages taken by hand.
 
     After the shutdown of the context no more messages arrive.
     """
@@ -108,7 +108,7 @@ class RawStream:
         self._closed = False
 
     def take(self) -> list[bytes]:
-        """Take the serialized messages, oldest first."""
+        """See `Stream`."""
         taken: list[bytes] = []
         handle = self._subscription.handle
         with self._translated(), handle:
@@ -120,7 +120,7 @@ class RawStream:
         return taken
 
     def wait(self, seconds: float) -> bool:
-        """Wait for a message or `wake`, at most `seconds`; return True if one arrived."""
+        """See `Stream`."""
         triggered = None
         handle, guard = self._subscription.handle, self._guard.handle
         # Held handles are not destroyed during the wait.
@@ -135,12 +135,12 @@ class RawStream:
         return bool(triggered)
 
     def wake(self) -> None:
-        """End the present or next wait."""
+        """See `Stream`."""
         if not self._closed and self._context.ok():
             self._guard.trigger()
 
     def close(self) -> None:
-        """End the present wait, and refuse further reads."""
+        """End the present wait; refuse reads."""
         self.wake()
         self._closed = True
 

@@ -25,10 +25,7 @@ class Stream(Protocol):
         ...
 
     def wait(self, seconds: float) -> bool:
-        """Wait for a message or `wake`, at most `seconds` of wall time; return True if one arrived.
-
-        Other threads may run meanwhile.
-        """
+        """Wait for a message or `wake`, at most `seconds` of wall time; return True if one arrived."""
         ...
 
     def wake(self) -> None:
@@ -45,7 +42,7 @@ class Transport(Protocol):
     discovery_time: float  # of mutual discovery, s
 
     def advertise(self, endpoint: Endpoint) -> Publish:
-        """Open a topic for writing; return the thread-safe function that sends one serialized message."""
+        """Open a topic for writing; return the thread-safe function that sends a serialized message."""
         ...
 
     def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
@@ -57,9 +54,9 @@ class Transport(Protocol):
         ...
 
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
-        """Return the fully qualified node names (or `UNNAMED`) of the other publishers on a topic, sorted.
+        """Return the full node names (or `UNNAMED`) of the other publishers on a topic, sorted.
 
-        Another node may have the same name as this one. The answer may lag behind the graph; it takes up to 1 ms.
+        The answer may lag behind the graph; it takes up to 1 ms.
         """
         ...
 
@@ -74,7 +71,7 @@ class Transport(Protocol):
 
 @contextlib.contextmanager
 def translated_errors(attempt: str, *kinds: type[Exception]) -> Iterator[None]:
-    """Translate middleware errors of some kinds into a `TransportError` with the attempt."""
+    """Translate middleware errors into a `TransportError` with the attempt."""
     try:
         yield
     except TransportError:
@@ -90,7 +87,7 @@ class TopicTypes:
         self._type_of: dict[str, str] = {}
 
     def check(self, topic: str, type_name: str) -> None:
-        """Record the type of an opened topic; another type raises `TransportError`."""
+        """Record a topic's type; another type raises `TransportError`."""
         known = self._type_of.setdefault(topic, type_name)
         if known != type_name:
             raise TransportError(f"topic {topic} is already open with type {known}, not {type_name}")

@@ -1,1 +1,1 @@
-"""The controller's reports: diagnostics, markers, and task values and references."""
+"""The controller's reports."""

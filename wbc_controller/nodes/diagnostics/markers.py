@@ -1,4 +1,4 @@
-"""State, references and contact forces in the world frame as a visualization_msgs/MarkerArray, for RViz and Foxglove.
+"""Shapes as visualization_msgs/MarkerArray, for RViz and Foxglove.
 
 Each kind of shape has its own namespace. Markers expire, also after the death of the controller.
 """

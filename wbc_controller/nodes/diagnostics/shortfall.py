@@ -1,4 +1,4 @@
-"""Tasks with a persistent error to a constant reference, and the binding constraints."""
+"""Tasks with persistent errors, and the binding constraints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Summary of cycle reports as a diagnostic_msgs/DiagnosticArray."""
+"""Summary as a diagnostic_msgs/DiagnosticArray."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Value and reference of each task, as messages of the type of its setpoint."""
+"""Value and reference of each task."""
 
 from __future__ import annotations
 

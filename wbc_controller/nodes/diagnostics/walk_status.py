@@ -1,4 +1,4 @@
-"""Values of a walking robot in the diagnostics: phase, velocities, steps and margins."""
+"""Diagnostics of a walking robot."""
 
 from __future__ import annotations
 

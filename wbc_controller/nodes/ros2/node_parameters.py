@@ -1,4 +1,4 @@
-"""Parameters of a node: its own, and live settings."""
+"""Parameters of a node."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Conversion of ROS 2 parameters to settings, without rclpy."""
+"""Conversion of ROS 2 parameters, without rclpy."""
 
 from __future__ import annotations
 

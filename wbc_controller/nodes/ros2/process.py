@@ -1,4 +1,4 @@
-"""The process of a node: signals, log, and threads.
+"""The process of a node.
 
 The main thread waits for a signal (and runs the mock robot's physics). Other threads: docs/architecture.md.
 """

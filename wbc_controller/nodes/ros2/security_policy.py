@@ -1,4 +1,4 @@
-"""SROS 2 policy with least privilege, from the topic table.
+"""SROS 2 policy with least privilege.
 
 Format: policy schema 0.2.0 (design article "ROS 2 Access Control Policies"), with one enclave per node.
 """

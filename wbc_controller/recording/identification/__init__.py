@@ -1,1 +1,1 @@
-"""Identification of friction, masses and armature: `wbc identify`."""
+"""Identification of dynamic parameters: `wbc identify`."""

@@ -40,7 +40,7 @@ def fit_cycles(settings: Settings, recorded: Mapping[str, Array]) -> tuple[Fit, 
 
 
 def report(found: Fit, model: RobotModel) -> str:
-    """Return tables of masses, armature and frictions with standard errors, and the friction settings."""
+    """Return tables of the values with standard errors, and the friction settings."""
     masses, others = [], []
     known: dict[str, dict[str, float]] = {}
     shares = dict(zip(found.names, found.values, strict=True))

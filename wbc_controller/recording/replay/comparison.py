@@ -1,4 +1,4 @@
-"""Comparison of two configurations in the recorded states."""
+"""Comparison of two configurations on a recording."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _SHOWN = 8  # actuators with the largest differences
 
 @dataclass
 class Comparison:
-    """Results of both configurations."""
+    """Results of both."""
 
     actuators: tuple[str, ...]  # names, in the order of the torques
     limits: Array  # effort limits, (na,) in N·m

@@ -50,7 +50,7 @@ class ReplayedCycle:
 
 
 class Replay:
-    """Run of a controller on the inputs of a recording, optionally with another configuration of the same joints.
+    """Run of a controller on a recording, optionally with another configuration of the same joints.
 
     An invalid configuration or layout raises `ConfigurationError`.
     """
@@ -67,7 +67,7 @@ class Replay:
             recorded.require_slots(cycle_slots(self.controller.model, self.controller.contacts))
 
     def run(self, first: int | None = None, last: int | None = None) -> Iterator[ReplayedCycle]:
-        """Replay the cycles from `first` to `last` (None: all), starting at the last memory before them.
+        """Replay the cycles from `first` to `last` (None: all), from the last memory before them.
 
         A memory that does not fit the controller raises `ConfigurationError`.
         """
@@ -135,7 +135,6 @@ class Replay:
         )
 
     def _touching(self, cycle: RecordedCycle) -> dict[str, bool]:
-        """Return the recorded states of the contact sensors."""
         states = {name: float(cycle.values[f"touching/{name}"][0]) for name in self._sensors}
         return {name: state > 0.0 for name, state in states.items() if not math.isnan(state)}
 

@@ -1,4 +1,4 @@
-"""Summary of a recording, and explanation of one cycle."""
+"""Summary of a recording or cycle."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _SHOWN = 25  # lines at each end of the history
 
 
 def summarize(recorded: Recording) -> str:
-    """Summarize a recording: start, duration, software, faults, and history of requests and modes."""
+    """Summarize a recording: duration, software, faults, requests and modes."""
     lasted = 1e-9 * (recorded.end - recorded.start)
     lines = [
         f"{recorded.path}: {recorded.about['robot']}, {recorded.count} cycles in {lasted:.3f} s "
@@ -68,7 +68,7 @@ def differences_of_software(recorded: Recording) -> list[str]:
 
 
 def explain_cycle(solved: ReplayedCycle, recorded: Recording, controller: ControlCycle) -> str:
-    """Explain a cycle: its inputs, its solution with the binding constraints, and the supervisor."""
+    """Explain a cycle: inputs, solution with binding constraints, supervisor."""
     cycle, result = solved.cycle, solved.result
     event: Mapping[str, Any] = recorded.events.get(cycle.number, {})
     heading = f"cycle {cycle.number} at {elapsed(recorded, cycle.time)}: {result!r}"
@@ -106,7 +106,7 @@ def _budget(memory: Mapping[str, Any], limit: float) -> str:
 
 
 def elapsed(recorded: Recording, time: int) -> str:
-    """Format a time in ns as seconds since the start of the recording."""
+    """Format a time in ns as seconds since the start."""
     return f"{1e-9 * (time - recorded.start):.3f} s"
 
 

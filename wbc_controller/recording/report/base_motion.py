@@ -1,4 +1,4 @@
-"""Mean velocity of a floating base in its heading."""
+"""Mean velocity of the base in its heading."""
 
 import math
 
@@ -8,12 +8,9 @@ from wbc_controller.records import Array
 
 
 def mean_velocity(way: Array, begin: float, end: float) -> Array:
-    """Return the mean velocity in the heading between two times, (3,) in m/s and rad/s.
+    """Return the mean velocity in the heading between two times in s, (3,) in m/s and rad/s.
 
-    Args:
-        way: times in s, x and y in m and heading in rad, (n, 4).
-        begin: s.
-        end: s.
+    `way`: times in s, x and y in m and heading in rad, (n, 4).
     """
     part = way[(way[:, 0] >= begin) & (way[:, 0] <= end)]
     headings = np.unwrap(part[:, 3])

@@ -1,4 +1,4 @@
-"""Motion for the 3-D view of a page."""
+"""Motion for the 3-D view."""
 
 from __future__ import annotations
 
@@ -78,13 +78,13 @@ def make_motion(run: RunData, model: RobotModel) -> dict[str, Any]:
 
 
 def frame_indices(time: Array) -> npt.NDArray[np.intp]:
-    """Return the samples of the frames, evenly over the run including both ends."""
+    """Return evenly spaced samples, including both ends."""
     count = int(np.clip((time[-1] - time[0]) * FRAME_RATE + 1, 1, MAX_FRAMES))
     return np.unique(np.searchsorted(time, np.linspace(time[0], time[-1], count)))
 
 
 def joint_poses(q: Array, model: RobotModel, joints: Sequence[int]) -> Array:
-    """Return the poses of joints of `RobotModel.pinocchio` in the world, (frames, joints, 7), at q, (frames, nq).
+    """Return the poses of joints in the world, (frames, joints, 7), at q, (frames, nq).
 
     Quaternions (x, y, z, w) are continuous over the frames, for interpolation.
     """

@@ -28,7 +28,7 @@ class Result:
     name: str
     target: str
     measured: str
-    passed: bool  # True if the target was met
+    passed: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,7 +42,7 @@ class Support:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunData:
-    """Arrays of a run: n samples of the state, m cycles of the controller, na actuators."""
+    """Arrays of a run: n samples, m cycles, na actuators."""
 
     robot: str
     actuators: tuple[str, ...]  # in the order of the command

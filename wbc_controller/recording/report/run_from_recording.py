@@ -48,7 +48,7 @@ class _OtherTopics:
 
 
 def make_run_data(recording: Recording, controller: ControlCycle, *, largest: int = MAX_SAMPLES) -> RunData:
-    """Return the data of a report with at most `largest` samples; `controller` has the recorded configuration.
+    """Return the data of a report with at most `largest` samples.
 
     A recording without commands, or with another layout, raises `ConfigurationError`.
     """

@@ -42,7 +42,7 @@ def run_plots(run: RunData) -> list[Plot]:
 
 
 def friction_use(wrench: Array, coefficient: float) -> Array:
-    """Return the use of the friction cone, |f_t| / (μ f_z), (n,), from forces, (n, k); NaN at small loads."""
+    """Return the use of the friction cone, |f_t| / (μ f_z), (n,), from (n, k); NaN at small loads."""
     normal = wrench[:, 2]
     borne = normal > MIN_LOAD_SHARE * np.nanmax(normal, initial=0.0)
     use = np.full(len(wrench), np.nan)

@@ -1,4 +1,4 @@
-"""Report of a run as one HTML file."""
+"""Report as one HTML file."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ NO_TRUTH_NOTE = "The recording does not contain the true contact forces and the 
 
 
 def report_recording(recording: Recording, path: Path) -> str:
-    """Write the report of a recording, and return its notes; errors as for `make_run_data` and `write_run_report`."""
+    """Write the report of a recording, and return its notes; errors of `make_run_data` and `write_run_report`."""
     controller = ControlCycle(recording.config, preflight=False)
     run = make_run_data(recording, controller)
     notes = [] if run.true_wrenches else [NO_TRUTH_NOTE]

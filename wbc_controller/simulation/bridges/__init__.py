@@ -1,1 +1,1 @@
-"""States and torques by joint name, and in MuJoCo's conventions."""
+"""States and torques in other conventions."""

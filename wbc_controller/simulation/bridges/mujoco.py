@@ -1,4 +1,4 @@
-"""States and torques of a robot in your own MuJoCo model; MuJoCo is not imported."""
+"""States and torques of your own MuJoCo model."""
 
 from typing import Any
 

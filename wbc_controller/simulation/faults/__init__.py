@@ -1,1 +1,1 @@
-"""Faults of the mock robot: sensors, message delivery, stamps, actuators, world."""
+"""Faults of the mock robot."""

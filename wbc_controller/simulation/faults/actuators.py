@@ -1,4 +1,4 @@
-"""Actuator faults: torques at the joints differ from commanded torques."""
+"""Actuator faults."""
 
 from collections import deque
 from typing import Any

@@ -1,4 +1,4 @@
-"""Faults of the base's sensors: odometry and IMU."""
+"""Faults of odometry and IMU."""
 
 from typing import Any, Literal
 

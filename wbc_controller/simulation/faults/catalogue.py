@@ -1,4 +1,4 @@
-"""All kinds of fault: read from YAML, or drawn at random."""
+"""All kinds of fault."""
 
 import reprlib
 from collections.abc import Mapping

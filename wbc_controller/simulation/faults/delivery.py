@@ -1,4 +1,4 @@
-"""Delivery faults: robot messages or commands are delayed, duplicated, reordered or lost."""
+"""Faults of message delivery."""
 
 from collections import deque
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Base classes of faults: validated parameters, and effects over the duration."""
+"""Base classes of faults."""
 
 import re
 from collections.abc import Callable, Sequence

@@ -1,4 +1,4 @@
-"""Faults of the joint sensors: joint states differ from the true positions and velocities."""
+"""Faults of the joint sensors."""
 
 from typing import Any, Literal
 

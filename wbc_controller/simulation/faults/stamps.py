@@ -1,4 +1,4 @@
-"""Faults of stamps and of the simulated clock."""
+"""Faults of stamps and clock."""
 
 from typing import Any, Literal
 

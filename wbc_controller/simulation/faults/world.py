@@ -1,4 +1,4 @@
-"""Faults of world and model: robot or floor differ from the controller's model."""
+"""Faults of world and model."""
 
 from typing import Any
 

@@ -17,7 +17,7 @@ TILT, HEIGHT, VELOCITY, DRIFT = 0.2, 0.003, 0.02, 0.01
 
 @click.group()
 def accuracy() -> None:
-    """Measure a robot without odometry against the truth of the simulation."""
+    """Measure a robot without odometry against the simulation."""
     exit_by_signals()
 
 
@@ -32,9 +32,8 @@ for _command in WALKING:
 def standing(robots: tuple[str, ...], sensors: str, jobs: int, seeds: int, seconds: float) -> None:
     """Compare estimate and truth of standing robots without odometry; by default g1, talos and go2.
 
-    The filter uses the data of its sensors and a rigid ground. Prints the RMS of roll and pitch, the largest other
-    errors over the seeds, and the consistency of errors and covariance. Exit status 1: a robot fell, or errors on
-    `good` exceed the targets.
+    Prints the RMS of roll and pitch, the largest other errors over the seeds, and the consistency of errors and
+    covariance. Exit status 1: a robot fell, or errors on `good` exceed the targets.
     """
     from wbc_controller.validation.accuracy.standing import consistency, stand
 
@@ -79,8 +78,8 @@ def flaws(
 ) -> None:
     """Measure swaying and squatting robots with a flaw, without odometry; by default g1, talos and go2.
 
-    Prints the largest error of the true centre of mass in mm, during a sway of 30 mm and a squat of 50 mm, and the
-    torque above 8 Hz as a share of the limits. Exit status 1: a robot fell.
+    Prints the largest error of the true centre of mass, mm, and the torque above 8 Hz as a share of the limits. Exit
+    status 1: a robot fell.
     """
     from wbc_controller.validation.accuracy.flaws import FLAWS, measure_flaw
 
@@ -112,10 +111,9 @@ def flaws(
 def mishaps(robots: tuple[str, ...], sensors: str, jobs: int, seeds: int, force_sensors: bool) -> None:
     """Apply contact and sensor faults to swaying robots without odometry; by default g1, talos and go2.
 
-    Prints the outcome with the faults, the largest error of the base velocity, the longest time above 0.2 m/s without a
-    fault, the time from 'reset' on the hoist to an active controller, and the contacts excluded from the estimate. Exit
-    status 1: an estimate was silently wrong (above 0.2 m/s for more than 0.3 s without a fault, or the robot fell), or
-    'activate' was refused permanently.
+    Prints the faults, the largest error of the base velocity, the longest time above 0.2 m/s without a fault, the
+    time from 'reset' to an active controller, and the excluded contacts. Exit status 1: an estimate was silently wrong
+    (0.3 s above 0.2 m/s without a fault, or a fall), or 'activate' was refused permanently.
     """
     from wbc_controller.validation.accuracy.mishaps import MISHAPS, run_mishap
 
@@ -155,9 +153,8 @@ def walking(
 ) -> None:
     """Walk without odometry by `cmd_vel`, stop and stand; by default g1, talos and go2.
 
-    Prints commanded and mean velocity, the largest drift of the estimate as a share of the path, the number of cycles
-    with relaxed limits, the largest figures of `WalkFigures`, the falls, and the shortest time from a fault to the
-    contact of another link with the ground. Exit status 1: a robot fell.
+    Prints commanded and mean velocity, drift as a share of the path, cycles with relaxed limits, `WalkFigures`, falls,
+    and the shortest time from a fault to the ground contact of another link. Exit status 1: a robot fell.
     """
     from wbc_controller.validation.accuracy.walking_commands import FIGURES, figures_of
     from wbc_controller.validation.accuracy.walks import COMMANDS, RANDOM, walk

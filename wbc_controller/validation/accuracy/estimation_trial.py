@@ -1,4 +1,4 @@
-"""Robot without odometry on simulated time, with the truth."""
+"""Robot without odometry on simulated time."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -24,10 +24,9 @@ _FALL_TIME = 2.0  # longest time of a fall, s
 
 
 class EstimationTrial(Lockstep):
-    """A mock robot standing on its estimate, and a user for motions of the centre of mass.
+    """A mock robot on its estimate, and a user for motions of the centre of mass.
 
     Attributes:
-        faults: after the release, besides sensor errors.
         true_state: true q and v of the last cycle; None before the first.
         origin: reference of the centre of mass while standing, (3,) in m; set by `stand`.
         shift: offset from the true world to the estimate's world at rest, (3,) in m.
@@ -36,7 +35,7 @@ class EstimationTrial(Lockstep):
     report: CycleReport
 
     def __init__(self, robot: str | Config, changes: Mapping[str, Any], *, force_sensors: bool = False) -> None:
-        """Build a robot on its hoist; raise `ConfigurationError` if it cannot be controlled or simulated."""
+        """Build a robot on its hoist; raise `ConfigurationError` if this fails."""
         values = {"control.markers_rate": 0.0, "safety.bring_up_time": 0.0, **changes}
         settings = load(robot).replace(values).settings
         model = make_model(settings)
@@ -69,10 +68,7 @@ class EstimationTrial(Lockstep):
             each()
 
     def lead_time(self) -> float:
-        """Return the time until a link other than the feet touches the ground after the end of the active mode, s.
-
-        NaN if the robot does not fall within 2 s; 0 if it is on the ground already.
-        """
+        """Return the time until a link other than the feet touches the ground, s; NaN after 2 s."""
         ended = self.time
         while self.time - ended < _FALL_TIME:
             if self.mock.plant.links_on_the_floor():
@@ -87,7 +83,7 @@ class EstimationTrial(Lockstep):
             self.cycle()
 
     def stand(self) -> None:
-        """Wait for the estimate, activate, and release the base; raise `NoSolution` if this fails."""
+        """Wait for the estimate, activate and release; raise `NoSolution` if this fails."""
         self.settle()
         deadline = self.time + _TIMEOUT
         while self.report.mode is not Mode.ACTIVE:
@@ -105,9 +101,9 @@ class EstimationTrial(Lockstep):
         self.shift = np.zeros(3) if base is None else base[0][:3] - true[:3]
 
     def reference_com(self) -> Array:
-        """Return the present reference of the centre of mass, (3,) in m."""
+        """Return the reference of the centre of mass, (3,) in m."""
         return np.array(self.controller.board.present(self._com, 1.0e-9 * self.mock.stamp).position)
 
     def follow(self, times: Sequence[float], points: Sequence[Array]) -> None:
-        """Send a trajectory of the centre of mass through points at rest, (3,) in m in the estimate's world."""
+        """Send a trajectory of the centre of mass through points at rest in the estimate's world, (3,) in m."""
         self.user.send("trajectory", com_trajectory(times, np.array(points)), self._com)

@@ -1,4 +1,4 @@
-"""Errors of the centre of mass by flaws of robot, sensors and ground."""
+"""Errors of the centre of mass by flaws."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -23,7 +23,7 @@ CHATTER = 8.0  # Hz
 
 @dataclass(frozen=True, slots=True)
 class Flaw:
-    """A difference between the robot and the controller's model."""
+    """A difference between robot and model."""
 
     name: str
     changes: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))  # by dotted key
@@ -85,7 +85,7 @@ class FlawErrors:
     sway: float  # largest error of the centre of mass, m
     squat: float  # during the squat, m
     chatter: float  # largest RMS torque of an actuator above `CHATTER`, as a share of its limit
-    ended: str = ""  # reason of an early end; empty otherwise
+    ended: str = ""  # reason of an early end
 
 
 def measure_flaw(
@@ -98,7 +98,7 @@ def measure_flaw(
 ) -> FlawErrors:
     """Compare the true centre of mass with the references of a sway and a squat.
 
-    With `known_friction`, ``robot.friction`` contains the joint friction of the flaw.
+    `known_friction` puts the joint friction of the flaw into ``robot.friction``.
     """
     flaw = next(flaw for flaw in FLAWS if flaw.name == name)
     known = {"estimation.base_state": "imu", "mock.sensors": sensors, "estimation.disturbance": disturbance}

@@ -25,10 +25,9 @@ _SWAY, _BEAT = 0.03, 0.5  # amplitude of the sway, m, and time between points, s
 _DURATION = 2.0  # duration after the mishap, s
 _LIFT_TIME, _TIMEOUT = 4.0, 5.0  # time for lifting a fallen robot, and timeout of the reactivation, s
 _PULL, _PULL_TIME = 1.5, 0.1  # multiple of the foot's share of the weight, and duration, s
-#: Sliding distance of a foot, m, and largest duration, s. The force is proportional to the missing momentum, 1/s, up to
-#: a share of the weight.
+#: Sliding distance of a foot, m, and largest duration, s.
 _SLIDE, _SLIDE_TIME = 0.05, 0.5
-_DRAG, _MOST_DRAG = 20.0, 0.5
+_DRAG, _MOST_DRAG = 20.0, 0.5  # force per missing momentum, 1/s, and its bound, share of the weight
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,13 +92,13 @@ MISHAPS = (
 class Outcome:
     """Outcome of one mishap."""
 
-    error: float  # largest error of the base velocity during control, m/s
+    error: float  # largest error of the base velocity, m/s
     undetected: float  # longest time above `WRONG` without a fault, s
     left_out: tuple[str, ...]  # contacts excluded from the estimate
     fault_texts: tuple[str, ...] = ()  # one text per fault, in order
     ended: bool = False  # True if the controller damped the robot
     fell: bool = False  # True if the robot fell before
-    # time from 'reset' on the hoist to an active controller, s; infinite if refused, NaN without damping
+    # from 'reset' to an active controller, s; inf if refused, NaN without damping
     recovery: float = math.nan
 
     @property
@@ -109,7 +108,7 @@ class Outcome:
 
     @property
     def good(self) -> bool:
-        """True if faults reported every wrong estimate in time, and the robot could be reactivated."""
+        """True if faults reported every wrong estimate in time, and a reactivation succeeded."""
         return not (self.silently_wrong or math.isinf(self.recovery))
 
 
@@ -121,7 +120,7 @@ def run_mishap(
     force_sensors: bool = False,
     changes: Mapping[str, Any] = MappingProxyType({}),
 ) -> Outcome:
-    """Apply a mishap to a robot; `force_sensors` provides the true contact forces at 100 Hz."""
+    """Apply a mishap; `force_sensors` provides the true contact forces at 100 Hz."""
     mishap = next(mishap for mishap in MISHAPS if mishap.name == name)
     known = {"estimation.base_state": "imu", "mock.sensors": sensors, "mock.sensor_seed": seed}
     trial = EstimationTrial(load(robot).replace({**known, **changes}), {}, force_sensors=force_sensors)
@@ -186,7 +185,7 @@ class _Comparison:
         self.ended = self._fell = False
 
     def follow(self, seconds: float, each: Callable[[], None] = lambda: None) -> None:
-        """Run until the robot is damped or has fallen; `each` is called before every cycle."""
+        """Run until the robot is damped or has fallen, with `each` before every cycle."""
         for _ in range(round(seconds * self._trial.settings.control.rate)):
             if self.ended or self._fell:
                 return

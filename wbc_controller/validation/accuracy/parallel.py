@@ -1,4 +1,4 @@
-"""Options and parallel execution of the commands of `wbc accuracy`."""
+"""Common options, and parallel execution."""
 
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeVar, get_args
@@ -12,7 +12,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def common_options(function: F) -> F:
-    """Add the arguments and options of all commands."""
+    """Add the common arguments and options."""
     options = [
         click.argument("robots", nargs=-1, metavar="[ROBOT]..."),
         click.option("--sensors", type=click.Choice(get_args(SensorQuality)), default="good", show_default=True,

@@ -22,7 +22,7 @@ _CREEP = 8.0e-5  # creep of contact points in the mock robot, m/s/√Hz
 
 @dataclass(frozen=True, slots=True)
 class StandingErrors:
-    """Errors of one standing robot."""
+    """Errors of one robot."""
 
     seed: int
     tilt: float  # RMS of roll and pitch error, rad
@@ -31,7 +31,7 @@ class StandingErrors:
     drift: float  # growth of the horizontal error since the start, m per minute
     observable_nees: Array  # NEES of tilt and velocity, 5 degrees of freedom, (n,)
     drifting_nees: Array  # NEES of heading and position since the start, 4 degrees of freedom, (n,)
-    ended: str = ""  # reason of an early end; empty otherwise
+    ended: str = ""  # reason of an early end
 
 
 def sensor_settings(sensors: SensorQuality) -> dict[str, Any]:
@@ -54,7 +54,7 @@ def sensor_settings(sensors: SensorQuality) -> dict[str, Any]:
 
 
 def stand(robot: str, sensors: SensorQuality, seed: int, seconds: float) -> StandingErrors:
-    """Measure the errors of a robot standing on its estimate; the filter has the data of its sensors."""
+    """Measure the errors of a standing robot; the filter has the data of its sensors."""
     own = {"estimation.base_state": "imu", "mock.sensors": sensors, "mock.sensor_seed": seed}
     trial = EstimationTrial(robot, {**sensor_settings(sensors), **own})
     errors: list[Array] = []
@@ -82,7 +82,6 @@ def stand(robot: str, sensors: SensorQuality, seed: int, seconds: float) -> Stan
     since = found - found[0]
     minutes = max(len(found) - 1, 1) * _SAMPLING_PERIOD / 60.0
     observable, drifting = [0, 1, 3, 4, 5], [2, 6, 7, 8]
-    # The covariance of the drift is the growth since the start.
     grown = [P - covariances[0] for P in covariances[1:]]
     return StandingErrors(
         seed,
@@ -122,9 +121,7 @@ def _normalized(errors: Array, covariances: Sequence[Array]) -> Array:
 def consistency(squares: Sequence[Array], freedom: int) -> tuple[float, float]:
     """Return the share of time with the mean NEES within its 95 % bounds, and the normalized mean.
 
-    Args:
-        squares: NEES of each run, (n,); the shortest run counts.
-        freedom: degrees of freedom.
+    `squares`: NEES of each run, (n,); the shortest run counts.
     """
     length = min((len(each) for each in squares), default=0)
     if not length:

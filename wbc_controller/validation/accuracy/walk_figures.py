@@ -1,4 +1,4 @@
-"""Figures of a walk: torques, chatter, slip of the feet, and contact forces."""
+"""Figures of a walk: torques, slip and contact forces."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from wbc_controller.walking.gait import Phase
 
 #: Frequency above which torques are chatter, Hz.
 CHATTER = 25.0
-#: Time after a touchdown in which the torque rate counts, and in which the foot settles before its slip counts, s.
+#: Time after a touchdown for the torque rate, and until slip counts, s.
 _AT_TOUCHDOWN, _SETTLING = 0.01, 0.05
 
 
@@ -22,7 +22,7 @@ class WalkFigures:
     torque: float = 0.0  # as a share of the limit
     rate: float = 0.0  # torque rate at a touchdown, as a share of the limit
     chatter: float = 0.0  # RMS of a torque above `CHATTER`, as a share of the limit
-    slip: float = 0.0  # displacement of a foot in contact, m
+    slip: float = 0.0  # of a foot in contact, m
     outside: float = 0.0  # excess of a commanded contact force over its cone, N or N·m
 
 
@@ -30,14 +30,13 @@ class WalkMeter:
     """Measures the figures of a walk, cycle by cycle."""
 
     def __init__(self, trial: EstimationTrial) -> None:
-        """Begin the measurement."""
         settings, self._trial = trial.settings, trial
         self._limits = trial.model.effort_limits
         self._step = settings.limits.torque_rate * self._limits / settings.control.rate
         self._torques: list[Array] = []
         self._since = np.inf  # cycles since the last touchdown
         self._phase: Phase | None = None
-        self._placed: dict[str, tuple[int, Array]] = {}  # cycles in contact, and place after settling, by contact
+        self._placed: dict[str, tuple[int, Array]] = {}
         self._rate = self._slip = self._outside = 0.0
 
     def update(self) -> None:
@@ -57,7 +56,6 @@ class WalkMeter:
         self._follow(list(solution.forces))
 
     def _follow(self, contacts: list[str]) -> None:
-        """Compare the feet in contact with their places after settling."""
         settled = _SETTLING * self._trial.settings.control.rate
         placed = {}
         for name in contacts:

@@ -1,4 +1,4 @@
-"""Walks on unknown ground: uneven cells, slopes entered from flat ground, low friction, and soft ground."""
+"""Walks on uneven, inclined, slippery and soft ground."""
 
 import math
 from collections.abc import Mapping
@@ -10,11 +10,11 @@ from wbc_controller.validation.accuracy.walks import Walk, walk
 
 #: Difference in height of the cells, upwards and downwards, m, their side, m, and the angle of the slopes, rad.
 UNEVENNESS, CELL, ANGLE = 0.02, 0.4, math.radians(5.0)
-#: Friction of the slippery ground; the controller assumes that of its contacts. Stiffness of soft ground, N/m.
+#: Friction of the slippery ground, and stiffness of soft ground, N/m.
 FRICTION, STIFFNESS = 0.4, 2.0e4
-#: Distance of the terrain from the start, and size of the terrain, m.
+#: Distance of the terrain from the start, and its size, m.
 _AHEAD, _WIDE = 0.5, 30.0
-#: Velocity on terrain, as a share of that of the command `forward`.
+#: Velocity on terrain, as a share of `forward`.
 SHARE = 0.6
 
 
@@ -53,6 +53,6 @@ GROUNDS = ("flat", "uneven", "up", "down", "across", "slippery", "soft")
 
 
 def walk_on(robot: str, ground: str, sensors: SensorQuality, seed: int, seconds: float) -> Walk:
-    """Walk onto a ground, stop and stand; across a slope also sideways, which leads onto it."""
+    """Walk onto a ground, stop and stand; across a slope also sideways."""
     command = "diagonal" if ground == "across" else "forward"
     return walk(robot, command, sensors, seed, seconds, SHARE, terrain_of(ground, seed))

@@ -1,4 +1,4 @@
-"""Pushes of a robot that steps in place, compared with one that stands, and random changes of its velocity."""
+"""Pushes of a stepping robot, compared with standing."""
 
 import math
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from wbc_controller.walking.gait import Phase
 PUSH, AFTER = 0.1, 3.0
 #: Largest impulse per mass, m/s, and resolution of the bisection as a share of it.
 LARGEST, RESOLUTION = 1.6, 1.0 / 32.0
-#: Number of steps before the push, an even one: then the left foot lifts off.
+#: Even number of steps before the push: then the left foot lifts off.
 _STEPS = 4
 #: Largest change of the velocity along x and y, m/s, and shortest and longest time between changes, s.
 CHANGE, _PAUSE = 0.5, (1.0, 3.0)
@@ -26,7 +26,7 @@ CHANGE, _PAUSE = 0.5, (1.0, 3.0)
 class Push:
     """A push at the base in a direction, rad from forward to the left, at a phase of the stride of two steps.
 
-    The phase is a share of the nominal stride from a lift-off of the left foot; None pushes a standing robot.
+    The phase is a share of the nominal stride from the lift-off of the left foot; None pushes a standing robot.
     """
 
     direction: float
@@ -44,7 +44,7 @@ def largest_impulse(robot: str, push: Push, sensors: SensorQuality, seed: int) -
 
 
 def ends(robot: str, push: Push, speed: float, sensors: SensorQuality, seed: int) -> tuple[str, float]:
-    """Push a robot by an impulse per mass, m/s; return time and reason of its fall, or an empty text, and its mass."""
+    """Push a robot by an impulse per mass, m/s; return time and reason of its fall (empty: none), and its mass."""
     trial = WalkTrial(robot, sensors, seed)
     try:
         trial.stand()
@@ -62,10 +62,7 @@ def ends(robot: str, push: Push, speed: float, sensors: SensorQuality, seed: int
 
 
 def change_velocity(robot: str, sensors: SensorQuality, seed: int, seconds: float) -> str:
-    """Change the velocity of a robot that steps in place at random; return time and reason of its fall, or nothing.
-
-    Each change is a push of the whole mass times the change of velocity, during `PUSH`.
-    """
+    """Change the velocity of a stepping robot at random, by pushes; return time and reason of its fall, or nothing."""
     trial, rng = WalkTrial(robot, sensors, seed), np.random.default_rng(seed)
     try:
         trial.stand()
@@ -82,6 +79,6 @@ def change_velocity(robot: str, sensors: SensorQuality, seed: int, seconds: floa
 
 
 def _push(trial: WalkTrial, change: Array) -> None:
-    """Push the base by the whole mass times a change of velocity along x and y, (2,) in m/s."""
+    """Push the base to change the velocity of the whole mass, (2,) in m/s."""
     force = trial.model.mass * change / PUSH
     trial.mock.plant.push(trial.model.base_link, [force[0], force[1], 0.0, 0.0, 0.0, 0.0], PUSH)

@@ -1,4 +1,4 @@
-"""Random starts and stops: steps until the robot stands, and falls."""
+"""Random starts and stops: steps until the robot stands."""
 
 from dataclasses import dataclass
 
@@ -20,12 +20,12 @@ class Starts:
     """Starts and stops of one robot."""
 
     seed: int
-    steps: tuple[int, ...]  # steps from the command to stop until the robot stands, of each stop
-    ended: str = ""  # time and reason of an early end; empty if there was none
+    steps: tuple[int, ...]  # steps of each stop
+    ended: str = ""  # time and reason of an early end
 
 
 def start_and_stop(robot: str, sensors: SensorQuality, seed: int, count: int) -> Starts:
-    """Start at random velocities and stop after random times, several times.
+    """Start at random velocities and stop after random times.
 
     Raises:
         ConfigurationError: if the robot cannot be controlled or simulated.

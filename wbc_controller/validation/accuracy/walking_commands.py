@@ -1,4 +1,4 @@
-"""Commands of `wbc accuracy` on walking with disturbances, and their tables."""
+"""Commands of `wbc accuracy` for disturbed walks."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
 #: Headings of the cells of `figures_of`.
 FIGURES = "torque | rate at touchdown | chatter | slip | outside the cone"
-#: Required impulse of a robot that steps in place, as a multiple of a standing one's, and in how many directions of 8.
+#: Required impulse as a multiple of a standing robot's, and in how many directions of 8.
 RATIO, DIRECTIONS = 1.5, 0.75
 #: Largest share of falls: of 10 walks on a ground, and of the walks with changes of velocity.
 FALLS, FALLS_BY_CHANGES = 0.1, 0.05
 
 
 def figures_of(walks: Sequence[Walk]) -> str:
-    """Return the largest figures of walks as cells of a table."""
+    """Return the largest figures of walks as cells."""
     torque, rate, chatter, slip, outside = (
         max(getattr(each.figures, key) for each in walks) for key in ("torque", "rate", "chatter", "slip", "outside")
     )
@@ -36,7 +36,6 @@ def figures_of(walks: Sequence[Walk]) -> str:
 
 
 def _walking_robots(robots: Sequence[str]) -> Sequence[str]:
-    """Return the robots, by default all with velocities."""
     from wbc_controller.validation.accuracy.walks import COMMANDS
 
     for robot in robots:
@@ -55,8 +54,8 @@ def walking_grounds(
 ) -> None:
     """Walk onto unknown ground, stop and stand; by default g1 and talos.
 
-    Grounds: cells with random heights of ±2 cm, slopes of 5° up, down and across, entered from flat ground, friction
-    0.4, and soft ground. Exit status 1: more than one of ten walks ended early.
+    Grounds: cells with random heights of ±2 cm, slopes of 5° up, down and across, friction 0.4, soft ground. Exit
+    status 1: more than one of ten walks ended early.
     """
     from wbc_controller.validation.accuracy.walk_grounds import GROUNDS, terrain_of, walk_on
 
@@ -89,8 +88,7 @@ def walking_grounds(
 def walking_starts(robots: tuple[str, ...], sensors: SensorQuality, jobs: int, seeds: int, count: int) -> None:
     """Start and stop at random times and velocities; by default g1 and talos.
 
-    Prints the number of stops by their steps from the command until the robot stands. Exit status 1: a robot fell, or
-    took more than three steps.
+    Prints the number of stops by their steps. Exit status 1: a robot fell, or took more than three steps to stand.
     """
     from wbc_controller.validation.accuracy.walk_starts import MOST_STEPS, start_and_stop
 
@@ -130,10 +128,9 @@ def walking_pushes(
 ) -> None:  # fmt: skip
     """Push robots that step in place, compared with standing; by default g1 and talos.
 
-    Pushes of 0.1 s at the base: prints the largest survived impulse by bisection, the smallest and the mean over the
-    phases of the stride. Then the velocity changes by up to ±0.5 m/s along x and y, every 1 to 3 s. Exit status 1: the
-    smallest impulse is below 1.5 times standing in more than a quarter of the directions, or below standing in one, or
-    more than 5 % of the robots with changes fell.
+    Pushes of 0.1 s at the base: prints the largest survived impulse, the smallest and the mean over the phases of the
+    stride. Then the velocity changes by up to ±0.5 m/s every 1 to 3 s. Exit status 1: the smallest impulse is below 1.5
+    times standing in more than a quarter of the directions, or below standing in one, or more than 5 % fell.
     """
     from wbc_controller.validation.accuracy.walk_pushes import Push, change_velocity, largest_impulse
 
@@ -172,7 +169,6 @@ def walking_pushes(
 
 
 def _write_plot(path: Path, robot: str, angles: Sequence[float], standing: np.ndarray, walking: np.ndarray) -> None:
-    """Write a page with the survived impulses by direction."""
     from wbc_controller.controller.visualization.page_report import PageReport, Plot, write_page
     from wbc_controller.controller.visualization.plots import polar
 

@@ -1,4 +1,4 @@
-"""Walks of robots without odometry: the speed that they reach, the drift of the estimate, and falls."""
+"""Walks without odometry: speed, drift and falls."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -40,28 +40,27 @@ class Walk:
     """Figures of one walk."""
 
     seed: int
-    speed: Array  # mean velocity forward, to the left and turning, (3,) in m/s and rad/s; NaN if it is random or ended
-    distance: float  # length of the way of the base, m
-    drift: float  # horizontal error of the estimated position at the end, m
-    relaxed: int  # number of cycles with a relaxed limit
-    ended: str = ""  # time and reason of an early end; empty if there was none
+    speed: Array  # mean, forward, to the left and turning, (3,) in m/s and rad/s; NaN if random or ended
+    distance: float  # path of the base, m
+    drift: float  # horizontal error at the end, m
+    relaxed: int  # cycles with a relaxed limit
+    ended: str = ""  # time and reason of an early end
     figures: WalkFigures = field(default_factory=WalkFigures)
-    lead: float = np.nan  # time from the early end to the contact of another link with the ground, s
+    lead: float = np.nan  # time from then to the ground contact of another link, s
 
 
 class WalkTrial(EstimationTrial):
-    """A robot that walks on its estimate by messages on ``cmd_vel``.
+    """A robot that walks on its estimate by ``cmd_vel``.
 
     Attributes:
         fastest: largest velocities forward, sideways and turning, (3,) in m/s and rad/s.
-        begun: simulated time at which it began to walk, s.
-        meter: figures of the walk.
+        begun: simulated time of the start of the walk, s.
     """
 
     def __init__(
         self, robot: str, sensors: SensorQuality, seed: int, changes: Mapping[str, Any] = MappingProxyType({})
     ) -> None:
-        """Build a robot; raise `ConfigurationError` if it cannot be controlled or simulated."""
+        """Build a robot; raise `ConfigurationError` if this fails."""
         self.fastest = np.max([np.abs(each) for each in COMMANDS[robot].values()], axis=0)
         own = {"estimation.base_state": "imu", "mock.sensors": sensors, "mock.sensor_seed": seed}
         limits = {"walking.max_speed": float(self.fastest[0])}
@@ -76,7 +75,6 @@ class WalkTrial(EstimationTrial):
 
         Args:
             velocity: returns the velocity forward, to the left and turning, (3,), at a time in s; None to send nothing.
-            each: called after every cycle.
         """
         self.begun = min(self.begun, self.time)
         begin, sent = self.time, -math.inf
@@ -93,7 +91,7 @@ class WalkTrial(EstimationTrial):
         self.run(seconds, cycle)
 
     def step_in_place(self) -> Walker:
-        """Command the robot to step in place; a message with the velocity zero would let it stand."""
+        """Command steps in place; zero velocity would stop."""
         walker = self.controller.walker
         if walker is None:
             raise ConfigurationError(f"{self.model.name} cannot walk: its configuration has no section 'walking'")
@@ -103,7 +101,7 @@ class WalkTrial(EstimationTrial):
 
     @property
     def stands(self) -> bool:
-        """True if the robot stands and no velocity is commanded."""
+        """True if the robot stands without a commanded velocity."""
         return self.controller.walker is not None and not self.controller.walker.moves
 
     def when(self, error: Exception) -> str:
@@ -120,14 +118,11 @@ def walk(
     scale: float = 1.0,
     changes: Mapping[str, Any] = MappingProxyType({}),
 ) -> Walk:
-    """Let a robot walk on its estimate by messages on ``cmd_vel``, stop and stand.
+    """Let a robot walk on its estimate by ``cmd_vel``, stop and stand.
 
     Args:
         command: a name of `COMMANDS`, `DIAGONAL` or `RANDOM`.
-        seed: of sensors and random velocities.
-        seconds: time of the walk, s.
         scale: factor of the velocities.
-        changes: settings by dotted key.
 
     Raises:
         ConfigurationError: if the robot cannot be controlled or simulated.

@@ -1,4 +1,4 @@
-"""Report of a campaign: one row per kind of fault and robot."""
+"""Report of a campaign."""
 
 import csv
 import io
@@ -51,7 +51,7 @@ class Row:
 
 
 def rows_of(outcomes: Sequence[Outcome]) -> list[Row]:
-    """Return the trials by kind and robot, in the order of the kinds."""
+    """Return the trials by kind and robot."""
     groups: dict[tuple[str, str], list[Outcome]] = {}
     for outcome in outcomes:
         groups.setdefault((outcome.kind, outcome.robot), []).append(outcome)
@@ -114,7 +114,7 @@ def terminal_table(outcomes: Sequence[Outcome]) -> Table:
 
 
 def summary(outcomes: Sequence[Outcome]) -> str:
-    """Return a summary of the campaign in one sentence."""
+    """Return a summary in one sentence."""
     kinds, robots = {outcome.kind for outcome in outcomes}, {outcome.robot for outcome in outcomes}
     survived = sum(not outcome.code for outcome in outcomes)
     bad = sum(bool(outcome.violations) for outcome in outcomes)

@@ -25,7 +25,7 @@ class Expectation:
     """Expected outcome of a fault."""
 
     codes: frozenset[str]  # valid fault codes; empty if the robot must survive
-    # time limit of the damping after the beginning of the fault, s; None if the robot may survive
+    # time limit of the damping after the fault's start, s; None if the robot may survive
     deadline: float | None = None
 
     @property
@@ -73,7 +73,7 @@ def expect(fault: Fault, settings: Settings) -> Expectation:
 
 
 def _ramped(value: float, ramp: float, lasts: float, threshold: float) -> bool:
-    """Return True if the mismatch of a value ramped to `value` exceeds a threshold, with the filter's decay."""
+    """Return True if the mismatch ramped to `value` exceeds a threshold, with the filter's decay."""
     grown = min(ramp, lasts)
     peak = abs(value) if ramp == 0.0 else abs(value) / ramp * MEMORY * (1.0 - np.exp(-grown / MEMORY))
     return peak > _MARGIN * threshold

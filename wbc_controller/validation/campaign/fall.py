@@ -13,12 +13,11 @@ class TrueFall:
     """Detects a fall from the true state."""
 
     def __init__(self, model: RobotModel, plant: Plant) -> None:
-        """Store the initial height of the base."""
         self._model, self._plant = model, plant
         self._height = self._height_above_feet()
 
     def has_fallen(self) -> bool:
-        """Return True if the robot lies on the ground."""
+        """True if the robot lies on the ground."""
         if not self._model.floating_base:
             return False
         x, y = self._plant.state()[0][3:5].tolist()

@@ -32,7 +32,7 @@ def faults(
     address: str | None,
     recordings: Path | None,
 ) -> None:
-    """Run a fault campaign on mock robots, by default standing g1, talos and go2, and report the outcomes.
+    """Run a fault campaign on mock robots, by default standing g1, talos and go2.
 
     Exit status 1: a trial violated a guarantee.
     """

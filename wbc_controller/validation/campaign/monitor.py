@@ -1,4 +1,4 @@
-"""Check of outputs for violations of the controller's guarantees."""
+"""Monitor of the outputs for violated guarantees."""
 
 import math
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ _IN_CONTROL = (Mode.ACTIVE, Mode.HOLDING)  # modes with torques from a solution
 #: Latency that looks like a slow clock without synchronized clocks (docs/safety.md, the age of a state): share of the
 #: elapsed time, and maximum between two messages, s.
 _SLOW_CLOCK, _GAP = 0.5, 0.025
-#: Meaning of each violation that `OutputMonitor` can detect.
+#: Violations of `OutputMonitor`.
 VIOLATIONS: Mapping[str, str] = {
     "unreadable": "an unreadable torque message, or one of another size",
     "not_finite": "a torque of NaN or infinity",
@@ -44,7 +44,7 @@ class OutputMonitor:
     def __init__(
         self, model: RobotModel, settings: Settings, names: Mapping[str, str], *, stamps_lie: bool = False
     ) -> None:
-        """Start the monitor; `names` are the topics of the state's streams, `stamps_lie` permits advanced stamps."""
+        """Start; `names` are the topics of the state's streams, `stamps_lie` permits advanced stamps."""
         self.now = 0.0
         self.violations: dict[str, str] = {}
         self.mode: Mode | None = None
@@ -65,7 +65,7 @@ class OutputMonitor:
         self._too_fast: str | None = None
 
     def add_violation(self, name: str, sentence: str) -> None:
-        """Store a violation, the first of each kind."""
+        """Store the first violation of each kind."""
         self.violations.setdefault(name, f"at {self.now:.3f} s: {sentence}")
 
     def sent(self, stream: str, measured_at: int) -> None:
@@ -99,7 +99,7 @@ class OutputMonitor:
         self._tau, self._tau_time = tau, self.now
 
     def cycle(self, report: CycleReport) -> None:
-        """Check the report of one cycle, after its torques."""
+        """Check a report, after its torques."""
         code = report.fault.code if report.fault is not None else ""
         if self._too_fast is not None and not (code == "ESTOP" and not self._tau.any()):
             self.add_violation("over_rate", self._too_fast)
@@ -143,7 +143,7 @@ class OutputMonitor:
 
 
 class _AcceptedMessage:
-    """Newest accepted message of a stream; `hidden_latency` looks like a clock offset or a slow clock, s."""
+    """Newest accepted message; `hidden_latency` looks like a clock offset or a slow clock, s."""
 
     def __init__(self) -> None:
         self.measured_at = -math.inf

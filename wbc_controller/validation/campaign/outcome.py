@@ -7,7 +7,7 @@ from typing import Any
 from wbc_controller.validation.campaign.monitor import VIOLATIONS
 
 MAX_FALLEN_TIME = 0.2  # with an active controller, s
-#: Meaning of each violation, of the monitor and of the outcome.
+#: Violations of the monitor and of the outcome.
 ALL_VIOLATIONS: Mapping[str, str] = {
     **VIOLATIONS,
     "start": "the robot did not stand at the beginning of the fault",
@@ -22,7 +22,7 @@ ALL_VIOLATIONS: Mapping[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Outcome of one trial."""
+    """Outcome."""
 
     robot: str
     kind: str

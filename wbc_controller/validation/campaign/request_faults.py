@@ -18,7 +18,7 @@ _ANY_BYTES = ("weight", "task_enable", "contact_enable")
 
 @dataclass(slots=True)
 class RequestFaultState:
-    """State of a request fault."""
+    """State of a fault."""
 
     user: User
     rng: np.random.Generator
@@ -42,7 +42,7 @@ class RequestFault(Fault):
     place = "user"
 
     def step(self, state: RequestFaultState, com: Array) -> None:
-        """Execute one control period with the present centre of mass, (3,) in m."""
+        """Execute one period; `com`: present centre of mass, (3,) in m."""
         if state.com is None:
             state.com = com.copy()
         if state.periods % self.interval() == 0:
@@ -50,11 +50,11 @@ class RequestFault(Fault):
         state.periods += 1
 
     def interval(self) -> float:
-        """Return the number of periods between messages; infinite for one message."""
+        """Return the periods between messages; infinite for one message."""
         return getattr(self, "every", 1)
 
     def send(self, state: RequestFaultState, com: Array) -> None:
-        """Send the messages of one control period."""
+        """Send the messages of one period."""
         raise NotImplementedError
 
 
@@ -70,7 +70,7 @@ class Garbage(RequestFault):
     longest: int = number(200, 4, 5000, "bytes", "of a message")
 
     def send(self, state: RequestFaultState, com: Array) -> None:
-        """Send random bytes after a valid encapsulation header, so that decoders read them."""
+        """Send random bytes after a valid encapsulation header."""
         keys = [(key, subject) for key, subject in state.user.requests if key not in _ANY_BYTES]
         for _ in range(self.messages):
             key, subject = keys[int(state.rng.integers(len(keys)))]
@@ -83,7 +83,7 @@ class UnknownWords(RequestFault):
     """Unknown commands on the topic of commands."""
 
     def send(self, state: RequestFaultState, com: Array) -> None:
-        """Send one unknown command."""
+        """See `RequestFault`."""
         words = ("", "ACTIVATE", "e-stop", "resett", "start", "\n", "активировать", "a" * 1000)
         state.send_text("command", str(state.rng.choice(words)))
 
@@ -94,7 +94,7 @@ class RequestFlood(RequestFault):
     messages: int = number(20, 1, 200, "messages", "in each control period")
 
     def send(self, state: RequestFaultState, com: Array) -> None:
-        """Send the requests."""
+        """See `RequestFault`."""
         state.send_text("command", "activate", self.messages)
 
 
@@ -104,7 +104,7 @@ class FarSetpoint(_OneTimeFault):
     distance: float = number(0.5, 0.05, 5.0, "m", "in a random direction")
 
     def send(self, state: RequestFaultState, com: Array) -> None:
-        """Send one trajectory of 0.5 s."""
+        """See `RequestFault`."""
         direction = state.rng.normal(size=3)
         state.move([0.5], com[None, :] + self.distance * direction / np.linalg.norm(direction))
 
@@ -116,7 +116,7 @@ class StepSetpoint(RequestFault):
     every: int = number(10, 1, 100, "periods", "between setpoints")
 
     def send(self, state: RequestFaultState, com: Array) -> None:
-        """Send a short trajectory."""
+        """See `RequestFault`."""
         state.move([0.2], com[None, :] + self.distance * state.rng.uniform(-1.0, 1.0, 3))
 
 
@@ -127,7 +127,7 @@ class LongTrajectory(RequestFault):
     every: int = number(20, 5, 100, "periods", "between trajectories")
 
     def send(self, state: RequestFaultState, com: Array) -> None:
-        """Send a trajectory at the initial centre of mass."""
+        """See `RequestFault`."""
         start = com if state.com is None else state.com
         state.move(np.linspace(0.1, 10.0, self.points).tolist(), np.tile(start, (self.points, 1)))
 
@@ -138,7 +138,7 @@ class HugeMessage(_OneTimeFault):
     size: int = number(4_000_000, 300_000, 10_000_000, "bytes", "of each message")
 
     def send(self, state: RequestFaultState, com: Array) -> None:
-        """Send both messages."""
+        """See `RequestFault`."""
         state.send_text("command", "a" * self.size)
         state.send_text("update", "{tasks: [" + "1," * (self.size // 2) + "]}")
 
@@ -147,7 +147,7 @@ class Estop(_OneTimeFault):
     """One emergency stop."""
 
     def send(self, state: RequestFaultState, com: Array) -> None:
-        """Send the stop."""
+        """See `RequestFault`."""
         state.send_text("command", "estop")
 
 
@@ -157,7 +157,7 @@ class EstopInFlood(RequestFault):
     messages: int = number(100, 1, 500, "messages", "before it, in the same control period")
 
     def send(self, state: RequestFaultState, com: Array) -> None:
-        """Send the requests and the stop."""
+        """See `RequestFault`."""
         state.send_text("command", "activate", self.messages)
         state.send_text("command", "estop")
 
@@ -168,7 +168,7 @@ class ContactOff(_OneTimeFault):
     contact: str = Field("", description="name of the contact; empty for one at random")
 
     def send(self, state: RequestFaultState, com: Array) -> None:
-        """Send the request."""
+        """See `RequestFault`."""
         names = list(state.user.settings.contacts)
         name = self.contact or names[int(state.rng.integers(len(names)))]
         state.user.send("contact_enable", message("std_msgs/msg/Bool", data=False), name)
@@ -180,7 +180,7 @@ class ConflictingUpdates(RequestFault):
     every: int = number(5, 1, 50, "periods", "between updates")
 
     def send(self, state: RequestFaultState, com: Array) -> None:
-        """Send random changes within their ranges."""
+        """See `RequestFault`."""
         tasks, rng = state.user.settings.tasks, state.rng
         name = list(tasks)[int(rng.integers(len(tasks)))]
         weight, factor = tasks[name].weight, float(np.exp(rng.uniform(-1.0, 1.0)))

@@ -1,4 +1,4 @@
-"""File of a campaign, resumable: one line of JSON per trial."""
+"""Resumable file of a campaign: one line of JSON per trial."""
 
 import dataclasses
 import hashlib
@@ -51,7 +51,7 @@ class Results:
             ) from error
 
     def add(self, outcome: Outcome) -> None:
-        """Append an outcome to the file immediately."""
+        """Append an outcome immediately."""
         content = {"version": self._version(outcome.robot), **dataclasses.asdict(outcome)}
         self._file.write(json.dumps(_without_infinities(content), ensure_ascii=False) + "\n")
         self._file.flush()
@@ -94,7 +94,7 @@ class Results:
 
 
 def key_of(outcome: Outcome) -> TrialKey:
-    """Return the key of an outcome."""
+    """Return the key."""
     return TrialKey(outcome.robot, outcome.kind, outcome.seed, outcome.walking)
 
 

@@ -44,13 +44,11 @@ def run_campaign(
     recordings: Path | None = None,
     console: Console | None = None,
 ) -> bool:
-    """Run the missing trials of a folder, and write the report of all; return True without violations.
+    """Run the missing trials of a folder, and write the report; return True without violations.
 
     Args:
-        walking: faults of walking robots.
         jobs: -1 for one per processor.
         address: of the scheduler or cluster.
-        recordings: folder of checked fault recordings.
 
     Raises:
         ConfigurationError: if a name is unknown, a file cannot be used, or the backend is not installed.

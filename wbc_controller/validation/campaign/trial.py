@@ -44,7 +44,7 @@ _START_RANGE, _DURATION_RANGE = (0.2, 0.5), (0.05, 0.6)
 _AFTER_FAULT, _AFTER_DAMPING = 0.6, 0.2  # after the fault, and after the active mode, s
 _CHECK_PERIOD = 0.01  # s
 _HOLD_PERIODS = 3
-#: Speed of a walking robot, m/s, period of its commands, s, steps before the fault, and time limit for them, s.
+#: Walking: speed, m/s, period of commands, s, steps before the fault, and their time limit, s.
 WALK_SPEED, _COMMAND_PERIOD, _STEPS, _WALK_TIMEOUT = 0.25, 0.1, 2, 8.0
 
 
@@ -61,7 +61,7 @@ def run_trial(
     """Run one trial; the seed determines start, duration and parameters of the fault.
 
     Args:
-        walking: the fault starts during a step; else the standing robot sways.
+        walking: the fault starts during a step; else the robot sways.
         parameters: of the fault, in place of random ones.
         prepare: for tests.
         recordings: folder of checked fault recordings.
@@ -109,7 +109,7 @@ class _Trial(Lockstep):
         changes = {
             **(place.settings if place is not None else {}),
             "safety.activation_ramp": 0.0,
-            "safety.bring_up_time": 0.0,  # the robot counts as active for longer
+            "safety.bring_up_time": 0.0,
             "safety.synchronized_clocks": synchronized,
             "control.markers_rate": 0.0,
             "control.trigger": "joint_states",
@@ -120,7 +120,7 @@ class _Trial(Lockstep):
         names = {topic.key: topic.name for topic in controller_endpoints(settings, model) if topic.key in streams}
         self.monitor = OutputMonitor(model, settings, names, stamps_lie=fault.place == "stamps and clock")
         self._recorder = None if place is None else Recorder(settings, patient=True, name=place.name)
-        self._read = 0.0  # processor time of reading; a service uses another thread
+        self._read = 0.0
         super().__init__(
             settings,
             model=model,
@@ -218,7 +218,6 @@ class _Trial(Lockstep):
             self.user.send("cmd_vel", twist(np.array([WALK_SPEED, 0.0, 0.0])))
         self.publish_state()
         before = time.thread_time()
-        # The first cycles of a process are slower.
         if self.loop.run_due(self.monitor.now, self.controller.period) and self.monitor.now >= self._began:
             self.monitor.check_processor_time(time.thread_time() - before - self._read)
         self.mock.advance()

@@ -57,7 +57,7 @@ class ClockTrial:
     why: str = ""  # violated invariant, or empty
 
     def line(self) -> str:
-        """Return the trial in one line."""
+        """The trial in one line."""
         late = ", late" if self.late else ""
         why = f"; {self.why}" if self.why else ""
         return f"{self.robot}, trial {self.number}: {self.clock} clock, {self.faults}{late}: {self.result}{why}"
@@ -71,7 +71,7 @@ def fuzz_clocks(
     first: int = 0,
     progress: Callable[[ClockTrial], None] = lambda trial: None,
 ) -> list[ClockTrial]:
-    """Run a number of trials with each robot."""
+    """Run trials with each robot."""
     trials = []
     for robot in robots:
         for each in range(first, first + count):
@@ -178,7 +178,7 @@ class _Standing(Lockstep):
             self._trial.result = self._monitor.deactivation[1]
         violations = dict(self._monitor.violations)
         if any(fault.place == "stamps and clock" for fault in self._faults):
-            violations.pop("stale", None)  # a controller with a false clock cannot know the true age
+            violations.pop("stale", None)
         if violations:
             name, sentence = next(iter(violations.items()))
             self._trial.why = f"{name}: {sentence}"
@@ -189,7 +189,7 @@ def _between(rng: np.random.Generator, ends: tuple[float, float]) -> float:
 
 
 def summary(trials: Sequence[ClockTrial]) -> Iterator[str]:
-    """Yield a line for each robot and clock, and for each trial with a violated invariant."""
+    """Yield a line for each robot and clock, and for each violation."""
     for robot, clock in dict.fromkeys((trial.robot, trial.clock) for trial in trials):
         own = [trial.result for trial in trials if (trial.robot, trial.clock) == (robot, clock)]
         yield f"{robot:10} {clock:13} " + ", ".join(f"{own.count(each)} {each}" for each in sorted(set(own)))

@@ -1,4 +1,4 @@
-"""Controller in lockstep with a mock robot, as a target of the fuzzer."""
+"""Controller with a mock robot as a target."""
 
 import dataclasses
 from collections.abc import Collection, Mapping
@@ -65,7 +65,6 @@ class ControllerTarget(Target):
     """
 
     def __init__(self, robot: str) -> None:
-        """Build controller and robot, and activate."""
         fuzzed = fuzzed_robot(robot)
         super().__init__(controller_endpoints(fuzzed.settings, fuzzed.model), ("effort",))
         self._robot = Lockstep(fuzzed.settings, model=fuzzed.model, bus=self.bus, use_sim_time=True)
@@ -93,7 +92,7 @@ class ControllerTarget(Target):
         self._disturbed = False
 
     def example(self, topic: Endpoint) -> Any:
-        """Return a valid message of a topic."""
+        """See `Target`."""
         names: Any = self._vocabulary.joints.get(topic.subject, self._model.joints)
         # Stamp between two states of the robot.
         stamp = self._mock.stamp + round(0.5e9 * self._controller.period) if topic.key in _STATES else 0
@@ -113,7 +112,7 @@ class ControllerTarget(Target):
         return content
 
     def deliver(self, topic: Endpoint, payload: bytes) -> None:
-        """Deliver a message; see `Target`."""
+        """See `Target`."""
         state = topic.key in _STATES
         if state:
             self.finish()
@@ -140,7 +139,7 @@ class ControllerTarget(Target):
             self.finish()
 
     def finish(self) -> None:
-        """Run the cycles of the delivered messages; see `Target`."""
+        """Run the cycles of the delivered messages."""
         if self._refused:
             self._check_refused(publish=True)
         alone = [each for each in self._accepted if each.requests.commands or _has_trajectory(each)]

@@ -29,7 +29,6 @@ class EstimatorTarget(Target):
     """Estimator of a standing robot with continuous sensors between the messages."""
 
     def __init__(self, robot: str) -> None:
-        """Build the node, and wait for its first estimate."""
         fuzzed = fuzzed_robot(robot)
         estimation = fuzzed.settings.estimation.model_copy(update={"settling": _SETTLING, "absolute_pose": True})
         settings = with_all_diagnostics(fuzzed.settings).model_copy(update={"estimation": estimation})
@@ -50,13 +49,13 @@ class EstimatorTarget(Target):
             raise InvariantViolation(f"no estimate: {self._node.estimator.waits_for}")
 
     def example(self, topic: Endpoint) -> Any:
-        """Return a valid message of a topic."""
+        """See `Target`."""
         if topic.key in STREAMS:
             return self._sensed(topic.key)
         return valid_message(topic.type, self._model.joints, "", round(1e9 * self.clock.time))
 
     def deliver(self, topic: Endpoint, payload: bytes) -> None:
-        """Deliver a message between the sensors' messages; see `Target`."""
+        """Deliver a message between the sensors' messages."""
         what = f"a message on {topic.name}"
         self.clock.time += 0.5 * self._period
         self.publish(topic, payload)
@@ -68,7 +67,7 @@ class EstimatorTarget(Target):
         self.alive = self._node.estimator.odometry is not None
 
     def finish(self) -> None:
-        """Execute one more period; see `Target`."""
+        """Execute one more period."""
         self._advance("the end")
 
     def _sensed(self, stream: str) -> Any:

@@ -10,7 +10,7 @@ from wbc_controller.middleware.codec import TYPES, message
 
 
 def valid_message(type_name: str, names: Sequence[str], frame: str, stamp: int) -> Any:
-    """Return a valid message of a type."""
+    """Return a valid message."""
     content = _blank(type_name)
     if hasattr(content, "header"):
         content.header.stamp.sec, content.header.stamp.nanosec = divmod(stamp, 1_000_000_000)

@@ -52,7 +52,7 @@ class FilesOutcome:
 
     # number of cases by result: `works`, `refused`, or the name of the failure
     results: Counter[str] = field(default_factory=Counter)
-    failures: dict[Path, str] = field(default_factory=dict)  # folder and description of each failure
+    failures: dict[Path, str] = field(default_factory=dict)  # folder and description
     seconds: float = 0.0
 
 
@@ -143,7 +143,7 @@ def _work(
 
 
 def make_case(kind: str, robot: str, seed: int, number: int, place: Path) -> None:
-    """Write the files of one case of ``configurations``, ``urdf`` or ``recordings`` to a new folder."""
+    """Write the files of one case of ``configurations``, ``urdf`` or ``recordings``."""
     place.mkdir(parents=True, exist_ok=True)
     if kind == "recordings":
         topics, _ = original(robot)
@@ -161,7 +161,7 @@ def make_case(kind: str, robot: str, seed: int, number: int, place: Path) -> Non
 
 
 def read_case(place: Path) -> str:
-    """Read the files of a case as the commands do; return ``works``, ``refused``, or a description of the failure."""
+    """Read a case as the commands do; return ``works``, ``refused``, or a description of the failure."""
     path = place / "robot.mcap"
     recorded = path.exists()
     path = path if recorded else place / "robot.yaml"

@@ -82,10 +82,10 @@ class StopTrial:
 
     flood: str
     stop: Stop
-    # cycles from the newest state known to the sender to the first with zero torques and the fault, including
+    # cycles from that state to the first with zero torques and the fault
     # unrecorded ones
     cycles: int
-    slowest: float  # longest cycle during the flood, s
+    slowest: float  # s
     period: float
 
     @property
@@ -105,7 +105,7 @@ class StopTrial:
 
 
 def flood(kind: str, topic: Endpoint, payload: bytes, domain: int, running: Any, count: Any) -> None:
-    """Send a message repeatedly while an event is set; a negative count ends the process."""
+    """Send a message while an event is set; a negative count ends the process."""
     rate = _SLOW_RATE if kind == "large" else _RATE
     count.value = 0
     while count.value >= 0:
@@ -190,7 +190,7 @@ def _compared(
     after = stamps > stop.known
     obeyed = np.flatnonzero(after & ~record["tau"].any(axis=1) & (record["mode"] == "fault"))
     cycles = most = math.ceil(stop.delay / period) + 1  # upper bound from the sender's waiting time
-    if len(obeyed):  # otherwise the following cycles are not in the record
+    if len(obeyed):
         missing = sum(count for start, end, count in gaps if end > stop.known and start < stamps[obeyed[0]])
         cycles = int(after[: obeyed[0] + 1].sum()) + min(missing, most)
     slowest = record["seconds/total"][(stamps >= stop.began) & (stamps <= stop.ended)].max(initial=0.0)
@@ -205,7 +205,7 @@ def _gaps(recorded: Recording) -> list[tuple[int, int, int]]:
 
 
 def _stop_once(nodes: RobotProcesses, running: Any, count: Any, before: float) -> Stop | None:
-    """Activate, flood and stop; None if lateness of the machine caused another fault."""
+    """Activate, flood and stop; None if the machine's lateness caused another fault."""
     nodes.activate()
     nodes.wait_for_torques(time.monotonic())
     nodes.lateness.reset()

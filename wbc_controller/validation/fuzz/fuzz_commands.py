@@ -42,7 +42,6 @@ def _options(*options: Callable[[Any], Any]) -> Callable[[F], F]:
 
 
 _seed = click.option("--seed", default=0, show_default=True, help="Seed of all random choices.")
-#: Options of commands with output files, with processes, and with input files.
 _common = _options(_seed, click.option("--out", "folder", type=click.Path(path_type=Path), default=Path("fuzz"),
                                        show_default=True, help="Folder of failures and logs."))  # fmt: skip
 _live = _options(
@@ -122,21 +121,21 @@ def _files(kind: str, robots: str, count: int, first: int, seed: int, folder: Pa
 @fuzz.command()
 @_of_files
 def configurations(**options: Any) -> None:
-    """Read hostile configuration files: each works or is refused with its path."""
+    """Read hostile configuration files."""
     _files("configurations", **options)
 
 
 @fuzz.command()
 @_of_files
 def urdf(**options: Any) -> None:
-    """Read hostile URDFs: each works or is refused with the path of its configuration."""
+    """Read hostile URDFs."""
     _files("urdf", **options)
 
 
 @fuzz.command()
 @_of_files
 def recordings(**options: Any) -> None:
-    """Read hostile recordings with valid checksums: each works or is refused with its path."""
+    """Read hostile recordings with valid checksums."""
     _files("recordings", **options)
 
 

@@ -1,4 +1,4 @@
-"""Fuzzer of user-defined tasks, contacts and limits."""
+"""Fuzzer of user-defined classes."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ _KINDS: dict[str, tuple[type, tuple[str, ...], tuple[str, ...]]] = {
 
 @dataclass(frozen=True)
 class HostileClass:
-    """A class of ``tasks``, ``contacts`` or ``limits`` with one hostile member.
+    """A user-defined class with one hostile member.
 
     Attributes:
         after: number of normal calls of a method.
@@ -121,7 +121,7 @@ class HostileClass:
     value: Any
 
     def make(self, model: RobotModel) -> Any:
-        """Make the object; called by `Controller`."""
+        """Make the object."""
         base, methods, _ = _KINDS[self.kind]
         if self.member not in methods:
             made = type("Own", (base,), {})(model)

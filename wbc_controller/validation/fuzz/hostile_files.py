@@ -1,4 +1,4 @@
-"""Hypothesis strategies of configurations and URDFs."""
+"""Strategies of configurations and URDFs."""
 
 import itertools
 import re

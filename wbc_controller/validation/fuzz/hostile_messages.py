@@ -53,7 +53,7 @@ class Failure:
 
     target: str
     why: str  # violated invariant
-    messages: list[Message]  # topic and payload of the causing messages
+    messages: list[Message]  # topic and payload
     repeated: bool  # True if reproduced with a fresh node
 
 
@@ -74,7 +74,7 @@ class Outcome:
 
     @property
     def flat(self) -> bool:
-        """True if the memory was constant after the warm-up, apart from fragmentation."""
+        """True if the memory was constant after the warm-up."""
         return self.growth <= _MAX_GROWTH
 
 
@@ -112,7 +112,7 @@ def fuzz_messages(
 
 
 def memory() -> int:
-    """Return the memory of this process, kB, without reserves of glibc's allocator."""
+    """Return this process's memory, kB, without reserves of glibc's allocator."""
     gc.collect()
     with contextlib.suppress(AttributeError, OSError):
         ctypes.CDLL(None).malloc_trim(0)
@@ -176,14 +176,14 @@ def _sentence(error: Exception) -> str:
 
 
 def save(failure: Failure, robot: str, path: Path) -> None:
-    """Write a failure to a file for `load`."""
+    """Write a failure for `load`."""
     sent = [{"topic": name, "payload": base64.b64encode(payload).decode()} for name, payload in failure.messages]
     content = {"target": failure.target, "robot": robot, "why": failure.why, "messages": sent}
     path.write_text(json.dumps(content, indent=1), encoding="utf-8")
 
 
 def load(path: Path) -> tuple[str, str, list[Message]]:
-    """Return node, robot and messages from a file of `save`; raise `ConfigurationError` for other contents."""
+    """Read a file of `save`: node, robot and messages; raise `ConfigurationError` for other contents."""
     try:
         content: Any = json.loads(path.read_text(encoding="utf-8"))
         sent = [(str(each["topic"]), base64.b64decode(each["payload"])) for each in content["messages"]]

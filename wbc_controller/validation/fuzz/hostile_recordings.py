@@ -1,4 +1,4 @@
-"""Recordings with valid checksums and hostile content."""
+"""Hostile recordings with valid checksums."""
 
 from __future__ import annotations
 

@@ -34,17 +34,17 @@ class KillTrial:
     stopped: float  # duration of a stop, s; 0 for an end
     gap: float  # longest time of constant nonzero torques, s
     bound: float  # bound from the guard or the controller, s
-    # largest age of a state used for later torques, s, except one message in transit at the stop
+    # largest age of a later state, s, except one in transit
     stale: float
     timeout: float  # largest configured age, s
     late: float  # s
     sentence: str  # later state of the controller or the guard
-    state_correct: bool  # True for a correct state
-    restarted: bool  # True if the robot could be reactivated
+    state_correct: bool
+    restarted: bool
 
     @property
     def passed(self) -> bool:
-        """True if all requirements are fulfilled, plus the lateness of the machine."""
+        """True if all requirements are fulfilled, apart from the machine's lateness."""
         slack = SLACK + 2.0 * self.late
         fresh = self.stale <= self.timeout + slack
         return self.gap <= self.bound + slack and fresh and self.state_correct and self.restarted
@@ -115,7 +115,6 @@ def _stand(nodes: RobotProcesses, seconds: float) -> None:
 
 
 def _longest_hold(nodes: RobotProcesses, since: float) -> float:
-    """Return the longest time of constant nonzero torques at the joints, s."""
     times, torques = nodes.efforts(since - 0.1)
     times = np.append(times, time.monotonic())
     longest, began = 0.0, times[0]

@@ -21,7 +21,6 @@ class Lateness:
         self._processes = {os.getpid()}
         self._waited: dict[Path, deque[tuple[float, float]]] = {}
         self._ended = False
-        # A single processor of a virtual machine may stall.
         naps = [threading.Thread(target=self._nap, args=(cpu,), daemon=True) for cpu in os.sched_getaffinity(0)]
         self._threads = [*naps, threading.Thread(target=self._check_processes, name="lateness", daemon=True)]
         for thread in self._threads:

@@ -47,7 +47,6 @@ class GuardTarget(Target):
     """The guard beside a controller with silences."""
 
     def __init__(self, robot: str) -> None:
-        """Build the guard, and send commands."""
         fuzzed = fuzzed_robot(robot)
         settings, self._model = with_all_diagnostics(fuzzed.settings), fuzzed.model
         description = describe(self._model.urdf, settings.robot)
@@ -65,14 +64,14 @@ class GuardTarget(Target):
         self._cycle("the start")
 
     def example(self, topic: Endpoint) -> Any:
-        """Return a valid message of a topic."""
+        """See `Target`."""
         content = valid_message(topic.type, self._model.joints, "", round(1e9 * self.clock.time))
         if topic.key == "controller_state":
             content.data = "active"
         return content
 
     def deliver(self, topic: Endpoint, payload: bytes) -> None:
-        """Deliver a message between a joint state and the command after it; see `Target`."""
+        """Deliver a message between a joint state and the command after it."""
         mode = self._guard.guard.mode
         self.clock.time += self._period
         self._send("joint_states")
@@ -90,7 +89,7 @@ class GuardTarget(Target):
             self._fall_silent()
 
     def finish(self) -> None:
-        """Fall silent once more; see `Target`."""
+        """Fall silent once more."""
         self._fall_silent()
 
     def _fall_silent(self) -> None:
@@ -136,7 +135,6 @@ class MockTarget(Target):
     """Two mock robots on the same topics: in real time with torques on ``effort``, and in lockstep."""
 
     def __init__(self, robot: str) -> None:
-        """Build both robots."""
         fuzzed = fuzzed_robot(robot)
         self._settings, self._model = fuzzed.settings, fuzzed.model
         super().__init__(list(endpoints(MOCK_TOPICS, MOCK_NODE, contacts=self._settings.contacts)))
@@ -149,19 +147,19 @@ class MockTarget(Target):
         self._count = 0
 
     def example(self, topic: Endpoint) -> Any:
-        """Return a valid message of a topic."""
+        """See `Target`."""
         frame = self._model.base_link if topic.key == "push" else ""
         return valid_message(topic.type, self._model.joints, frame, self._robots[1].stamp)
 
     def deliver(self, topic: Endpoint, payload: bytes) -> None:
-        """Deliver a message, and simulate a period; see `Target`."""
+        """Deliver a message, and simulate a period."""
         with time_limit(READ_LIMIT, f"reading {len(payload)} bytes on {topic.name}"):
             self.publish(topic, payload)
             self._robots[1].wait_for_answer(self._stop)
         for robot in self._robots:
             try:
                 robot.advance()
-            except WbcError:  # a valid push can make the physics diverge
+            except WbcError:  # valid pushes may diverge
                 self.alive = False
                 return
             q, v = robot.plant.state()
@@ -176,7 +174,7 @@ class MockTarget(Target):
                 robot.plant.set_state(*self._start)
 
     def finish(self) -> None:
-        """Publish the states; see `Target`."""
+        """Publish the states."""
         for robot in self._robots:
             robot.publish()
 
@@ -185,7 +183,6 @@ class UrdfTarget(Target):
     """A node that waits for its URDF: every message is refused or returned unchanged."""
 
     def __init__(self, robot: str) -> None:
-        """Make the topic."""
         row = [topic for topic in CONTROLLER_TOPICS if topic.key == "robot_description"]
         super().__init__(())
         self.topics = {topic.name: topic for topic in endpoints(row, NODE_NAME)}
@@ -197,7 +194,7 @@ class UrdfTarget(Target):
         return message(topic.type, data="<robot name='r'><link name='a'/></robot>")
 
     def deliver(self, topic: Endpoint, payload: bytes) -> None:
-        """Publish a URDF, and wait for it; see `Target`."""
+        """Publish a URDF, and wait for it."""
         bus = MemoryBus()
         MemoryTransport(bus).advertise(counterpart(topic))(payload)
         with time_limit(READ_LIMIT, f"reading {len(payload)} bytes on {topic.name}"):

@@ -1,4 +1,4 @@
-"""Fuzzer of quadratic programs, compared with linear programs."""
+"""Fuzzer of quadratic programs."""
 
 import time
 from collections import Counter
@@ -31,13 +31,13 @@ class ProblemsOutcome:
     """Result for one robot."""
 
     robot: str
-    relaxed: Counter[str] = field(default_factory=Counter)  # number of problems by relaxation
+    relaxed: Counter[str] = field(default_factory=Counter)  # problems by relaxation
     # error of the answer, by number of the problem
     failures: dict[int, str] = field(default_factory=dict)
     slowest: float = 0.0  # processor time of the slowest answer, s
 
     def line(self) -> str:
-        """Return the result in one line."""
+        """The result in one line."""
         counts = ", ".join(f"{name}: {count}" for name, count in self.relaxed.most_common())
         return (
             f"{self.robot:10} {sum(self.relaxed.values())} problems ({counts}); falsely infeasible or relaxed "
@@ -92,7 +92,7 @@ def random_problem(
     """Return a random state, references, and previous torques.
 
     A quarter of the joints is 0.1 to 100 mrad from a limit. Odd seeds scale the weights by 10^-2 to 10^2; half of the
-    seeds have previous torques. `standing` is q of the standing robot, (nq,).
+    seeds have previous torques. `standing` is q, (nq,).
     """
     rng = np.random.default_rng(seed)
     lower, upper = model.position_lower + 0.02, model.position_upper - 0.02
@@ -137,7 +137,7 @@ def relaxation_error(
 def feasibility_margin(problem: QuadraticProgram) -> float:
     """Return the largest distance of a solution x from all bounds, at most 1, by a linear program.
 
-    It has the problem's units, and is negative for infeasible problems.
+    It is negative for infeasible problems.
     """
     n, (lower, upper) = problem.n, problem.bounds
     rows = np.vstack([np.eye(n), problem.C])

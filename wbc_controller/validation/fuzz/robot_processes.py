@@ -1,4 +1,4 @@
-"""Mock robot, controller and guard as processes in their own DDS domain."""
+"""Mock robot, controller and guard as processes."""
 
 from __future__ import annotations
 
@@ -46,7 +46,6 @@ class RobotProcesses(Processes):
     def __init__(
         self, robot: str, folder: Path, domain: int = DOMAIN, changes: Mapping[str, Any] | None = None
     ) -> None:
-        """Join the domain, without starting a process."""
         super().__init__(robot, folder, domain, changes)
         self.model = make_model(self.settings)
         self.record = folder / "cycles.mcap"
@@ -99,22 +98,22 @@ class RobotProcesses(Processes):
             self.until(self.messages[topics[name]].__len__, f"the first message of {name}")
 
     def newest(self, name: str) -> Any:
-        """Return the newest message of a topic such as ``mock/odom``; None before the first."""
+        """Return the newest message of a topic such as ``mock/odom``, or None."""
         messages = self.messages[name]
         return decode(messages[-1][1], self._types[name]) if messages else None
 
     def state_of(self, node: str) -> str:
-        """Return the newest state of ``controller`` or ``guard``; empty before the first."""
+        """Return the newest state of ``controller`` or ``guard``."""
         newest = self.newest(f"{node}/state")
         return "" if newest is None else str(newest.data)
 
     def stamp(self) -> int:
-        """Return the stamp of the robot's newest state, ns; 0 before the first."""
+        """Return the stamp of the newest state, ns; initially 0."""
         newest = self.newest("mock/joint_states")
         return 0 if newest is None else nanoseconds(newest.header.stamp)
 
     def centre_of_mass(self) -> Array:
-        """Return the robot's centre of mass in its newest state, (3,) in m."""
+        """Return the newest centre of mass, (3,) in m."""
         joints, base = (self.messages[f"mock/{key}"][-1][1] for key in ("joint_states", "odom"))
         q = np.zeros(self.model.nq)
         q[self.model.q_index] = JointStateReader(self.model.joints).read(joints).position
@@ -122,7 +121,7 @@ class RobotProcesses(Processes):
         return np.array(pin.centerOfMass(self.model.pinocchio, self.model.pinocchio.createData(), q))
 
     def messages_since(self, name: str, since: float = 0.0) -> list[tuple[float, Any]]:
-        """Return the messages of a topic after a time, with arrival times, oldest first."""
+        """Return the messages of a topic after a time, with arrival times."""
         recent = [each for each in list(self.messages[name]) if each[0] > since]
         return [(when, decode(payload, self._types[name])) for when, payload in recent]
 

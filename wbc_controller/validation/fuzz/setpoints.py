@@ -1,4 +1,4 @@
-"""Fuzzer of setpoints: joints stay within their limits.
+"""Fuzzer of setpoints: joints keep their limits.
 
 docs/robustness.md describes the trials.
 """

@@ -31,7 +31,7 @@ class SoakResult:
     late: float = 0.0  # s
 
     def growth(self, name: str) -> int:
-        """Return the growth of a process's memory after the warm-up, kB, between the medians of two quarters."""
+        """Return a process's growth after the warm-up, kB, between the medians of two quarters."""
         values = self.memory[name][int(_WARM_UP * len(self.memory[name])) :]
         quarter = max(1, len(values) // 4)
         return int(np.median(values[-quarter:]) - np.median(values[:quarter]))

@@ -1,4 +1,4 @@
-"""Hypothesis strategies of bytes, texts and messages."""
+"""Strategies of bytes, texts and messages."""
 
 import copy
 import re
@@ -19,7 +19,7 @@ from wbc_controller.validation.fuzz.values import FLOATS, INTEGERS, LENGTHS, SCA
 
 T = TypeVar("T")
 
-#: Settings for generation only: no database, shrinking or time limits.
+#: Generation only: no database, shrinking or time limits.
 _GENERATE = hypothesis.settings(
     max_examples=2,
     phases=[hypothesis.Phase.generate],
@@ -35,7 +35,7 @@ _LONGEST_NOISE = 400  # bytes
 _LARGE, _LARGEST = 0.002, (20_000, 300_000)
 _MANY = 100
 _TOKEN = re.compile(r"[-+]?[0-9][-+.0-9eE]*|[A-Za-z_][\w./:-]*|\S")  # a number, a word, or another visible character
-#: A number in a text, and its factors: sign, wrong units, degrees for radians.
+#: A number in a text, and its factors.
 _NUMBER = re.compile(r"(?<![\w.])-?[0-9]+\.?[0-9]*(?:[eE][-+]?[0-9]+)?(?![\w.])")
 _FACTORS = (-1.0, 0.0, 0.5, 2.0, 57.29577951308232, 1e-9, 1e-3, 1e3, 1e6)
 #: Characters that are invalid in some encoding, YAML or XML.
@@ -43,7 +43,7 @@ _STRAY = ("\x00", "\r", "\t", "\ufeff", "\u2028", "é", "\U0001f916", "#", ":", 
 
 
 def draw_by_key(strategy: SearchStrategy[T], *key: object) -> T:
-    """Draw a value determined by a key, by the code and by the imported modules."""
+    """Draw a value determined by a key and the code."""
     values: list[T] = []
 
     # The first example of Hypothesis is trivial; a varying number makes the second one random. Its cache would hold a
@@ -65,7 +65,7 @@ def share(probability: float) -> SearchStrategy[bool]:
 
 @st.composite
 def mutated_bytes(draw: DrawFn, payload: bytes) -> bytes:
-    """Draw a payload with changed bits, lengths or values, truncated, or with repeated or inserted bytes."""
+    """Draw a payload with changed, repeated, inserted or missing bytes."""
     data = bytearray(payload)
     for _ in range(draw(st.sampled_from(_MUTATIONS))):
         if not data:
@@ -93,7 +93,7 @@ def mutated_bytes(draw: DrawFn, payload: bytes) -> bytes:
 
 @st.composite
 def mutated_text(draw: DrawFn, text: str, values: Sequence[str]) -> str:
-    """Draw a text with replaced tokens, and deleted, repeated, moved or indented lines."""
+    """Draw a text with replaced tokens, and changed lines."""
     for _ in range(draw(st.sampled_from(_MUTATIONS))):
         tokens, lines = list(_TOKEN.finditer(text)), text.split("\n")
         line, kind = draw(st.integers(0, len(lines) - 1)), draw(st.integers(0, 11))
@@ -128,7 +128,7 @@ def scaled_text(text: str) -> SearchStrategy[str]:
 
 
 def encoded(text: str) -> SearchStrategy[bytes]:
-    """Return a strategy of the bytes of a text: mostly UTF-8, sometimes another encoding or invalid bytes."""
+    """Return a strategy of the bytes of a text, sometimes in another encoding or invalid."""
     encodings = st.sampled_from(("utf-16", "utf-32", "utf-8-sig", "latin-1"))
     others = encodings.map(lambda name: text.encode(name, errors="replace")) | mutated_bytes(text.encode())
     return share(0.06).flatmap(lambda other: others if other else st.just(text.encode()))
@@ -155,7 +155,7 @@ def _places(content: Any) -> list[tuple[Any, str, Any]]:
 
 @st.composite
 def hostile(draw: DrawFn, content: Any, names: Sequence[str]) -> Any:
-    """Draw a copy of a message with replaced numbers and texts, and sequences of other lengths and orders."""
+    """Draw a message with replaced numbers and texts, and other sequences."""
     content = copy.deepcopy(content)
     for _ in range(draw(st.integers(1, 3))):
         owner, name, (node, detail) = draw(st.sampled_from(_places(content)))
@@ -228,7 +228,7 @@ def hostile_text(key: str) -> SearchStrategy[str]:
 
 @st.composite
 def payloads(draw: DrawFn, topic: Endpoint, example: Any, names: Sequence[str]) -> bytes:
-    """Draw a payload for a topic: noise, mutated bytes, hostile fields or text, or a valid message."""
+    """Draw a payload: noise, mutated bytes, hostile fields or text, or a valid message."""
     kind = draw(st.integers(0, 99))
     if kind >= 92:
         return draw(st.binary(max_size=_LONGEST_NOISE))
@@ -241,7 +241,7 @@ def payloads(draw: DrawFn, topic: Endpoint, example: Any, names: Sequence[str]) 
 
 @st.composite
 def requests(draw: DrawFn, target: Target, names: Sequence[str]) -> tuple[Endpoint, bytes]:
-    """Draw a topic of a node and a payload; a third of the draws is by kind of topic."""
+    """Draw a topic of a node and a payload."""
     topics = list(target.topics.values())
     if draw(share(0.33)):  # many topics of setpoints exist, but only one of updates
         key = draw(st.sampled_from(sorted({topic.key for topic in topics})))

@@ -39,13 +39,11 @@ class Target:
 
     Attributes:
         topics: incoming topics by name, except the URDF.
-        types: type of each topic by key.
         alive: True while the node works; a valid message may end this.
         outputs: messages on the subscribed outgoing topics by key.
     """
 
     def __init__(self, topics: Sequence[Endpoint], subscribed: Sequence[str] = ()) -> None:
-        """Open the counterparts of the node's topics."""
         self.bus, self.clock, self.alive = MemoryBus(), ManualClock(1.0), True
         self.topics: Mapping[str, Endpoint] = {
             topic.name: topic
@@ -86,7 +84,7 @@ class Target:
         self.publish(self.by_key[key], encode(content))
 
     def clear_outputs(self) -> None:
-        """Delete all received messages."""
+        """Delete the received messages."""
         for messages in self.outputs.values():
             messages.clear()
 

@@ -1,4 +1,4 @@
-"""Hostile numbers, lengths, texts, YAML values and XML attributes."""
+"""Hostile values."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Latency from joint state to torques between two processes.
+"""Latency from joint state to torques.
 
 This process is the robot, and sends states to the controller and the echo in turn.
 """
@@ -70,10 +70,10 @@ def measure_latency(
     """Measure the controller and the echo in turn, in blocks.
 
     Args:
-        rate: states and cycles per second; by default as configured.
+        rate: states per second; by default as configured.
         seconds: for each, s.
         transport: ``dds`` or ``rclpy``.
-        mock: use the mock robot with its physics, in one block.
+        mock: use the mock robot, in one block.
         progress: receives the measured time, s, and the round trips of each block.
 
     Raises:
@@ -130,7 +130,7 @@ class _Bench:
         self._start("controller")
         self._start("guard")
         apply_realtime(RealtimeSettings(scheduling=realtime.scheduling, priority=realtime.priority, affinity=others))
-        self._echo_realtime = RealtimeSettings(affinity=realtime.affinity)  # its scheduling class is inherited
+        self._echo_realtime = RealtimeSettings(affinity=realtime.affinity)
 
     def _start(self, name: str) -> None:
         if self._kind == "dds":

@@ -27,7 +27,7 @@ def bench() -> None:
 def latency(
     robot: str, rate: float | None, seconds: float, transport: str, mock: bool, domain: int, folder: Path
 ) -> None:
-    """Measure the time from joint state to torques between two processes, and compare it with a bare echo.
+    """Measure the time from joint state to torques, and compare it with a bare echo.
 
     A state without torques within its period is late. Do not use the computer during the measurement.
     """

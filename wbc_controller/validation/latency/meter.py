@@ -59,14 +59,13 @@ def round_trips(
 ) -> RoundTrips:
     """Assign torques to states.
 
-    Torques have no stamp. The joint commands that follow them have the stamp of their state. A command belongs to the
-    newest torques after the previous command and its state; otherwise its own arrival counts.
+    Torques have no stamp. The following joint commands have the stamp of their state. A command belongs to the newest
+    torques after the previous command and its state; otherwise its own arrival counts.
 
     Args:
         states: send time, s, and stamp, ns.
         efforts: arrival times of torques, s, ascending.
         commands: arrival time, s, ascending, and stamp, ns.
-        period: of the states, s.
     """
     arrivals: dict[int, float] = {}
     times, before = np.array(efforts), -np.inf
@@ -74,7 +73,7 @@ def round_trips(
     for when, stamp in commands:
         newest = int(np.searchsorted(times, when, side="right")) - 1
         at = times[newest] if newest >= 0 and times[newest] > max(before, send_times.get(stamp, -np.inf)) else when
-        arrivals.setdefault(stamp, float(at))  # a command may repeat the stamp of a stale state
+        arrivals.setdefault(stamp, float(at))
         before = when
     sent = np.array([when for when, _ in states])
     answered = np.array([arrivals.get(stamp, np.inf) for _, stamp in states])
@@ -85,13 +84,12 @@ class Meter:
     """A transport that records the times of states, torques and joint commands."""
 
     def __init__(self, transport: Transport) -> None:
-        """Wrap a transport."""
         self.discovery_time = transport.discovery_time
         self._transport = transport
         self._clear()
 
     def advertise(self, endpoint: Endpoint) -> Publish:
-        """Open a topic for writing."""
+        """See `Transport`."""
         publish = self._transport.advertise(endpoint)
         if endpoint.key != "joint_states":
             return publish
@@ -103,7 +101,7 @@ class Meter:
         return timed
 
     def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
-        """Open a topic for reading."""
+        """See `Transport`."""
 
         def timed(payload: bytes) -> None:
             now = time.perf_counter()
@@ -116,19 +114,19 @@ class Meter:
         self._transport.subscribe(endpoint, timed if endpoint.key in ("effort", "joint_commands") else callback)
 
     def stream(self, endpoint: Endpoint, depth: int) -> Stream:
-        """Open a topic for polling, without recording."""
+        """See `Transport`; without recording."""
         return self._transport.stream(endpoint, depth)
 
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
-        """Return the names of the nodes that publish on a topic, without this one, sorted."""
+        """See `Transport`."""
         return self._transport.publishers(endpoint)
 
     def has_reader(self, endpoint: Endpoint) -> bool:
-        """Return True if an advertised topic has a subscriber."""
+        """See `Transport`."""
         return self._transport.has_reader(endpoint)
 
     def close(self) -> None:
-        """Close all topics."""
+        """See `Transport`."""
         self._transport.close()
 
     @property
@@ -137,7 +135,7 @@ class Meter:
         return bool(self._efforts)
 
     def measure(self, seconds: float, period: float) -> Callable[[], RoundTrips]:
-        """Record for `seconds` with states from another thread; the result assigns torques after that thread's end."""
+        """Record for `seconds` with states from another thread; the result assigns torques after its end."""
         self._clear()
         time.sleep(seconds)
         states = self._states.copy()

@@ -1,4 +1,4 @@
-"""Test doubles of the robot: source of states, and echo."""
+"""Test doubles of the robot."""
 
 import contextlib
 import gc
@@ -64,7 +64,6 @@ class StandingRobot:
     """Sends the states of a standing and slightly swaying robot, independently of the torques."""
 
     def __init__(self, model: RobotModel, settings: Settings, transport: Transport, topics: Sequence[Endpoint]) -> None:
-        """Open the topics of the states."""
         standing = measure(model, Plant(model, settings), 0, imu_frame(settings, model))
         self._period = 1.0 / settings.control.rate
         self._position = standing.position
@@ -77,7 +76,7 @@ class StandingRobot:
         self._base = {stream: Template(standing.message(stream)) for stream in _BASE if stream in self._publish}
 
     def run(self, stop: threading.Event) -> None:
-        """Send states at the configured rate until the event is set; states late by more than a period are skipped."""
+        """Send states at the configured rate until the event is set; skip states late by more than a period."""
         gc.collect()
         gc.freeze()
         began, count = time.monotonic(), 0
