@@ -28,7 +28,7 @@ def test_a_fault_during_a_step_leaves_a_recording_that_names_it(kind, tmp_path):
 
 
 def test_a_robot_that_cannot_walk_is_refused():
-    with pytest.raises(ConfigurationError, match="a1.yaml cannot walk"):
+    with pytest.raises(ConfigurationError, match=r"a1\.yaml cannot walk"):
         run_trial("examples/a1.yaml", "estop", 0, True)
 
 
