@@ -708,9 +708,9 @@ def test_cost_is_task_errors_and_regularization(robots, overlapping):
         total = 0.5 * solver.regularization_acceleration * (x[6:nv] @ x[6:nv] + rate @ rate)
         W = np.concatenate([contact.metric for contact in bench.controller.contacts.values()])
         total += 0.5 * solver.regularization_force * FORCE_UNIT**2 * x[nv:] @ (W * x[nv:])
-        for name, task in bench.controller.tasks.items():
-            J, right, _ = task.equation(bench.controller.dynamics, references.tasks[name])
-            total += 0.5 * references.weights[name] * np.sum((J @ x[:nv] - right) ** 2)
+        for name, weight in references.weights.items():
+            J, right, _ = bench.controller.tasks[name].equation(bench.controller.dynamics, references.tasks[name])
+            total += 0.5 * weight * np.sum((J @ x[:nv] - right) ** 2)
         return total
 
     solution = bench.controller.solve(state, references)
