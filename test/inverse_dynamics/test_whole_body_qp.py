@@ -1,3 +1,4 @@
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT, Quad
 from wbc_controller.inverse_dynamics.formulation.unpacking import unpack
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.solvers import make_solver
+from wbc_controller.recording.json_records import to_json
 from wbc_controller.records import Reference, frozen_mapping
 from wbc_controller.settings import PostureTask
 from wbc_controller.validation.fuzz.problems import feasibility_margin
@@ -281,6 +283,17 @@ def test_a_change_of_contacts_starts_with_the_active_set_of_the_last_such_change
     assert iterations({}) > 1  # other active bounds
     iterations({}, **lifted)
     assert iterations(pushed) == 1  # not those of the last cycle on two feet
+
+
+def test_a_prepared_program_is_solved_as_a_new_one(bench):
+    g1, fresh = bench("g1"), bench("g1")
+    state, references, _ = g1.random_problem(3)
+    g1.controller.prepare(g1.state(), g1.references())
+    assert g1.controller.formulation.redundancy is None  # to be examined in the state of the first cycle
+    found, wanted = (each.controller.solve(state, references) for each in (g1, fresh))
+    assert found.iterations == wanted.iterations > 1
+    np.testing.assert_array_equal(found.v_dot, wanted.v_dot)
+    assert to_json(g1.controller.memory()) == to_json(fresh.controller.memory())
 
 
 def test_relaxed_cycle_has_no_side_effect(bench):
@@ -708,9 +721,9 @@ def test_cost_is_task_errors_and_regularization(robots, overlapping):
         total = 0.5 * solver.regularization_acceleration * (x[6:nv] @ x[6:nv] + rate @ rate)
         W = np.concatenate([contact.metric for contact in bench.controller.contacts.values()])
         total += 0.5 * solver.regularization_force * FORCE_UNIT**2 * x[nv:] @ (W * x[nv:])
-        for name, task in bench.controller.tasks.items():
-            J, right, _ = task.equation(bench.controller.dynamics, references.tasks[name])
-            total += 0.5 * references.weights[name] * np.sum((J @ x[:nv] - right) ** 2)
+        for name, weight in references.weights.items():
+            J, right, _ = bench.controller.tasks[name].equation(bench.controller.dynamics, references.tasks[name])
+            total += 0.5 * weight * np.sum((J @ x[:nv] - right) ** 2)
         return total
 
     solution = bench.controller.solve(state, references)
@@ -727,23 +740,31 @@ def test_changes_in_mutable_mappings_are_noticed(robots):
     g1 = robots["g1"]
     state, references, before = g1.random_problem(3)
     weights, contacts = dict(references.weights), dict(references.contacts)
-    own = replace(references, weights=weights, contacts=contacts)  # mutable, of the caller
+    friction = dict.fromkeys(contacts, 1.0)
+    own = replace(references, weights=weights, contacts=contacts, friction=friction)  # mutable, of the caller
     task, contact = next(iter(weights)), next(iter(contacts))
 
     def answers():
-        fixed = replace(references, weights=frozen_mapping(weights), contacts=frozen_mapping(contacts))
+        fixed = replace(
+            references,
+            weights=frozen_mapping(weights),
+            contacts=frozen_mapping(contacts),
+            friction=frozen_mapping(friction),
+        )
         return [g1.controller.solve(state, each, before).v_dot for each in (own, fixed, fixed, own)]
 
     seen = [answers()]
     weights[task] *= 100.0
+    seen.append(answers())
+    friction[contact] = 0.01
     seen.append(answers())
     contacts[contact] = 0.0
     seen.append(answers())
     for of_one in seen:
         for v_dot in of_one[1:]:
             np.testing.assert_allclose(v_dot, of_one[0], rtol=0, atol=1e-9)
-    assert np.abs(seen[0][0] - seen[1][0]).max() > 1e-3
-    assert np.abs(seen[1][0] - seen[2][0]).max() > 1e-3
+    for one, other in itertools.pairwise(seen):
+        assert np.abs(one[0] - other[0]).max() > 1e-3
 
 
 @pytest.mark.parametrize(

@@ -60,7 +60,6 @@ class WholeBodyQP:
         self._solver_name = solver
         self._timer = timer
         self._solvers: dict[tuple[str, ...], Solver] = {}
-        self._prepared: tuple[tuple[str, ...], ...] = ()  # regular sets of contacts in the nominal posture
         self._current: tuple[Layout, Solver] | None = None  # of the last cycle
         self._change: tuple[tuple[str, ...], tuple[str, ...]] | None = None  # of the contacts, not solved yet
         #: Active set found at the last change from one set of contacts to another.
@@ -102,8 +101,9 @@ class WholeBodyQP:
     def prepare(self, state: RobotState, references: References) -> None:
         """Allocate arrays for the tasks and contacts of references."""
         layout = self.formulation.build(state, references)
-        self._solvers[layout.key] = make_solver(self._solver_name, layout.problem)
-        self._prepared = tuple(sorted(self.formulation.regular))
+        self.formulation.redundancy = None  # to be examined at the state of the first cycle
+        if layout.key not in self._solvers:
+            self._solvers[layout.key] = make_solver(self._solver_name, layout.problem)
 
     def forget(self) -> None:
         """Discard all warm starts."""
@@ -114,7 +114,6 @@ class WholeBodyQP:
         self._current = self._change = None
         self._first_sets.clear()
         self.formulation.redundancy = None
-        self.formulation.regular = set(self._prepared)
 
     def memory(self) -> dict[str, Any] | None:
         """Return warm starts and last state, for `recall`; None if a back end hides its warm start."""
@@ -130,7 +129,6 @@ class WholeBodyQP:
             "first_sets": [(*change, side) for change, side in self._first_sets.items()],
             "hierarchies": hierarchies,
             "redundancy": self.formulation.redundancy,
-            "regular": sorted(self.formulation.regular),
         }
 
     def recall(self, memory: Mapping[str, Any]) -> None:
@@ -139,10 +137,11 @@ class WholeBodyQP:
         self.dynamics.update(memory["q"], memory["v"])
         found = memory.get("redundancy")
         self.formulation.redundancy = None if found is None else (tuple(found[0]), bool(found[1]))
-        self.formulation.regular = {tuple(key) for key in memory.get("regular", ())}
+        self._solvers.clear()
         for key, remembered in memory["solvers"]:
-            self._solver_of(self.formulation.layout(tuple(key))).recall(remembered)
-        self._current = self._change = None
+            problem = self.formulation.layout(tuple(key)).problem
+            solver = self._solvers[tuple(key)] = make_solver(self._solver_name, problem)
+            solver.recall(remembered)
         if memory.get("current") is not None:
             layout = self.formulation.layout(tuple(memory["current"]))
             self._current = layout, self._solvers[layout.key]
@@ -152,12 +151,10 @@ class WholeBodyQP:
             hierarchy.recall(remembered)
 
     def _solver_of(self, layout: Layout) -> Solver:
-        """Return the solver for a set of contacts.
+        """Return the solver for another set of contacts.
 
         After a change of the set, it starts with the active set that it found at the last such change.
         """
-        if self._current is not None and self._current[0] is layout:
-            return self._current[1]
         if layout.key not in self._solvers:
             self._solvers[layout.key] = make_solver(self._solver_name, layout.problem)
         solver, before = self._solvers[layout.key], () if self._current is None else self._current[0].key
@@ -246,7 +243,8 @@ class WholeBodyQP:
 
     def _solve_with_relaxation(self, layout: Layout, references: References) -> Answer:
         """Solve a problem with the least relaxation."""
-        solver = self._solver_of(layout)
+        current = self._current
+        solver = current[1] if current is not None and current[0] is layout else self._solver_of(layout)
         answer = self._solve_levels(layout) if self._priorities else solver.solve(layout.problem)
         if self._change is not None and solver.active_set is not None:
             self._first_sets[self._change], self._change = solver.active_set.side.copy(), None

@@ -216,6 +216,7 @@ def test_a_robot_on_a_fixed_base_has_no_capture_point(robot_of):
     values = settings.model_dump(exclude_unset=True)
     values["robot"]["base"] = "fixed"
     values["contacts"] = {}
+    del values["walking"]
     values["tasks"] = {"posture": {"type": "posture"}}
     settings = Settings.model_validate(values)
     model = make_model(settings)

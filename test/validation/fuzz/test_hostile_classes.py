@@ -30,9 +30,9 @@ def test_hostile_classes_are_refused_or_damped(hostile):
     [
         ("tasks", "enabled", 0, True, "active"),
         ("contacts", "enabled", 0, np.bool_(False), "active"),
-        ("tasks", "drift", 8, np.full(1, np.nan), "damping METHOD_FAILED"),
-        ("tasks", "drift", 8, np.ma.masked_array([0.0], mask=[1]), "damping METHOD_FAILED"),
-        ("tasks", "drift", 8, RecursionError(), "damping METHOD_FAILED"),
+        ("tasks", "drift", 13, np.full(1, np.nan), "damping METHOD_FAILED"),
+        ("tasks", "drift", 13, np.ma.masked_array([0.0], mask=[1]), "damping METHOD_FAILED"),
+        ("tasks", "drift", 13, RecursionError(), "damping METHOD_FAILED"),
         ("contacts", "jacobian", 6, np.zeros((3, 17)), "damping METHOD_FAILED"),
         ("limits", "fill", 6, np.nan, "damping METHOD_FAILED"),
         ("tasks", "name", 0, 5, "refused"),

@@ -42,7 +42,6 @@ class Formulation:
     Attributes:
         task_errors: of each level in the last cycle.
         redundancy: active contacts, and True to separate them in every cycle (`formulation.redundancy`).
-        regular: sets of active contacts without redundancy when last examined, as after each failure of a solver.
     """
 
     def __init__(
@@ -71,7 +70,6 @@ class Formulation:
         self.structure: Structure | None = None
         self.parameters: Parameters | None = None
         self.redundancy: tuple[tuple[str, ...], bool] | None = None
-        self.regular: set[tuple[str, ...]] = set()
         self._owners: tuple[Task | Contact, ...] = (*tasks, *contacts)
         self._levels = sorted({task.level for task in tasks})
         self._layouts: dict[tuple[str, ...], Layout] = {}
@@ -140,10 +138,7 @@ class Formulation:
             self._fill_row_limits(layout)
         layout.contact_rows = None
         if self.redundancy is None or self.redundancy[0] != layout.key:
-            redundant = layout.key not in self.regular and self._mobility(layout) < EXAMINED_MOBILITY
-            self.redundancy = layout.key, redundant
-            if not redundant:
-                self.regular.add(layout.key)
+            self.redundancy = layout.key, self._mobility(layout) < EXAMINED_MOBILITY
         if self.redundancy[1]:
             self._separate_contacts(layout)
         return layout
@@ -153,7 +148,6 @@ class Formulation:
         if layout.contact_rows is not None or self._mobility(layout) >= LEAST_MOBILITY:
             return False
         self.redundancy = layout.key, True
-        self.regular.discard(layout.key)
         self._separate_contacts(layout)
         return True
 

@@ -156,14 +156,14 @@ class Layout:
 
     def set_friction(self, shares: Mapping[str, float]) -> None:
         """Write the cones for a share of the friction of each contact, 1 by default."""
-        if shares is self._friction:
+        if shares == self._friction:
             return
         for place in self.places:
             name = place.contact.name
             share = shares.get(name, 1.0)
             if share != self._friction.get(name, 1.0):
                 self.problem.C[place.cone, place.columns] = place.contact.cone_for(share)
-        self._friction = shares
+        self._friction = dict(shares)
 
     @property
     def J(self) -> Array:

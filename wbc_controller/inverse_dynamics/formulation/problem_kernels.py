@@ -24,7 +24,7 @@ class LeastSquares(Struct):
     base: int  # number of base columns without d and t, determined by as many last equality constraints
     diagonal: Vector  # d, (n,), positive except in the base columns
     target: Vector  # t, (n,)
-    constraints: Constraints
+    constraints: Constraints  # of the problem
 
 
 @part

@@ -179,7 +179,7 @@ class ControllerTarget(Target):
             "supervisor.limits": controller.supervisor.limits,
         }
         for key, value in vars(controller.board).items():
-            if key in controller.board.SAMPLE_CACHE:
+            if key in (*controller.board.SAMPLE_CACHE, "forces"):  # forces are those of the last solution
                 continue
             if isinstance(value, Mapping):
                 parts |= {f"board{key}.{name}": entry for name, entry in value.items()}
