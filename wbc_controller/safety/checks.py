@@ -29,7 +29,7 @@ CHECKS = (
           "STALE_INPUT"),
     Check("stamps ahead of this computer's clock, with synchronized clocks", ("safety.clock_tolerance",), "s",
           "the message is refused", "STALE_INPUT"),
-    Check("the estimated base: finite, its slowest contact below 0.12 m/s", (), "m/s", "damping", "ESTIMATE_LOST"),
+    Check("the estimated base: finite, its slowest contact below 0.1 m/s", (), "m/s", "damping", "ESTIMATE_LOST"),
     Check("axes and units of the odometry, against its pose and the legs", (), "rad, m",
           "`activate` is refused; damping", "IMPLAUSIBLE_STATE"),
     Check("axes and units of the IMU, against the legs", (), "rad", "`activate` is refused; damping", "ESTIMATE_LOST"),
