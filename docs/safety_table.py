@@ -12,7 +12,7 @@ TESTS = {
         "nodes/test_clock.py::test_with_synchronized_clocks_a_constant_latency_does_not_activate",
     "stamps ahead of this computer's clock, with synchronized clocks":
         "nodes/test_clock.py::test_clocks_that_part_are_a_fault_that_says_by_how_much",
-    "the estimated base: finite, its slowest contact below 0.12 m/s":
+    "the estimated base: finite, its slowest contact below 0.1 m/s":
         "nodes/test_base_from_imu.py::test_an_imu_that_contradicts_all_contacts_is_a_fault_with_the_size",
     "axes and units of the odometry, against its pose and the legs":
         "integration/test_wrong_sensor_axes.py::test_the_wrong_axis_or_unit_is_named",
