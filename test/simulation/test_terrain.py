@@ -120,8 +120,8 @@ def test_a_block_has_its_own_friction(load):
 @pytest.mark.parametrize(
     ("block", "message"),
     [
-        ({"size": [1, 1, 1]}, "mock.terrain.step.position: missing key (Middle of the edge at -x of the upper face"),
-        ({**FLAT, "size": [1, 1, 0]}, "mock.terrain.step.size.2 = 0: input should be greater than 0 (Length along x"),
+        ({"size": [1, 1, 1]}, "mock.terrain.step.position: missing key (Middle of the upper edge at -x"),
+        ({**FLAT, "size": [1, 1, 0]}, "mock.terrain.step.size.2 = 0: input should be greater than 0 (Along x"),
         ({**FLAT, "colour": 1}, "mock.terrain.step.colour: unknown key; Valid: cell, damping, friction"),
         (
             {**FLAT, "unevenness": 0.02, "cell": 0.01},
