@@ -57,3 +57,16 @@ def test_pages_name_the_contact_of_the_package_and_existing_files(page):
     assert f'email = "{contact}"' in PYPROJECT
     for link in re.findall(r"\]\((docs/[^)#]+)", text):
         assert (ROOT / link).exists(), link
+
+
+@pytest.mark.parametrize("robot", ["g1", "go2", "talos"])
+def test_shipped_configurations_have_no_empty_section(robot):
+    """The parser of ROS 2 parameter files refuses them."""
+
+    def sections(value):
+        if isinstance(value, dict):
+            yield value
+            for each in value.values():
+                yield from sections(each)
+
+    assert all(sections(load(f"config/{robot}.yaml")))

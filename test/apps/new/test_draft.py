@@ -239,8 +239,10 @@ def test_link_names_become_topic_names():
 ])  # fmt: skip
 def test_bipeds_with_soles_and_quadrupeds_walk(urdf, walks):
     draft = new_configuration(ROBOTS + urdf)
-    assert draft.values.get("walking") == ({} if walks else None)
-    assert ("\n    walking: {}\n" in draft.to_yaml(TITLE)) is walks
+    keys = set(draft.values.get("walking", {}))
+    assert keys in ([{"gait"}, {"left", "right"}] if walks else [set()])
+    assert "{}" not in draft.to_yaml(TITLE)  # the parser of ROS 2 parameter files refuses empty sections
+    assert ("\n    walking:\n" in draft.to_yaml(TITLE)) is walks
 
 
 def test_legs_of_five_joints_do_not_walk(drafted):

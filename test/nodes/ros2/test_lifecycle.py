@@ -271,7 +271,7 @@ def test_the_whole_configuration_is_shown_as_parameters_while_there_is_one(make_
     assert node.trigger_configure() == SUCCESS
     assert node.get_parameter("limits.acceleration").value == node._loop.controller.live.settings.limits.acceleration
     described = node.describe_parameter("limits.acceleration").description
-    assert described.startswith("Largest joint acceleration, rad/s².")
+    assert described.startswith("Largest joint acceleration, rad/s²")
     assert described.endswith("May be changed live.")
     assert node.describe_parameter("tasks.com.weight").description.startswith("Weight in the cost.")
     assert set_one(node, "tasks.com.stiffness", 70.0) is True
