@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cache
 
 import numpy as np
@@ -352,6 +353,19 @@ def test_a_foot_that_slides_beside_resting_ones_is_excluded(robot, speed, within
         errors.append(np.linalg.norm(scene.estimator.base[1][:3]))
     assert excluded < within
     assert max(errors) < 0.04
+
+
+def test_the_velocity_is_less_certain_for_a_second_after_a_step():
+    """Soles of fast steps tilt and roll off; a contact that returns after a slip is no step."""
+    scene, sample, q, v = standing()
+    deviations, time = [], 0.0
+    for count, contacts in ((400, scene.contacts), (50, scene.contacts[:1]), (300, scene.contacts), (700, None)):
+        fed(scene, stream(sample, count, time), q, v, contacts)
+        time += 0.002 * count
+        deviations.append(math.sqrt(scene.estimator.covariance[1][0, 0]))
+    before, _, stepping, after = deviations
+    assert stepping > 1.5 * before
+    assert after < 1.1 * before
 
 
 def test_errors_are_as_large_as_the_covariance_says():

@@ -2,12 +2,13 @@
 
 import cmath
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import wbc_controller as wbc
-from wbc_controller.errors import ConfigurationError
+from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.recording.json_records import from_json, to_json
 from wbc_controller.validation.accuracy.walks import mean_velocity
 from wbc_controller.walking.gait import Phase
@@ -127,6 +128,36 @@ def test_feet_swing_in_groups(changes, together):
     opposite = {"front_left_foot": "rear_right_foot", "front_right_foot": "rear_left_foot"}
     for pair in (swing for swing in swings if len(swing) == 2):
         assert any(pair == {front, rear} for front, rear in opposite.items())
+
+
+def test_a_quadruped_stops_at_a_goal_and_reports_its_plan():
+    simulation = wbc.Simulation("go2")
+    controller, walker, plans = simulation.controller, simulation.controller.walker, []
+    controller.walk_to(0.4, 0.1, 0.3)
+    simulation.run(5.0, lambda now: plans.append(walker.plan()))
+    assert walker.phase is Phase.STAND
+    assert walker.goal is None
+    q, _ = simulation.plant.state()
+    assert abs(complex(q[0] - 0.4, q[1] - 0.1)) < 0.1
+    assert 2.0 * math.atan2(q[5], q[6]) == pytest.approx(0.3, abs=0.1)
+    swings = [plan for plan in plans if plan is not None and plan.swings]
+    assert {frozenset(plan.swings) for plan in swings} >= {frozenset(group) for group in walker.gait.groups}
+    assert all(0.0 <= plan.remaining <= walker.gait.swing for plan in swings)
+    assert walker.plan() is None
+    with pytest.raises(InputRefused, match="only bipeds"):
+        walker.follow(np.zeros((1, 3)), controller.dynamics)
+
+
+def test_a_jammed_contact_sensor_of_a_quadruped_changes_nothing():
+    def torques(touching):
+        simulation = wbc.Simulation("go2")
+        cycle = simulation.controller.cycle
+        simulation.controller.cycle = lambda inputs: cycle(replace(inputs, touching=touching))
+        simulation.controller.walk(0.3)
+        return [result.tau for result in simulation.run(1.5)]
+
+    jammed = torques(dict.fromkeys(wbc.Controller("go2").contacts, True))
+    assert all(np.array_equal(a, b) for a, b in zip(torques({}), jammed, strict=True))
 
 
 def test_a_trot_continues_exactly_from_a_saved_state():

@@ -45,6 +45,16 @@ def test_steps_in_place_keep_the_width(side):
     assert step.offset.imag * side < 0.0  # the DCM is between the feet
 
 
+def test_a_stop_brakes_twice_as_fast():
+    assert Velocity(0.5).towards(Velocity(), GAIT, 0.1) == Velocity(pytest.approx(0.44))
+    assert Velocity(0.5).towards(Velocity(0.1), GAIT, 0.1) == Velocity(pytest.approx(0.47))
+
+
+def test_a_shorter_step_time_keeps_the_velocity():
+    step = nominal_step(Velocity(0.4), stance(1), GAIT, 0.3)
+    assert (step.place - stance().place).real == pytest.approx(0.4 * (0.3 + GAIT.double))
+
+
 def test_two_steps_move_by_the_velocity():
     velocity = Velocity(0.4 + 0.1j, 0.0)
     left = nominal_step(velocity, stance(1), GAIT, GAIT.single)

@@ -90,7 +90,7 @@ def test_the_dcm_follows_its_reference_with_the_reaction_of_the_swing_foot():
     assert error_of_the_dcm(1.0) < 0.6 * error_of_the_dcm(0.0)
 
 
-@pytest.mark.parametrize("robot", ["g1", "talos"])
+@pytest.mark.parametrize("robot", ["g1", "talos", "go2"])
 def test_the_programs_of_the_gait_are_prepared_before_the_first_step(robot):
     simulation = wbc.Simulation(robot)
     qp = simulation.controller.qp

@@ -17,7 +17,6 @@ from wbc_controller.walking.feet import Foot, Sole, about_z, mean_angle
 from wbc_controller.walking.footstep_plan import Footstep, planned, step_towards
 from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity, nominal_step
 from wbc_controller.walking.gait import Gait, Phase
-from wbc_controller.walking.goal import Goal, velocity_to
 from wbc_controller.walking.pendulum import before, later, natural_frequency, transferred
 from wbc_controller.walking.plan import WalkingPlan, margin, swing_path
 from wbc_controller.walking.references import height_rate, reference, smooth_step
@@ -43,14 +42,6 @@ _LEVELLING = 0.05
 _HEADING_RATE = 6.0
 #: Largest distance between the feet along the heading for a stop, m, and largest speed, m/s.
 _BESIDE, _SLOW = 0.04, 0.02
-
-
-@dataclass(frozen=True, slots=True)
-class WalkingTasks:
-    """Names of the tasks on the DCM (`CapturePointTask`) and on the height of the centre of mass."""
-
-    dcm: str
-    height: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,13 +90,10 @@ class BipedWalker(Walker):
         "_references", "_footholds", "_early", "_double_support", "_captured", "watched", "fall",
     )  # fmt: skip
 
-    def __init__(
-        self, gait: Gait, left: Foot, right: Foot, names: WalkingTasks, tasks: TaskSets, gravity: float
-    ) -> None:
+    def __init__(self, gait: Gait, left: Foot, right: Foot, tasks: TaskSets, gravity: float) -> None:
         """Make a standing walker; gravity in m/s²."""
         self.gait = gait
         self._feet = {1: left, -1: right}
-        self._names = names
         self._gravity = gravity
         super().__init__(tasks)
 
@@ -120,7 +108,6 @@ class BipedWalker(Walker):
         # Quaternions (x, y, z, w) of the tasks on orientations at the heading 0.
         self._orientations: dict[str, tuple[float, ...]] = {}
         self._step: Step | None = None
-        self._lifted = False  # True after the contact sensor has shown lift-off
         self._dcm_wanted = 0j
         self._blend = 0j  # reference of the DCM at the start of the phase; in a step, minus the step's reference
         self._touchdown: tuple[complex, ...] = (0j, 0j, 0j)  # DCM, old and new foot at touchdown
@@ -196,7 +183,7 @@ class BipedWalker(Walker):
             self.command = None
         soles = {side: foot.sole(dynamics) for side, foot in self._feet.items()}
         if self.goal is not None:
-            self.command = self._velocity_to(self.goal, soles)
+            self._approach(self.goal, *self._pose(soles))
         if self.phase is Phase.STAND:
             if self.command is None:
                 return decision
@@ -230,7 +217,7 @@ class BipedWalker(Walker):
         rate = omega * (cycle.dcm - pressure)
         if self.phase is Phase.SINGLE and self._step is not None:
             rate += self.gait.reaction / omega * self._step.swing.acceleration
-        self._references[self._names.dcm] = reference([cycle.dcm.real, cycle.dcm.imag], [rate.real, rate.imag])
+        self._references[self.tasks.balance] = reference([cycle.dcm.real, cycle.dcm.imag], [rate.real, rate.imag])
         self._hold_height(soles[self._stance], dt)
         self._turn(soles, dt)
         decision.references = dict(self._references)
@@ -294,8 +281,8 @@ class BipedWalker(Walker):
             self._stance = -self.footsteps[0].side
         self._begin_tasks(decision)
 
-    def _velocity_to(self, goal: Goal, soles: Mapping[int, Sole]) -> Velocity | None:
-        """Return the velocity from the middle between the feet to a goal; at the goal, drop it and return None.
+    def _pose(self, soles: Mapping[int, Sole]) -> tuple[complex, float]:
+        """Return place and heading of the middle between the feet.
 
         While the robot walks, the middle is beside the stance foot, half of the nominal width away.
         """
@@ -303,10 +290,7 @@ class BipedWalker(Walker):
         middle, heading = 0.5 * (soles[1].place + soles[-1].place), stance.heading
         if self.phase is not Phase.STAND:
             middle = stance.place - 0.5j * self._stance * self.gait.width * cmath.rect(1.0, heading)
-        velocity = velocity_to(goal, middle, heading, self.gait, self.gait.step_time)
-        if velocity is None:
-            self.goal = None
-        return velocity
+        return middle, heading
 
     def _nominal(self, velocity: Velocity, stance: Stance) -> NominalStep:
         """Return the step to the next planned footstep, or at a velocity."""
@@ -343,7 +327,7 @@ class BipedWalker(Walker):
     def _lift_off(self, cycle: _Cycle, decision: Decision) -> None:
         """Begin a single support."""
         foot, sole = cycle.soles[-self._stance], cycle.soles[self._stance]
-        self.phase, self._since, self._lifted = Phase.SINGLE, cycle.time, False
+        self.phase, self._since, self._lifted = Phase.SINGLE, cycle.time, ()
         decision.changes.append(EnableContact(self._feet[-self._stance].contact, False, 0.0))
         stance = Stance(sole.place, sole.heading, -self._stance, cycle.omega)
         nominal = self._nominal(self.velocity, stance)
@@ -390,11 +374,8 @@ class BipedWalker(Walker):
         self._step = step
         self._references[foot.task] = foot.in_swing(step.swing, step.slope)
         share, late = elapsed / target.time, elapsed - target.time
-        sensor = cycle.touching.get(foot.contact)
-        self._lifted = self._lifted or sensor is False
-        touches = share >= COUNTS and lands(
-            share, late, step.swing.z.velocity, foot.velocity(cycle.dynamics), sensor if self._lifted else None
-        )
+        sensor = self._sensor(foot.contact, cycle.touching)
+        touches = share >= COUNTS and lands(share, late, step.swing.z.velocity, foot.velocity(cycle.dynamics), sensor)
         if touches:
             self._land(step, cycle, late, decision)
         return self._corrected(stance.place, cycle, stance.place, stance.place)
@@ -446,7 +427,7 @@ class BipedWalker(Walker):
         """Follow the height of the ground under the stance foot."""
         rate = height_rate(float(stance.centre[2]) + self._clearance - self._height)
         self._height += rate * dt
-        self._references[self._names.height] = reference([0.0, 0.0, self._height], [0.0, 0.0, rate])
+        self._references[self.tasks.height] = reference([0.0, 0.0, self._height], [0.0, 0.0, rate])
 
     def _turn(self, soles: Mapping[int, Sole], dt: float) -> None:
         """Turn the tasks on orientations with the heading of the feet."""

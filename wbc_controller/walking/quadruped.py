@@ -15,7 +15,6 @@ from wbc_controller.records import Array, Reference
 from wbc_controller.walking.feet import about_z
 from wbc_controller.walking.footsteps import Velocity
 from wbc_controller.walking.gait import Phase, QuadrupedGait
-from wbc_controller.walking.goal import Goal, velocity_to
 from wbc_controller.walking.pendulum import natural_frequency
 from wbc_controller.walking.plan import WalkingPlan, margin, swing_path
 from wbc_controller.walking.references import height_rate, reference, smooth_step
@@ -31,14 +30,6 @@ _FREEZE = 0.03
 _LAG = 0.06
 #: Largest distance of a foot from its nominal place for a stop, m, and largest commanded speed, m/s and rad/s.
 _NOMINAL, _SLOW = 0.06, 0.02
-
-
-@dataclass(frozen=True, slots=True)
-class QuadrupedTasks:
-    """Names of the tasks on the horizontal position of the centre of mass, and on its height."""
-
-    com: str
-    height: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,14 +66,13 @@ class QuadrupedWalker(Walker):
     STATE_FIELDS = (
         "phase", "command", "goal", "leaving", "velocity", "steps", "_until", "_since", "_last", "_group", "_clearance",
         "_height", "_heading", "_orientations", "_body", "_body_velocity", "_sway", "_start",
-        "_swings", "_landings", "_places", "_references",
+        "_swings", "_landings", "_lifted", "_places", "_references",
     )  # fmt: skip
 
     def __init__(
         self,
         gait: QuadrupedGait,
         feet: Sequence[PointFoot],
-        names: QuadrupedTasks,
         tasks: TaskSets,
         gravity: float,
         mass: float,
@@ -90,7 +80,6 @@ class QuadrupedWalker(Walker):
         """Make a standing walker; gravity in m/s²."""
         self.gait = gait
         self._feet = {foot.contact: foot for foot in feet}
-        self._names = names
         self._gravity, self._mass = gravity, mass
         super().__init__(tasks)
 
@@ -152,7 +141,8 @@ class QuadrupedWalker(Walker):
             self.command = None
         points = {name: np.array(dynamics.placement(foot.frame).translation) for name, foot in self._feet.items()}
         if self.goal is not None:
-            self.command = self._velocity_to(self.goal, points)
+            standing = self.phase is Phase.STAND
+            self._approach(self.goal, *(self._stance(points) if standing else (self._body, self._heading)))
         if self.phase is Phase.STAND:
             if self.command is None:
                 return decision
@@ -201,16 +191,6 @@ class QuadrupedWalker(Walker):
         self._latest = cycle
         decision.references = dict(self._references)
         return decision
-
-    def _velocity_to(self, goal: Goal, points: Mapping[str, Array]) -> Velocity | None:
-        """Return the velocity from the middle between the feet to a goal; at the goal, drop it and return None."""
-        middle, heading = self._body, self._heading
-        if self.phase is Phase.STAND:
-            middle, heading = self._stance(points)
-        velocity = velocity_to(goal, middle, heading, self.gait, self.gait.step_time)
-        if velocity is None:
-            self.goal = None
-        return velocity
 
     def _stance(self, points: Mapping[str, Array]) -> tuple[complex, float]:
         """Return the middle of the feet, and the angle from their nominal places to the present ones."""
@@ -270,7 +250,7 @@ class QuadrupedWalker(Walker):
 
     def _lift_off(self, cycle: _Cycle, decision: Decision) -> None:
         """Begin the swing of the next group."""
-        self.phase, self._since, self._landings = Phase.SINGLE, cycle.time, {}
+        self.phase, self._since, self._landings, self._lifted = Phase.SINGLE, cycle.time, {}, ()
         for name in self.gait.groups[self._group]:
             decision.changes.append(EnableContact(name, False, 0.0))
             point = cycle.points[name]
@@ -300,7 +280,7 @@ class QuadrupedWalker(Walker):
             )
             velocity = cycle.dynamics.velocity(foot.frame, pin.LOCAL_WORLD_ALIGNED)[:3]
             share, late = elapsed / gait.swing, elapsed - gait.swing
-            if lands(share, late, swing.z.velocity, velocity, cycle.touching.get(name)):
+            if lands(share, late, swing.z.velocity, velocity, self._sensor(name, cycle.touching)):
                 decision.changes.append(EnableContact(name, True, 0.0))
                 del self._swings[name]
         if not self._swings:
@@ -367,14 +347,14 @@ class QuadrupedWalker(Walker):
         place = self._body + self._sway_in_world(self._sway.position)
         velocity = self._body_velocity + self._sway_in_world(self._sway.velocity)
         push = self._sway_in_world(self._sway.acceleration)
-        self._references[self._names.com] = Reference(
+        self._references[self.tasks.balance] = Reference(
             np.array([place.real, place.imag, 0.0]),
             np.array([velocity.real, velocity.imag, 0.0]),
             np.array([push.real, push.imag, 0.0]),
         )
         rate = height_rate(ground.height_at(cycle.com) + self._clearance - self._height)
         self._height += rate * cycle.dt
-        self._references[self._names.height] = reference([0.0, 0.0, self._height], [0.0, 0.0, rate])
+        self._references[self.tasks.height] = reference([0.0, 0.0, self._height], [0.0, 0.0, rate])
 
     def _turn(self) -> None:
         turn = about_z(self._heading)

@@ -11,7 +11,7 @@ from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.records import Array, Reference
 from wbc_controller.walking.footsteps import Velocity
 from wbc_controller.walking.gait import Gait, Phase, QuadrupedGait
-from wbc_controller.walking.goal import Goal
+from wbc_controller.walking.goal import Goal, velocity_to
 from wbc_controller.walking.plan import WalkingPlan
 
 
@@ -25,14 +25,18 @@ class Decision:
 
 @dataclass(frozen=True, slots=True)
 class TaskSets:
-    """Names of the tasks switched by a walker.
+    """Names of the tasks commanded and switched by a walker.
 
     Attributes:
+        balance: task on the DCM of a biped, or on the horizontal position of a quadruped's centre of mass.
+        height: task on the height of the centre of mass.
         own: enabled while it walks.
         orientations: tasks on orientations, turned with the heading.
         suspended: tasks with references in the world, disabled while it walks.
     """
 
+    balance: str
+    height: str
     own: tuple[str, ...]
     orientations: tuple[str, ...]
     suspended: tuple[str, ...]
@@ -71,6 +75,7 @@ class Walker(ABC):
         self.velocity = Velocity()
         self.steps = 0
         self.watched, self.fall = -math.inf, ""
+        self._lifted: tuple[str, ...] = ()  # swing feet whose contact sensor has shown the lift-off
         self._references: dict[str, Reference] = {}  # of the last cycle, by task
 
     def ask(self, command: Velocity | None, until: float = math.inf) -> None:
@@ -130,6 +135,19 @@ class Walker(ABC):
     def watch_standing(self, time: float, dynamics: Dynamics, active: Collection[str]) -> None:
         """Predict a fall of a robot that is supported by its active contacts, at the time of a state, s."""
         self.watched = time
+
+    def _approach(self, goal: Goal, place: complex, heading: float) -> None:
+        """Command the velocity to a goal from the robot's place and heading; at the goal, drop it."""
+        self.command = velocity_to(goal, place, heading, self.gait, self.gait.step_time)
+        if self.command is None:
+            self.goal = None
+
+    def _sensor(self, contact: str, touching: Mapping[str, bool]) -> bool | None:
+        """Return the state of the contact sensor of a swing foot; None before it has shown the lift-off."""
+        sensor = touching.get(contact)
+        if sensor is False and contact not in self._lifted:
+            self._lifted = (*self._lifted, contact)
+        return sensor if contact in self._lifted else None
 
     def _begin_tasks(self, decision: Decision) -> None:
         decision.changes += [EnableTask(name, False) for name in self.tasks.suspended]

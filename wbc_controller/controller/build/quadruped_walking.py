@@ -15,7 +15,7 @@ from wbc_controller.inverse_dynamics.tasks import ComTask, FramePositionTask, Po
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.settings import PointContact, Settings, SurfaceContact, WalkingSettings
 from wbc_controller.walking.gait import QuadrupedGait
-from wbc_controller.walking.quadruped import PointFoot, QuadrupedTasks, QuadrupedWalker
+from wbc_controller.walking.quadruped import PointFoot, QuadrupedWalker
 from wbc_controller.walking.terrain import Ground
 from wbc_controller.walking.walker import TaskSets
 
@@ -63,9 +63,9 @@ def make_quadruped_walker(settings: Settings, walking: WalkingSettings, qp: Whol
     """Build the walker with the tasks of `make_quadruped_tasks`, in the nominal posture."""
     feet = _feet(settings, qp.model)
     orientations, suspended = enabled_tasks(settings, qp)
-    tasks = TaskSets((COM, HEIGHT, POSTURE, *(foot.task for foot in feet)), orientations, suspended)
-    gait, names = make_quadruped_gait(settings, walking, qp).gait, QuadrupedTasks(com=COM, height=HEIGHT)
-    return QuadrupedWalker(gait, feet, names, tasks, qp.model.gravity, qp.model.mass)
+    tasks = TaskSets(COM, HEIGHT, (COM, HEIGHT, POSTURE, *(foot.task for foot in feet)), orientations, suspended)
+    gait = make_quadruped_gait(settings, walking, qp).gait
+    return QuadrupedWalker(gait, feet, tasks, qp.model.gravity, qp.model.mass)
 
 
 def _feet(settings: Settings, model: RobotModel) -> list[PointFoot]:

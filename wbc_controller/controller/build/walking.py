@@ -23,7 +23,7 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import CapturePointTask, ComTask, FramePoseTask, PostureTask, Task
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.settings import Settings, SurfaceContact, WalkingSettings
-from wbc_controller.walking.biped import GAIN, BipedWalker, WalkingTasks
+from wbc_controller.walking.biped import GAIN, BipedWalker
 from wbc_controller.walking.feet import Foot, about_z
 from wbc_controller.walking.gait import Gait
 from wbc_controller.walking.reaction import swing_reaction
@@ -65,9 +65,8 @@ def make_walker(settings: Settings, qp: WholeBodyQP) -> Walker | None:
         return make_quadruped_walker(settings, settings.walking, qp)
     left, right = find_feet(settings, qp.model)
     orientations, suspended = enabled_tasks(settings, qp)
-    tasks = TaskSets((DCM, HEIGHT, POSTURE, LEFT, RIGHT), orientations, suspended)
-    gait, names = make_gait(settings, left, right, qp).gait, WalkingTasks(dcm=DCM, height=HEIGHT)
-    return BipedWalker(gait, left, right, names, tasks, qp.model.gravity)
+    tasks = TaskSets(DCM, HEIGHT, (DCM, HEIGHT, POSTURE, LEFT, RIGHT), orientations, suspended)
+    return BipedWalker(make_gait(settings, left, right, qp).gait, left, right, tasks, qp.model.gravity)
 
 
 def find_feet(settings: Settings, model: RobotModel) -> tuple[Foot, Foot]:
