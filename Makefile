@@ -16,9 +16,9 @@ demo: $(VENV)/demo.installed  ## watch a robot stand, sway, squat, reach and be 
 play: $(VENV)/demo.installed  ## play with a robot in the browser: push it, drag its hands: make play ROBOT=go2
 	$(BIN)/wbc play $(ROBOT)
 
-test: $(VENV)/dev.installed  ## run all tests: in parallel, then those that wait for wall time, two at a time
+test: $(VENV)/dev.installed  ## run all tests: in parallel, then those that wait for wall time, three at a time
 	$(BIN)/python -m pytest -n logical --dist worksteal --durations 12 -m "not live and not browser"
-	$(BIN)/python -m pytest -n 2 --dist worksteal --durations 12 -m live
+	$(BIN)/python -m pytest -n 3 --dist worksteal --durations 12 -m live
 
 test-kilted:  ## test nodes and transports with the wheels of ROS 2 Kilted, in .venv-kilted
 	$(MAKE) VENV=.venv-kilted .venv-kilted/kilted.installed

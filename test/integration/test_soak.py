@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from domains import own_domain
 
 from wbc_controller.validation.fuzz.soak import SoakResult, soak
@@ -13,6 +14,7 @@ SECONDS = 30.0
 GROWTH = 512
 
 
+@pytest.mark.live
 def test_memory_is_flat_and_no_fault_occurs(tmp_path):
     result = soak("go2", tmp_path, SECONDS, domain=own_domain())
     print(result.memory, result.faults, result.rate, result.late)
