@@ -165,7 +165,7 @@ def run(folder, script, **environment):
 def test_first_start_compiles_and_second_loads(tmp_path):
     script = "import logging; logging.basicConfig(level=logging.INFO); import kernels_of_a_test"
     _, log = run(tmp_path, script, NUMBA_CACHE_DIR=str(tmp_path))
-    assert "INFO:wbc_controller.compilation:compiled total in" in log
+    assert "wbc_controller.compilation:compiled total in" in log  # a warning if it takes long
     assert log.count("once, 15 to 60 s of processor time") == 1
     assert run(tmp_path, script, NUMBA_CACHE_DIR=str(tmp_path)) == ("", "")
 

@@ -30,12 +30,13 @@ def busy():
 def test_on_a_busy_computer_a_controller_stays_active(processes, dds_user, busy, factor, duration):
     user = dds_user
     mock = processes.start("mock", "go2", "--patient", "--real-time-factor", str(factor))
-    processes.start("run", "go2", "--activate", "--use-sim-time")
+    controller = processes.start("run", "go2", "--activate", "--use-sim-time")
     user.until(lambda: user.mode not in ("", "inactive"), "activation", patience=120.0)
     user.run(duration)
-    mock.send_signal(signal.SIGSTOP)  # pauses the simulator
-    time.sleep(0.5)
-    mock.send_signal(signal.SIGCONT)
-    user.run(0.5 * duration)
+    for paused, seconds in ((mock, 0.5), (controller, 1.0)):
+        paused.send_signal(signal.SIGSTOP)
+        time.sleep(seconds)
+        paused.send_signal(signal.SIGCONT)
+        user.run(0.5 * duration)
     assert [content.data for content in user.all("controller", "state")][-1] == "active"
     assert not any(content.data.startswith("damping") for content in user.all("controller", "state"))

@@ -489,10 +489,14 @@ def test_torques_of_a_state_that_became_stale_are_not_sent(starved, monkeypatch)
             starved.send("clock", time_message(starved.time + 60_000_000))
         return result
 
+    before = 0.5 * starved.model.effort_limits
+    starved.loop.controller.supervisor._tau = before  # far from those of the solution and of damping
     monkeypatch.setattr(starved.loop.controller, "cycle", slow)
     report = states_with_time(starved, 1)
     assert (report.mode, report.fault.code) == (Mode.DAMPING, "STALE_INPUT")
-    assert np.array_equal(starved.efforts()[-1], report.command.tau)
+    tau, rate = starved.efforts()[-1], starved.settings.limits.torque_rate
+    assert np.array_equal(tau, report.command.tau)
+    assert np.abs(tau - before) == pytest.approx(rate * starved.period * starved.model.effort_limits)
 
 
 def test_an_unreadable_clock_is_logged_and_the_loop_continues(bench, monkeypatch, caplog):

@@ -184,6 +184,8 @@ class ControlCycle:
         starts = self._handle_requests(inputs.requests, now, problem, refused) if inputs.requests else False
         remaining: list[tuple[Change, ...]] = []
         supervisor = self.supervisor
+        if inputs.torques_sent is not None:
+            supervisor.torques_sent = inputs.torques_sent
         if inputs.changes or self.live.newest is not self._live:
             try:
                 remaining = self._accept_changes(inputs.changes, state, refused)

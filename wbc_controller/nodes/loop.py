@@ -11,6 +11,8 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 
+import numpy as np
+
 from wbc_controller.controller.controller import Controller
 from wbc_controller.controller.report import CycleInputs, CycleReport, LatchedInputs
 from wbc_controller.controller.result import CycleResult
@@ -107,7 +109,7 @@ class ControlLoop:
             requests, refused = self._filter_requests(requests, problem)
         solving = problem is None and not requests and before in _UNDER_CONTROL
         slips = self._changed_slips() if solving else ()
-        read = timer() - started
+        read, torques_sent = timer() - started, controller.supervisor.torques_sent
         cycle_inputs = CycleInputs(
             now=now,
             state=latched.state,
@@ -129,7 +131,12 @@ class ControlLoop:
                 withdrawn, self._activate_when_fresh = _CANCEL_ACTIVATION, waiting
                 refused += (f"command 'activate' is refused: after the computation of the torques, {late.sentence}",)
             repeated_inputs = CycleInputs(
-                now=now + passed, state=latched.state, joint_velocity=None, problem=late, requests=withdrawn
+                now=now + passed,
+                state=latched.state,
+                joint_velocity=None,
+                problem=late,
+                requests=withdrawn,
+                torques_sent=torques_sent,
             )
             result = controller.cycle(repeated_inputs)
         decided = timer()
@@ -332,6 +339,8 @@ class ControlLoop:
         except Exception as error:
             self.controller.fail(error)
             self._outputs.publish_zeros()
+            supervisor = self.controller.supervisor
+            supervisor.torques_sent = np.zeros_like(supervisor.torques_sent)
 
     def _wait_time(self, period: float) -> float:
         """Return the longest wait for the next joint state, s: until the last one is stale, then one period."""

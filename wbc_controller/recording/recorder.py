@@ -319,6 +319,7 @@ class Recorder:
             "requests": inputs.requests,
             "changes": inputs.changes,
             "refused": refused,
+            "torques sent": None if inputs.torques_sent is None else inputs.torques_sent.tolist(),
             "left out": {self._topics[topic - 1][1]: count for topic, count in dropped.items()},
         }
         event |= {name: part for name, part in parts.items() if part}

@@ -33,6 +33,7 @@ _EVENT = {"cycle": int, "mode": str}
 _PARTS_OF_EVENT = {
     "fault": Fault | None, "settings": str, "apart": bool, "problem": Fault | None, "requests": list[str],
     "changes": list[list[Change | ChangeSettings]], "refused": list[str], "left out": Mapping[str, int],
+    "torques sent": list[float],
 }  # fmt: skip
 _BEGIN_OF_MEMORY = re.compile(r'\{"cycle":(\d{1,15}),')
 _MEMORY = {"cycle": int, "settings": str, "memory": Mapping[str, Any]}

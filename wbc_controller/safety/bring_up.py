@@ -112,6 +112,7 @@ class BringUpWatch:
             self.fault = Fault(
                 UNEXPLAINED_MOTION,
                 f"joint {model.joints[worst]!r} deviates by {speeds[worst]:.2g} {unit} from the motion predicted for "
-                f"the torques sent (limit {limit[worst]:g} {unit}, safety.bring_up_speed): wrong joint order or sign; "
-                "compare the order of the effort command with robot.actuators (default: robot.joints)",
+                f"the torques sent (limit {limit[worst]:g} {unit}, safety.bring_up_speed): wrong joint order or sign, "
+                "or a false external wrench; compare the order of the effort command with robot.actuators (default: "
+                "robot.joints)",
             )

@@ -126,6 +126,15 @@ class Supervisor:
         )
 
     @property
+    def torques_sent(self) -> Array:
+        """Torques sent last, (na,) in N·m; set them if a command was replaced or not sent."""
+        return self._tau
+
+    @torques_sent.setter
+    def torques_sent(self, tau: Array) -> None:
+        self._tau = tau
+
+    @property
     def solving(self) -> bool:
         """True if this cycle needs a solution."""
         return self.mode is Mode.ACTIVE or self.mode is Mode.HOLDING

@@ -46,7 +46,7 @@ MAX_LATE = 0.2
 #: Switch interval of the interpreter, s: torques must not wait for the physics.
 _SWITCH_INTERVAL = 1.0e-4
 #: Simulated time without torques before a patient robot waits, s, and wall time of the wait, s.
-LEAST_LEAD, PATIENCE = 0.01, 0.5
+LEAST_LEAD, PATIENCE = 0.01, 3.0
 
 #: Places of faults that are incompatible with lockstep.
 _NOT_IN_LOCKSTEP = ("delivery", "delivery of commands", "stamps and clock")
@@ -164,8 +164,9 @@ class MockRobot:
             self.advance()
 
     def _wait_for_torques(self) -> None:
-        """Pause simulated time while an active controller is late."""
-        late = self.plant.time - self._last_torques >= max(LEAST_LEAD, 2.0 * self._period)
+        """Pause simulated time while an active controller is late; its last torques are zero."""
+        active = self._tau is not None and bool(self._tau.any())
+        late = active and self.plant.time - self._last_torques >= max(LEAST_LEAD, 2.0 * self._period)
         if self._efforts is not None and self._efforts.wait(PATIENCE if late else 0.0):
             self._last_torques = self.plant.time
         elif late:

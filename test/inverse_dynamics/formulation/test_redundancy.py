@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from own_classes import Grip
 
 from wbc_controller import Simulation
 from wbc_controller.apps.new.draft import new_configuration
@@ -23,6 +24,7 @@ from wbc_controller.records import RobotState, frozen
 from wbc_controller.settings.config import load
 from wbc_controller.validation.fuzz.problems import rest
 
+PANDA = "package://example-robot-data/robots/panda_description/urdf/panda.urdf"
 SOLO_8 = "package://example-robot-data/robots/solo_description/robots/solo.urdf"
 LEVELS = {"tasks.posture.level": 2, "tasks.base.level": 1}
 SOLVERS = {"daqp": {}, "osqp": {}, "proxqp": {}, "quadprog": {}, "levels": LEVELS}
@@ -172,12 +174,36 @@ def test_contacts_with_full_rank_are_unchanged(load):
     assert mobilities(layout.J, layout.metric, qp.dynamics)[0].min() > 10.0 * EXAMINED_MOBILITY
 
 
+def test_redundancy_in_a_motion_without_a_change_of_contacts_is_found():
+    """Panda, whose held hand loses a direction while the elbow stretches."""
+    settings = new_configuration(PANDA).settings
+    model = make_model(settings)
+    qp = make_qp(settings, model, contacts=[lambda model: Grip(model, model.pinocchio.frames[-1].name, stiffness=0.0)])
+    joints = np.array([-2.86, 0.78, -2.86, -0.42, -2.87, 2.54, 1.93])
+
+    def build(elbow):
+        joints[3] = elbow
+        state = RobotState(0, model.configuration(joints), np.zeros(model.nv))
+        layout = qp.formulation.build(state, rest(qp, settings, state))
+        return layout, mobilities(layout.J, layout.metric, qp.dynamics)[0].min()
+
+    layout, mobility = build(-0.8)
+    assert mobility > EXAMINED_MOBILITY
+    assert layout.contact_rows is None
+    for elbow in np.arange(-0.78, -0.4, 0.02):
+        layout, mobility = build(elbow)
+    assert mobility < LEAST_MOBILITY
+    assert np.abs(layout.contact_rows[:, :-1] - layout.problem.A[:3, : model.nv]).max() > 1e-3  # a soft direction
+    layout, _ = build(-0.8)
+    assert layout.contact_rows is None
+
+
 def test_redundancy_after_activation_is_found():
     robot, fresh = Standing(solo_8()), Standing(solo_8())
     rng = np.random.default_rng(5)
     for _ in range(5):
         state = robot.near(rng)
-        robot.qp.formulation.redundancy = tuple(robot.qp.contacts), False
+        robot.qp.formulation.redundancy = tuple(robot.qp.contacts), False, state.q
         found = robot.qp.solve(state, robot.references)
         assert robot.qp.formulation.redundancy[1]
         np.testing.assert_allclose(found.tau, fresh.qp.solve(state, fresh.references).tau, atol=1e-7)
@@ -189,8 +215,9 @@ def test_restored_program_is_identical(solver):
     rng = np.random.default_rng(6)
     robot.qp.solve(robot.near(rng), robot.references)
     for examined in (True, False):
-        robot.qp.formulation.redundancy = tuple(robot.qp.contacts), examined
-        memory, state = robot.qp.memory(), robot.near(rng)
+        state = robot.near(rng)
+        robot.qp.formulation.redundancy = tuple(robot.qp.contacts), examined, state.q
+        memory = robot.qp.memory()
         other.qp.recall(memory)
         expected, found = (each.qp.solve(state, robot.references) for each in (robot, other))
         assert found.tau.tobytes() == expected.tau.tobytes()

@@ -52,13 +52,20 @@ def robot(environment, user, tmp_path):
                        ("/wbc_controller/tasks/posture/reference", JointState)):  # fmt: skip
         node.create_subscription(kind, name, lambda m, name=name: seen.__setitem__(name, m), 1)
 
+    def has_time():
+        """The controller has received the simulated time."""
+        newest = seen.get("/diagnostics")
+        if newest is None or not any("wbc_controller" in status.name for status in newest.status):
+            return False
+        return newest.header.stamp.sec > 0 or newest.header.stamp.nanosec > 0
+
     def make(name):
         path = tmp_path / name
         path.write_text(FILES[name], encoding="utf-8")
         started.append(
             launch(environment, f"config:={patient(path, tmp_path)}", "real_time_factor:=0.5", "use_sim_time:=true")
         )  # fmt: skip
-        until(lambda: states == ["inactive"] and "/joint_states" in seen)
+        until(lambda: states == ["inactive"] and "/joint_states" in seen and has_time())
 
         def run(words):
             done = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=patience(PATIENCE))

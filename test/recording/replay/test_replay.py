@@ -140,6 +140,30 @@ def test_after_a_failed_cycle_the_replay_resumes_at_the_next_memory(record, tmp_
     assert len(solved) + replay.skipped == recorded.count
 
 
+def test_a_cycle_whose_torques_were_not_sent_is_replayed(record, tmp_path, monkeypatch):
+    """The process stopped for 60 ms during a cycle, which was repeated with stale inputs."""
+    run = record(tmp_path / "a.mcap")
+    run.stand(20)
+    controller, clock = run.bench.loop.controller, run.bench.clock
+    cycle = controller.cycle
+
+    def slow(inputs):
+        result = cycle(inputs)
+        clock.time += 0.06 * (inputs.problem is None)
+        return result
+
+    monkeypatch.setattr(controller, "cycle", slow)
+    run.go(1)
+    monkeypatch.undo()
+    run.go(5)
+    recorded = run.finish(tmp_path / "a.mcap")
+    assert [fault.fault.code for fault in recorded.faults] == ["STALE_INPUT"]
+    assert len([event for event in recorded.events.values() if "torques sent" in event]) == 1
+    solved = list(Replay(recorded).run())
+    assert len(solved) == recorded.count
+    assert all(each.is_identical for each in solved)
+
+
 def test_a_recording_that_begins_later_is_solved_from_its_first_memory_on(record, tmp_path):
     run = record(changes={"recorder": {"seconds": 0.3, "folder": str(tmp_path / "faults")}})
     run.stand(900)

@@ -74,6 +74,19 @@ def test_valid_requests_are_accepted(robot):
             assert not target._refused, topic.name
 
 
+def test_unexplained_motion_after_a_false_external_wrench_sends_zeros_at_once():
+    target = ControllerTarget("g1")
+    topic = target.topics["/wbc_controller/external_wrenches/right_rubber_hand"]
+    content = target.example(topic)
+    content.wrench.force.z = 3000.0
+    target.deliver(topic, encode(content))
+    while target.alive and target._robot.clock.now() < 0.1:
+        target._cycle("a false wrench", publish=True)
+        target.finish()
+    assert target._controller.fault.code == "UNEXPLAINED_MOTION"
+    assert not target._tau.any()
+
+
 def test_seed_determines_the_messages(monkeypatch):
     def sent(seed):
         messages = []

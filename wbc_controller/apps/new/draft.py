@@ -146,9 +146,9 @@ def _put_base(source: UrdfSource, base: Base | None, feet: Sequence[Foot], draft
 
 def _put_arm(draft: Draft, source: UrdfSource, body: Body, postures: dict[str, dict[str, float]]) -> None:
     model = _model(draft, source, floating=False)
-    put_fixed(model, postures, draft)
+    posture = put_fixed(model, postures, draft)
     tuning.put_limits(model, draft)
-    tuning.put_arm_tasks(body.model, body.arms, draft)
+    tuning.put_arm_tasks(body.model, body.arms, posture, draft)
 
 
 def _put_legged(

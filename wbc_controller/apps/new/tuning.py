@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -33,6 +34,8 @@ _MAX_SPEED = 8.0  # largest fully used joint speed, rad/s
 #: Smallest number of joints of an arm with a hand task: on a legged robot, where heads have fewer, and on a fixed base.
 _ARM_JOINTS, _FIXED_ARM_JOINTS = 4, 3
 _POSE_JOINTS = 6
+#: Largest weight of an arm's posture, m², and per squared lever of a hand, whose stationary error is then 2 %.
+_POSTURE, _POSTURE_PER_AREA = 0.1, 0.2
 _IMMOBILE = 1.0e-2  # largest singular value of an immobile direction, m or 1
 _ROUNDING_ANGLE = 0.005  # rounding of a mesh, rad
 
@@ -95,17 +98,30 @@ def put_standing_tasks(
     draft.put("tasks.posture", {"type": "posture", "weight": heavy, "stiffness": 0.5 * stiffness})
 
 
-def put_arm_tasks(model: RobotModel, arms: Sequence[Limb], draft: Draft) -> None:
-    """Write the tasks of a robot on a fixed base."""
-    draft.note("tasks", "Weights and stiffnesses of the arm in examples/fixed_arm.py.", "guess")
-    _put_hands(model, arms, set(), 100.0, _FIXED_ARM_JOINTS, draft)
-    draft.put("tasks.posture", {"type": "posture", "weight": 0.1, "stiffness": 50.0})
+def put_arm_tasks(model: RobotModel, arms: Sequence[Limb], posture: Array, draft: Draft) -> None:
+    """Write the tasks of a robot on a fixed base, with its `posture`, (nj,) in rad."""
+    draft.note("tasks", "Weights and stiffnesses of the arm in examples/fixed_arm.py; the weight of the posture in "
+               "proportion to the squared length of a shorter arm.", "guess")  # fmt: skip
+    hands = _put_hands(model, arms, set(), 100.0, _FIXED_ARM_JOINTS, draft)
+    shortest = min((_lever(model, hand, posture) for hand in hands), default=math.inf)
+    weight = min(_POSTURE, _POSTURE_PER_AREA * shortest**2)
+    draft.put("tasks.posture", {"type": "posture", "weight": float(f"{weight:.1g}"), "stiffness": 50.0})
+
+
+def _lever(model: RobotModel, link: str, posture: Array) -> float:
+    """Return the largest speed of a link per joint speed, m."""
+    q, frame = model.configuration(posture), model.frame_id(link, "tasks")
+    J = pin.computeFrameJacobian(
+        model.pinocchio, model.pinocchio.createData(), q, frame, pin.LOCAL_WORLD_ALIGNED
+    ).reshape(6, model.nv)  # fmt: skip
+    return float(np.linalg.norm(J[:3, model.v_index], 2))
 
 
 def _put_hands(
     model: RobotModel, arms: Sequence[Limb], feet: set[int], stiffness: float, min_joints: int, draft: Draft
-) -> None:
-    own = set(model.v_index.tolist())
+) -> list[str]:
+    """Write the tasks of hands; return their links."""
+    own, hands = set(model.v_index.tolist()), []
     for arm in arms:
         joints = [joint for joint in arm.joints if model.pinocchio.joints[joint].idx_v in own]  # without mimic joints
         if arm.end not in feet and len(joints) >= min_joints:
@@ -116,6 +132,8 @@ def _put_hands(
                 task["mask"] = [True, True, True, False, False, False]
                 text += f" {len(joints)} joints can control its position, but not its orientation."
             draft.put(f"tasks.{draft.free_name('tasks', link)}", task, text)
+            hands.append(link)
+    return hands
 
 
 def _trunk(model: RobotModel, arms: Sequence[Limb], feet: Sequence[Foot]) -> str:

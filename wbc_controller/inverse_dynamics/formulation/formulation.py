@@ -17,6 +17,7 @@ from wbc_controller.inverse_dynamics.formulation.plain_qp import Limits, Regular
 from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT
 from wbc_controller.inverse_dynamics.formulation.redundancy import (
     EXAMINED_MOBILITY,
+    EXAMINED_MOTION,
     LEAST_MOBILITY,
     mobilities,
     separate_redundant_rows,
@@ -41,7 +42,7 @@ class Formulation:
 
     Attributes:
         task_errors: of each level in the last cycle.
-        redundancy: active contacts, and True to separate them in every cycle (`formulation.redundancy`).
+        redundancy: contacts, True to separate them in every cycle (`formulation.redundancy`), and the examined q.
     """
 
     def __init__(
@@ -69,13 +70,14 @@ class Formulation:
         self.task_errors: tuple[Errors, ...] = ()
         self.structure: Structure | None = None
         self.parameters: Parameters | None = None
-        self.redundancy: tuple[tuple[str, ...], bool] | None = None
+        self.redundancy: tuple[tuple[str, ...], bool, Array] | None = None
         self._owners: tuple[Task | Contact, ...] = (*tasks, *contacts)
         self._levels = sorted({task.level for task in tasks})
         self._layouts: dict[tuple[str, ...], Layout] = {}
         self._structures: dict[tuple[tuple[str, ...], tuple[str, ...]], Structure] = {}  # by contacts and tasks
         self._tuning: Tuning | None = None
         self._prepared: RobotState | None = None  # of the present dynamics
+        self._joint_positions = slice(7 if model.floating_base else 0, None)  # in q
         self._q_index, self._v_index = (index.astype(np.int64) for index in (model.q_index, model.v_index))
 
     @cached_property
@@ -137,8 +139,8 @@ class Formulation:
         if self.row_limits:
             self._fill_row_limits(layout)
         layout.contact_rows = None
-        if self.redundancy is None or self.redundancy[0] != layout.key:
-            self.redundancy = layout.key, self._mobility(layout) < EXAMINED_MOBILITY
+        if self.redundancy is None or self.redundancy[0] != layout.key or self._has_moved(self.redundancy[2]):
+            self.redundancy = layout.key, self._mobility(layout) < EXAMINED_MOBILITY, q.copy()
         if self.redundancy[1]:
             self._separate_contacts(layout)
         return layout
@@ -147,9 +149,13 @@ class Formulation:
         """Separate newly redundant contacts; return True if the problem changes."""
         if layout.contact_rows is not None or self._mobility(layout) >= LEAST_MOBILITY:
             return False
-        self.redundancy = layout.key, True
+        self.redundancy = layout.key, True, self.dynamics.q.copy()
         self._separate_contacts(layout)
         return True
+
+    def _has_moved(self, examined: Array) -> bool:
+        moved = np.abs(self.dynamics.q - examined)[self._joint_positions]  # the base does not change the mobility
+        return not (moved.max(initial=0.0) <= EXAMINED_MOTION)
 
     def _mobility(self, layout: Layout) -> float:
         return float(mobilities(layout.J, layout.metric, self.dynamics)[0].min(initial=math.inf))

@@ -13,7 +13,7 @@ from wbc_controller.controller.report import CycleInputs
 from wbc_controller.controller.result import CycleResult
 from wbc_controller.recording.cycle_layout import MODES, cycle_slots
 from wbc_controller.recording.recording_file import RecordedCycle, Recording
-from wbc_controller.records import RobotState, freeze
+from wbc_controller.records import RobotState, freeze, frozen
 from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config
 
@@ -122,6 +122,7 @@ class Replay:
         if "settings" in event and not self._other:
             self.controller.live.replace_all(self.recorded.parse_configuration(event["settings"]).settings)
         velocity = cycle.values["joint_velocity"] if cycle.scalar("has_joint_velocity") else None
+        sent = event.get("torques sent")
         return self.controller.cycle(
             CycleInputs(
                 now=cycle.scalar("now"),
@@ -131,6 +132,7 @@ class Replay:
                 requests=tuple(event.get("requests", ())),
                 changes=tuple(tuple(each) for each in event.get("changes", ())),
                 touching=self._touching(cycle),
+                torques_sent=None if sent is None else frozen(np.array(sent)),
             )
         )
 

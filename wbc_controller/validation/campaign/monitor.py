@@ -10,6 +10,7 @@ from wbc_controller.errors import InputRefused
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.codec import decode
 from wbc_controller.records import Array, Mode
+from wbc_controller.safety.bring_up import UNEXPLAINED_MOTION
 from wbc_controller.settings import Settings
 
 _ROUNDING, _SAME_TIME = 1.0e-9, 1.0e-6  # rounding tolerance: share of a limit, and time, s
@@ -101,7 +102,8 @@ class OutputMonitor:
     def cycle(self, report: CycleReport) -> None:
         """Check a report, after its torques."""
         code = report.fault.code if report.fault is not None else ""
-        if self._too_fast is not None and not (code == "ESTOP" and not self._tau.any()):
+        at_once = code in ("ESTOP", UNEXPLAINED_MOTION) and not self._tau.any()
+        if self._too_fast is not None and not at_once:
             self.add_violation("over_rate", self._too_fast)
         self._too_fast = None
         for stream, measured_at in self._delivered.items():
