@@ -28,17 +28,13 @@ def filter_state(points=1):
     return of(3, 3), of(3, 2 + points), of(3), of(3), np.eye(15 + 3 * points)
 
 
-def propagated(before, after, *, force=3):
-    kept = after[0], after[1], after[4]
-    invariant_filter.propagate(*before, of(3), of(3), of(force), 0.002, of(5), *kept)
+def propagated(gravity, velocity, force, noise):
+    invariant_filter.propagate(*filter_state(), of(gravity), of(velocity), of(force), 0.002, of(noise))
 
 
-def corrected(points, places, *, squares=1):
-    ends, covariance = np.array([len(points)]), of(3 * len(points), 3 * len(points))
-    limits = np.ones(1)
-    invariant_filter.correct(
-        *filter_state(), np.array(points), ends, places, covariance, limits, of(squares), *filter_state()
-    )
+def corrected(points, places, end):
+    covariance = np.eye(3 * len(points))
+    invariant_filter.correct(*filter_state(), np.array(points), np.array([end]), places, covariance)
 
 
 def audit_memory(nv=4, na=2):
@@ -48,13 +44,11 @@ def audit_memory(nv=4, na=2):
 
 #: A call with consistent sizes, and calls with inconsistent ones.
 CALLS = {
-    "propagate": (
-        lambda after, force: propagated(filter_state(), filter_state(after), force=force), (1, 3), [(2, 3), (1, 2)]
-    ),
+    "propagate": (propagated, (3, 3, 3, 5), [(2, 3, 3, 5), (3, 2, 3, 5), (3, 3, 2, 5), (3, 3, 3, 4)]),
     "correct": (
-        lambda point, places, squares: corrected([point], of(places, 3), squares=squares),
+        lambda point, places, end: corrected([point], of(places, 3), end),
         (0, 1, 1),
-        [(1, 1, 1), (-1, 1, 1), (0, 0, 1), (0, 1, 0)],
+        [(1, 1, 1), (-1, 1, 1), (0, 0, 1), (0, 1, 2)],
     ),
     "add_step": (
         lambda step, v, com, force: audit.add_step(audit_memory(), of(step), of(v), of(com), of(force), 0.002, True),

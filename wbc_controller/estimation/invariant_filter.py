@@ -86,12 +86,13 @@ class InvariantFilter:
         (velocity to position), and -R, -xₓ R (biases). `creep` multiplies the noise of the contact points.
         """
         self._densities[4] = creep * self.noise.contact
-        before = self.rotation, self.columns, self.gyroscope_bias, self.accelerometer_bias, self.P
-        self.rotation, self.columns, self.P = np.empty((3, 3)), np.empty(before[1].shape), np.empty(before[4].shape)
-        kernel.propagate(
-            *before, self._gravity, angular_velocity, specific_force, dt, self._densities,
-            self.rotation, self.columns, self.P,
-        )  # fmt: skip
+        self.rotation, self.columns, self.P = kernel.propagate(
+            *self._state, self._gravity, angular_velocity, specific_force, dt, self._densities
+        )
+
+    @property
+    def _state(self) -> tuple[Array, Array, Array, Array, Array]:
+        return self.rotation, self.columns, self.gyroscope_bias, self.accelerometer_bias, self.P
 
     def correct(
         self,
@@ -115,14 +116,9 @@ class InvariantFilter:
         """
         ends = np.array([len(names)]) if ends is None else ends
         limits = np.full(len(ends), np.inf) if limits is None else limits
-        squares = np.empty(len(ends))
-        before = self.rotation, self.columns, self.gyroscope_bias, self.accelerometer_bias, self.P
-        after = np.empty((3, 3)), np.empty(self.columns.shape), np.empty(3), np.empty(3), np.empty(self.P.shape)
         points = np.array([self.names.index(name) for name in names], dtype=np.int64)
-        found = kernel.correct(*before, points, ends, positions, covariance, limits, squares, *after)
-        if found < 0:
-            raise np.linalg.LinAlgError("the covariance of the innovation is not positive definite")
-        if found > 0:
+        squares, *after = kernel.correct(*self._state, points, ends, positions, covariance)
+        if (squares <= limits).all():
             self.rotation, self.columns, self.gyroscope_bias, self.accelerometer_bias, self.P = after
         return squares
 
