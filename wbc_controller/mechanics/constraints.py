@@ -12,7 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -25,6 +25,21 @@ from wbc_controller.records import Array
 def _cross(a: Array, b: Array) -> Array:
     """Return a × b; faster than `numpy.cross`."""
     return np.asarray(pin.skew(a) @ b)
+
+
+class BodyMotion(NamedTuple):
+    """Motion of a frame on a link or support."""
+
+    placement: pin.SE3  # in the world
+    twist: Array  # in its own axes, (6,) in m/s and rad/s
+    jacobian: Array  # of the twist, (6, nv)
+    drift: Array  # time derivative of the twist at v̇ = 0, (6,)
+
+    def point(self) -> tuple[Array, Array, Array, Array]:
+        """Return position (3,), velocity (3,), Jacobian (3, nv), drift (3,) of the origin, world axes."""
+        R, linear, angular = self.placement.rotation, self.twist[:3], self.twist[3:]
+        drift = self.drift[:3] + _cross(angular, linear)  # the axes of the twist rotate
+        return self.placement.translation, R @ linear, R @ self.jacobian[:3], R @ drift
 
 
 @dataclass(frozen=True)
@@ -40,6 +55,11 @@ class Motion:
     placement: pin.SE3
     twist: Array = field(default_factory=lambda: np.zeros(6))
     acceleration: Array = field(default_factory=lambda: np.zeros(6))
+
+    def body(self, target: pin.SE3, nv: int) -> BodyMotion:
+        """Return the motion of a frame fixed to the support."""
+        change = target.inverse().action
+        return BodyMotion(self.placement * target, change @ self.twist, np.zeros((6, nv)), change @ self.acceleration)
 
 
 #: Motion of a support as a function of time in s.
@@ -90,35 +110,19 @@ class Kinematics:
 
     def point(self, frame: str, offset: Array) -> tuple[Array, Array, Array, Array]:
         """Return position (3,), velocity (3,), Jacobian (3, nv), drift (3,) of a point on a link, world axes."""
-        index = frame_index(self.model, frame)
-        axes = pin.LOCAL_WORLD_ALIGNED
-        placement: Any = self._data.oMf[index]
-        arm = placement.rotation @ offset
-        J = pin.getFrameJacobian(self.model, self._data, index, axes)
-        twist = J @ self.v
-        drift = pin.getFrameClassicalAcceleration(self.model, self._data, index, axes).vector
-        return (
-            placement.translation + arm,
-            twist[:3] + _cross(twist[3:], arm),
-            J[:3] - pin.skew(arm) @ J[3:],
-            drift[:3] + _cross(drift[3:], arm) + _cross(twist[3:], _cross(twist[3:], arm)),
-        )
+        return self.body(frame, _translation(offset)).point()
 
-    def angular(self, frame: str) -> tuple[Array, Array, Array]:
-        """Return angular velocity (3,), Jacobian (3, nv), drift (3,) of a link, world axes."""
-        index = frame_index(self.model, frame)
-        axes = pin.LOCAL_WORLD_ALIGNED
-        J = pin.getFrameJacobian(self.model, self._data, index, axes)[3:]
-        drift = pin.getFrameAcceleration(self.model, self._data, index, axes).angular
-        return J @ self.v, J, np.array(drift)
-
-    def body(self, frame: str, offset: pin.SE3) -> tuple[pin.SE3, Array, Array, Array]:
-        """Return placement in the world, twist (6,), Jacobian (6, nv), drift (6,) of a frame on a link, in its axes."""
+    def body(self, frame: str, offset: pin.SE3) -> BodyMotion:
+        """Return the motion of a frame on a link."""
         index = frame_index(self.model, frame)
         change = offset.inverse().action
         J = change @ pin.getFrameJacobian(self.model, self._data, index, pin.LOCAL)
         drift = change @ pin.getFrameAcceleration(self.model, self._data, index, pin.LOCAL).vector
-        return self._data.oMf[index] * offset, J @ self.v, J, drift
+        return BodyMotion(self._data.oMf[index] * offset, J @ self.v, J, drift)
+
+
+def _translation(offset: Array) -> pin.SE3:
+    return pin.SE3(np.eye(3), np.asarray(offset, dtype=np.float64))
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,6 +181,12 @@ def _holonomic(jacobian: Array, drift: Array, velocity: Array, position: Array) 
     return ConstraintTerms(jacobian, drift, velocity, position, np.ones(len(position), dtype=bool))
 
 
+def _relative(first: tuple[Array, ...], second: tuple[Array, ...]) -> ConstraintTerms:
+    """Return the motion of a point relative to another one, from `BodyMotion.point`."""
+    position, velocity, jacobian, drift = (a - b for a, b in zip(first, second, strict=True))
+    return _holonomic(jacobian, drift, velocity, position)
+
+
 @dataclass(frozen=True, kw_only=True)
 class PointContact(Constraint):
     """Point of a link fixed to a point of a support (three rows, world axes; (30), holonomic); λ is the force, N.
@@ -195,14 +205,8 @@ class PointContact(Constraint):
 
     def terms(self, kinematics: Kinematics) -> ConstraintTerms:
         """Return the motion of the point relative to the support."""
-        position, velocity, jacobian, drift = kinematics.point(self.frame, self.offset)
-        motion = self.support(kinematics.t)
-        R, target = motion.placement.rotation, np.asarray(self.target)
-        linear, angular = motion.twist[:3], motion.twist[3:]
-        speed = linear + _cross(angular, target)
-        # The axes of the twist rotate.
-        change = motion.acceleration[:3] + _cross(motion.acceleration[3:], target) + _cross(angular, speed)
-        return _holonomic(jacobian, drift - R @ change, velocity - R @ speed, position - motion.placement.act(target))
+        support = self.support(kinematics.t).body(_translation(self.target), kinematics.model.nv)
+        return _relative(kinematics.point(self.frame, self.offset), support.point())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -223,33 +227,21 @@ class SurfaceContact(Constraint):
 
     def terms(self, kinematics: Kinematics) -> ConstraintTerms:
         """Return the motion of the contact frame relative to the support."""
-        body = kinematics.body(self.frame, self.placement)
-        motion = self.support(kinematics.t)
-        to_target = self.target.inverse().action
-        n = kinematics.model.nv
-        other = (
-            motion.placement * self.target,
-            to_target @ motion.twist,
-            np.zeros((6, n)),
-            to_target @ motion.acceleration,
-        )
-        return _weld(body, other)
+        support = self.support(kinematics.t).body(self.target, kinematics.model.nv)
+        return _weld(kinematics.body(self.frame, self.placement), support)
 
 
-_Body = tuple[pin.SE3, Array, Array, Array]
-
-
-def _weld(first: _Body, second: _Body) -> ConstraintTerms:
+def _weld(first: BodyMotion, second: BodyMotion) -> ConstraintTerms:
     """Return the motion of the first frame relative to the second, in axes of the first."""
-    between = second[0].inverse() * first[0]
+    between = second.placement.actInv(first.placement)
     change = between.inverse().action
-    carried = change @ second[1]
-    relative = first[1] - carried
+    carried = change @ second.twist
+    relative = first.twist - carried
     # The axes rotate: d/dt change = -(relative ×) change.
     turning = np.array(pin.Motion(relative).cross(pin.Motion(carried)).vector)
-    drift = first[3] - change @ second[3] + turning
+    drift = first.drift - change @ second.drift + turning
     # ġ is the relative twist to first order in g, sufficient for the stabilization.
-    return _holonomic(first[2] - change @ second[2], drift, relative, np.array(pin.log6(between).vector))
+    return _holonomic(first.jacobian - change @ second.jacobian, drift, relative, np.array(pin.log6(between).vector))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -297,9 +289,8 @@ class PinnedFrames(Constraint):
 
     def terms(self, kinematics: Kinematics) -> ConstraintTerms:
         """Return the motion of the first point relative to the second."""
-        a = kinematics.point(self.first, self.first_offset)
-        b = kinematics.point(self.second, self.second_offset)
-        return _holonomic(a[2] - b[2], a[3] - b[3], a[1] - b[1], a[0] - b[0])
+        first = kinematics.point(self.first, self.first_offset)
+        return _relative(first, kinematics.point(self.second, self.second_offset))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -362,9 +353,11 @@ class Rolling(Constraint):
             ConfigurationError: if normal or axis is zero, or the wheel lies flat on the plane.
         """
         normal = _unit("normal", self.normal)
-        position, velocity, jacobian, drift = kinematics.point(self.frame, self.centre)
-        omega, J_omega, omega_drift = kinematics.angular(self.frame)
-        arm, arm_rate = self._arm(normal, kinematics.placement(self.frame).rotation, omega)
+        body = kinematics.body(self.frame, _translation(self.centre))
+        R = body.placement.rotation
+        position, velocity, jacobian, drift = body.point()
+        omega, J_omega, omega_drift = R @ body.twist[3:], R @ body.jacobian[3:], R @ body.drift[3:]
+        arm, arm_rate = self._arm(normal, R, omega)
         axes = _axes_with_normal(normal)
         height = float(normal @ (position + arm)) - self.height
         return ConstraintTerms(

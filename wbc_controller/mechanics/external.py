@@ -84,10 +84,10 @@ def world_wrench(
     total = np.zeros(6)
     for external in wrenches:
         placement: Any = data.oMf[frame_index(model, external.frame)]
-        wrench = external.at_origin
-        if external.axes == "LOCAL":
-            wrench = np.array(placement.act(pin.Force(wrench)).vector)
-        elif external.axes == "LOCAL_WORLD_ALIGNED":
-            wrench[3:] += np.cross(placement.translation, wrench[:3])
-        total += wrench
+        axes = {
+            "LOCAL": placement,
+            "LOCAL_WORLD_ALIGNED": pin.SE3(np.eye(3), placement.translation),
+            "WORLD": pin.SE3.Identity(),
+        }[external.axes]
+        total += axes.act(pin.Force(external.at_origin)).vector
     return total

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
@@ -195,14 +195,13 @@ def gauss_unilateral(M: Array, v_dot_u: Array, A: Array, b: Array, C: Array, d: 
     push = mu / sizes
     split = _decompose(A)
     multipliers, constraint_force = _multipliers(split, M @ (v_dot - v_dot_u) - C.T @ push)
-    return ConstrainedMotion(
+    return replace(
+        base,
         v_dot=v_dot,
         multipliers=multipliers,
         constraint_force=constraint_force,
         push=push,
         push_force=C.T @ push,
-        rank=base.rank,
-        condition=base.condition,
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -171,12 +171,4 @@ def solve_in_two_stages(
     reduced = reduce_structure(system, structure, forces)
     A, b = contact
     motion = gauss(reduced.M, reduced.a_u, A @ reduced.basis, b - A @ reduced.particular)
-    return ConstrainedMotion(
-        v_dot=reduced.particular + reduced.basis @ motion.v_dot,
-        multipliers=motion.multipliers,
-        constraint_force=motion.constraint_force,
-        push=motion.push,
-        push_force=motion.push_force,
-        rank=motion.rank,
-        condition=motion.condition,
-    )
+    return replace(motion, v_dot=reduced.particular + reduced.basis @ motion.v_dot)
