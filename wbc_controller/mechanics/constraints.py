@@ -44,17 +44,11 @@ class BodyMotion(NamedTuple):
 
 @dataclass(frozen=True)
 class Motion:
-    """Motion of a rigid support at one instant.
+    """Motion of a rigid support at one instant."""
 
-    Attributes:
-        placement: support in the world.
-        twist: velocity in its own axes, (6,) in m/s and rad/s.
-        acceleration: time derivative of the twist, (6,).
-    """
-
-    placement: pin.SE3
-    twist: Array = field(default_factory=lambda: np.zeros(6))
-    acceleration: Array = field(default_factory=lambda: np.zeros(6))
+    placement: pin.SE3  # support in the world
+    twist: Array = field(default_factory=lambda: np.zeros(6))  # velocity in its own axes, (6,) in m/s and rad/s
+    acceleration: Array = field(default_factory=lambda: np.zeros(6))  # time derivative of the twist, (6,)
 
     def body(self, target: pin.SE3, nv: int) -> BodyMotion:
         """Return the motion of a frame fixed to the support."""
@@ -127,35 +121,24 @@ def _translation(offset: Array) -> pin.SE3:
 
 @dataclass(frozen=True, slots=True)
 class ConstraintTerms:
-    """Constraint at one state.
+    """Constraint at one state."""
 
-    Attributes:
-        jacobian: A, (k, nv).
-        drift: acceleration at v̇ = 0, (k,).
-        velocity: ġ or γ, (k,).
-        position: g, (k,); zero in non-holonomic rows.
-        holonomic: True for holonomic rows, (k,).
-    """
-
-    jacobian: Array
-    drift: Array
-    velocity: Array
-    position: Array
-    holonomic: np.ndarray
+    jacobian: Array  # A, (k, nv)
+    drift: Array  # acceleration at v̇ = 0, (k,)
+    velocity: Array  # ġ or γ, (k,)
+    position: Array  # g, (k,); zero in non-holonomic rows
+    holonomic: np.ndarray  # True for holonomic rows, (k,)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Constraint(ABC):
     """Constraint of the form (30).
 
-    Attributes:
-        time_constant: T of Baumgarte's stabilization, s, several integration steps; infinite for none.
-
     Raises:
         ConfigurationError: if the time constant is not positive.
     """
 
-    time_constant: float = math.inf
+    time_constant: float = math.inf  # T of Baumgarte's stabilization, s, several integration steps; infinite for none
 
     def __post_init__(self) -> None:
         if not self.time_constant > 0.0:
@@ -189,19 +172,12 @@ def _relative(first: tuple[Array, ...], second: tuple[Array, ...]) -> Constraint
 
 @dataclass(frozen=True, kw_only=True)
 class PointContact(Constraint):
-    """Point of a link fixed to a point of a support (three rows, world axes; (30), holonomic); λ is the force, N.
+    """Point of a link fixed to a point of a support (three rows, world axes; (30), holonomic); λ is the force, N."""
 
-    Attributes:
-        frame: frame of the link.
-        offset: point in this frame, (3,) in m.
-        target: point in the support's frame, (3,) in m.
-        support: motion of the support.
-    """
-
-    frame: str
-    offset: Array = field(default_factory=lambda: np.zeros(3))
-    target: Array = field(default_factory=lambda: np.zeros(3))
-    support: Support = ground
+    frame: str  # frame of the link
+    offset: Array = field(default_factory=lambda: np.zeros(3))  # point in this frame, (3,) in m
+    target: Array = field(default_factory=lambda: np.zeros(3))  # point in the support's frame, (3,) in m
+    support: Support = ground  # motion of the support
 
     def terms(self, kinematics: Kinematics) -> ConstraintTerms:
         """Return the motion of the point relative to the support."""
@@ -211,19 +187,12 @@ class PointContact(Constraint):
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceContact(Constraint):
-    """Frame of a link fixed to a support (six rows, axes of the contact frame; (30), holonomic); λ is the wrench.
+    """Frame of a link fixed to a support (six rows, axes of the contact frame; (30), holonomic); λ is the wrench."""
 
-    Attributes:
-        frame: frame of the link.
-        placement: contact frame in this frame.
-        target: contact frame in the support's frame.
-        support: motion of the support.
-    """
-
-    frame: str
-    placement: pin.SE3 = field(default_factory=pin.SE3.Identity)
-    target: pin.SE3 = field(default_factory=pin.SE3.Identity)
-    support: Support = ground
+    frame: str  # frame of the link
+    placement: pin.SE3 = field(default_factory=pin.SE3.Identity)  # contact frame in this frame
+    target: pin.SE3 = field(default_factory=pin.SE3.Identity)  # contact frame in the support's frame
+    support: Support = ground  # motion of the support
 
     def terms(self, kinematics: Kinematics) -> ConstraintTerms:
         """Return the motion of the contact frame relative to the support."""
@@ -246,15 +215,10 @@ def _weld(first: BodyMotion, second: BodyMotion) -> ConstraintTerms:
 
 @dataclass(frozen=True, kw_only=True)
 class JointCoupling(Constraint):
-    """Gear or tendon between joints, Σ cᵢ qᵢ = offset (one row; (30), holonomic).
+    """Gear or tendon between joints, Σ cᵢ qᵢ = offset (one row; (30), holonomic)."""
 
-    Attributes:
-        coefficients: cᵢ by joint, each with one degree of freedom.
-        offset: right-hand side.
-    """
-
-    coefficients: Mapping[str, float]
-    offset: float = 0.0
+    coefficients: Mapping[str, float]  # cᵢ by joint, each with one degree of freedom
+    offset: float = 0.0  # right-hand side
 
     def __post_init__(self) -> None:
         Constraint.__post_init__(self)
@@ -273,19 +237,12 @@ class JointCoupling(Constraint):
 
 @dataclass(frozen=True, kw_only=True)
 class PinnedFrames(Constraint):
-    """Two coincident points of two links (three rows, world axes; (30)); λ is the force on the first link, N.
+    """Two coincident points of two links (three rows, world axes; (30)); λ is the force on the first link, N."""
 
-    Attributes:
-        first: frame of the first link.
-        second: frame of the second link.
-        first_offset: point in the first frame, (3,) in m.
-        second_offset: point in the second frame, (3,) in m.
-    """
-
-    first: str
-    second: str
-    first_offset: Array = field(default_factory=lambda: np.zeros(3))
-    second_offset: Array = field(default_factory=lambda: np.zeros(3))
+    first: str  # frame of the first link
+    second: str  # frame of the second link
+    first_offset: Array = field(default_factory=lambda: np.zeros(3))  # point in the first frame, (3,) in m
+    second_offset: Array = field(default_factory=lambda: np.zeros(3))  # point in the second frame, (3,) in m
 
     def terms(self, kinematics: Kinematics) -> ConstraintTerms:
         """Return the motion of the first point relative to the second."""
@@ -295,19 +252,12 @@ class PinnedFrames(Constraint):
 
 @dataclass(frozen=True, kw_only=True)
 class WeldedFrames(Constraint):
-    """Two coincident frames of two links (six rows, axes of the first; (30), holonomic); λ is the wrench on the first.
+    """Two coincident frames of two links (six rows, axes of the first; (30), holonomic); λ: wrench on the first."""
 
-    Attributes:
-        first: frame of the first link.
-        second: frame of the second link.
-        first_placement: welded frame in the first frame.
-        second_placement: welded frame in the second frame.
-    """
-
-    first: str
-    second: str
-    first_placement: pin.SE3 = field(default_factory=pin.SE3.Identity)
-    second_placement: pin.SE3 = field(default_factory=pin.SE3.Identity)
+    first: str  # frame of the first link
+    second: str  # frame of the second link
+    first_placement: pin.SE3 = field(default_factory=pin.SE3.Identity)  # welded frame in the first frame
+    second_placement: pin.SE3 = field(default_factory=pin.SE3.Identity)  # welded frame in the second frame
 
     def terms(self, kinematics: Kinematics) -> ConstraintTerms:
         """Return the relative motion of the two frames."""
@@ -329,22 +279,15 @@ class Rolling(Constraint):
     """Ball or wheel rolling on a plane without slip, ṗ + ω × r = 0 with r from centre to contact point (30).
 
     Two non-holonomic rows along the plane, one holonomic row along the normal; λ is the force on the link, N.
-
-    Attributes:
-        frame: frame of the link.
-        radius: m.
-        centre: centre in this frame, (3,) in m.
-        axis: axle in this frame, (3,); None for a ball.
-        normal: normal of the plane in the world, (3,), towards the wheel.
-        height: height of the plane along its normal, m.
     """
 
-    frame: str
-    radius: float
-    centre: Array = field(default_factory=lambda: np.zeros(3))
-    axis: Array | None = None
+    frame: str  # frame of the link
+    radius: float  # m
+    centre: Array = field(default_factory=lambda: np.zeros(3))  # centre in this frame, (3,) in m
+    axis: Array | None = None  # axle in this frame, (3,); None for a ball
+    #: normal of the plane in the world, (3,), towards the wheel
     normal: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
-    height: float = 0.0
+    height: float = 0.0  # height of the plane along its normal, m
 
     def terms(self, kinematics: Kinematics) -> ConstraintTerms:
         """Return velocity and height of the contact point.
@@ -395,19 +338,13 @@ def _axes_with_normal(normal: Array) -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class PlaneContact(Constraint):
-    """Point of a link on a frictionless plane, also unilateral (one row; (30), holonomic); λ is the normal force, N.
+    """Point of a link on a frictionless plane, also unilateral (one row; (30), holonomic); λ is the normal force, N."""
 
-    Attributes:
-        frame: frame of the link.
-        offset: point in this frame, (3,) in m.
-        normal: outward normal of the plane in the world, (3,).
-        height: height of the plane along its normal, m.
-    """
-
-    frame: str
-    offset: Array = field(default_factory=lambda: np.zeros(3))
+    frame: str  # frame of the link
+    offset: Array = field(default_factory=lambda: np.zeros(3))  # point in this frame, (3,) in m
+    #: outward normal of the plane in the world, (3,)
     normal: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
-    height: float = 0.0
+    height: float = 0.0  # height of the plane along its normal, m
 
     def terms(self, kinematics: Kinematics) -> ConstraintTerms:
         """Return the height above the plane.
@@ -427,21 +364,13 @@ class PlaneContact(Constraint):
 
 @dataclass(frozen=True, slots=True)
 class ConstraintEquation:
-    """Stacked constraints (30).
+    """Stacked constraints (30)."""
 
-    Attributes:
-        A: (k, nv).
-        b: (k,).
-        position: g, (k,).
-        velocity: ġ and γ, (k,).
-        rows: rows of each constraint.
-    """
-
-    A: Array
-    b: Array
-    position: Array
-    velocity: Array
-    rows: tuple[slice, ...]
+    A: Array  # (k, nv)
+    b: Array  # (k,)
+    position: Array  # g, (k,)
+    velocity: Array  # ġ and γ, (k,)
+    rows: tuple[slice, ...]  # rows of each constraint
 
 
 def constraint_equation(constraints: Sequence[Constraint], kinematics: Kinematics) -> ConstraintEquation:

@@ -21,25 +21,15 @@ CONSISTENCY_TOLERANCE = 1.0e-6
 
 @dataclass(frozen=True, slots=True)
 class ConstrainedMotion:
-    """Solution of Gauss's problem (31).
+    """Solution of Gauss's problem (31)."""
 
-    Attributes:
-        v_dot: constrained acceleration v̇*, (nv,).
-        multipliers: λ of (32) with the smallest norm, (k,); for contacts the force on the robot, N or N·m.
-        constraint_force: f_c = Aᵀλ, (nv,) in N and N·m.
-        push: multipliers μ ≥ 0 of the inequalities, (m,).
-        push_force: generalized force Cᵀμ, (nv,) in N and N·m.
-        rank: rank of A.
-        condition: largest over smallest non-zero singular value of A.
-    """
-
-    v_dot: Array
-    multipliers: Array
-    constraint_force: Array
-    push: Array
-    push_force: Array
-    rank: int
-    condition: float
+    v_dot: Array  # constrained acceleration v̇*, (nv,)
+    multipliers: Array  # λ of (32) with the smallest norm, (k,); for contacts the force on the robot, N or N·m
+    constraint_force: Array  # f_c = Aᵀλ, (nv,) in N and N·m
+    push: Array  # multipliers μ ≥ 0 of the inequalities, (m,)
+    push_force: Array  # generalized force Cᵀμ, (nv,) in N and N·m
+    rank: int  # rank of A
+    condition: float  # largest over smallest non-zero singular value of A
 
 
 @dataclass(frozen=True, slots=True)
