@@ -197,7 +197,7 @@ def _locate(location: Sequence[Any]) -> _Place:
     for part in location:
         if part in (NUMBER, LIST):
             continue
-        types = _types(kind)
+        types = types_of(kind)
         if part in types:
             kind = types[part]
             continue
@@ -210,7 +210,7 @@ def _locate(location: Sequence[Any]) -> _Place:
     return _Place(keys, fields, field, kind)
 
 
-def _types(kind: Any) -> dict[str, type[BaseModel]]:
+def types_of(kind: Any) -> dict[str, type[BaseModel]]:
     """Return the sections of tasks or contacts by their value of ``type``; empty for other annotations."""
     members = get_args(get_args(kind)[0]) if get_origin(kind) is Annotated else ()
     return {str(get_args(each.model_fields["type"].annotation)[0]): each for each in members}
@@ -234,7 +234,7 @@ def _explain(problem: Any, source: str) -> str:
     if problem["type"] == "missing":
         return f"{source}: {key}: missing key{about}"
     if problem["type"] in ("union_tag_invalid", "union_tag_not_found"):
-        kind, types = value.get("type") if isinstance(value, dict) else value, _types(place.kind)
+        kind, types = value.get("type") if isinstance(value, dict) else value, types_of(place.kind)
         if kind is None:
             return f"{source}: {key}.type: missing key; {valid_choices('', types)}"
         return f"{source}: {key}.type: unknown type {kind!r}; {valid_choices(str(kind), types)}"
