@@ -15,7 +15,6 @@ from wbc_controller.estimation import invariant_filter_kernels as invariant_filt
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit
 from wbc_controller.inverse_dynamics.references.board import ReferenceBoard
 from wbc_controller.records import Reference, RobotState
-from wbc_controller.safety import model_audit_kernels as audit
 
 N = 3
 
@@ -28,45 +27,22 @@ def filter_state(points=1):
     return of(3, 3), of(3, 2 + points), of(3), of(3), np.eye(15 + 3 * points)
 
 
-def propagated(before, after, *, force=3):
-    kept = after[0], after[1], after[4]
-    invariant_filter.propagate(*before, of(3), of(3), of(force), 0.002, of(5), *kept)
+def propagated(gravity, velocity, force, noise):
+    invariant_filter.propagate(*filter_state(), of(gravity), of(velocity), of(force), 0.002, of(noise))
 
 
-def corrected(points, places, *, squares=1):
-    ends, covariance = np.array([len(points)]), of(3 * len(points), 3 * len(points))
-    limits = np.ones(1)
-    invariant_filter.correct(
-        *filter_state(), np.array(points), ends, places, covariance, limits, of(squares), *filter_state()
-    )
-
-
-def audit_memory(nv=4, na=2):
-    vectors = {"v": nv, "v_dot": nv, "tau": na, "momentum": 3, "force": 3, "velocity": nv, "impulse": 3, "totals": 3}
-    return audit.AuditMemory(S=of(na, nv), mass=1.0, **{name: of(size) for name, size in vectors.items()})
+def corrected(points, places, end):
+    covariance = np.eye(3 * len(points))
+    invariant_filter.correct(*filter_state(), np.array(points), np.array([end]), places, covariance)
 
 
 #: A call with consistent sizes, and calls with inconsistent ones.
 CALLS = {
-    "propagate": (
-        lambda after, force: propagated(filter_state(), filter_state(after), force=force), (1, 3), [(2, 3), (1, 2)]
-    ),
+    "propagate": (propagated, (3, 3, 3, 5), [(2, 3, 3, 5), (3, 2, 3, 5), (3, 3, 2, 5), (3, 3, 3, 4)]),
     "correct": (
-        lambda point, places, squares: corrected([point], of(places, 3), squares=squares),
+        lambda point, places, end: corrected([point], of(places, 3), end),
         (0, 1, 1),
-        [(1, 1, 1), (-1, 1, 1), (0, 0, 1), (0, 1, 0)],
-    ),
-    "add_step": (
-        lambda step, v, com, force: audit.add_step(audit_memory(), of(step), of(v), of(com), of(force), 0.002, True),
-        (4, 4, 3, 4),
-        [(3, 4, 3, 4), (4, 3, 3, 4), (4, 4, 2, 4), (4, 4, 3, 5)],
-    ),
-    "store_state": (
-        lambda v, com, nv, solved, sent: audit.store_state(
-            audit_memory(), of(v), of(com), of(com, nv), of(com), of(v), of(solved), of(sent)
-        ),
-        (4, 3, 4, 2, 2),
-        [(3, 3, 4, 2, 2), (4, 2, 4, 2, 2), (4, 3, 5, 2, 2), (4, 3, 4, 1, 2), (4, 3, 4, 2, 3)],
+        [(1, 1, 1), (-1, 1, 1), (0, 0, 1), (0, 1, 2)],
     ),
 }  # fmt: skip
 

@@ -10,7 +10,8 @@ import pytest
 import yaml
 
 from wbc_controller.controller.check.preflight import check
-from wbc_controller.settings.files import _tags_of
+from wbc_controller.settings import ContactSettings
+from wbc_controller.settings.files import types_of
 
 PAGE = (Path(__file__).parents[2] / "docs" / "contacts.md").read_text(encoding="utf-8")
 BLOCKS = [yaml.safe_load(block) for block in re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)]
@@ -30,9 +31,9 @@ def robot_and_changes(name):
 
 def test_the_page_has_a_section_and_an_example_for_each_kind():
     headings = " ".join(re.findall(r"^## (.*)$", PAGE, re.MULTILINE))
-    for kind in _tags_of("contacts"):
+    for kind in types_of(ContactSettings):
         assert f"`{kind}`" in headings
-    assert {contact["type"] for contact in SHOWN.values()} == _tags_of("contacts")
+    assert {contact["type"] for contact in SHOWN.values()} == set(types_of(ContactSettings))
     assert LOOPS
     examples = re.findall(r"`(examples/\w+\.py)`", PAGE)
     assert len(set(examples)) == 5

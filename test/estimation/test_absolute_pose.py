@@ -9,8 +9,9 @@ import pytest
 from wbc_controller.controller.build.contacts import make_contact
 from wbc_controller.controller.build.estimation import make_estimator
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.estimation.absolute_pose import AGREEMENT_TIME, SPEED, PlanarTransform, PoseSample
+from wbc_controller.estimation.absolute_pose import AGREEMENT_TIME, SPEED, PoseSample
 from wbc_controller.estimation.base_estimator import ImuSample
+from wbc_controller.estimation.planar_transform import heading_of, planar_transform
 
 PERIOD = 0.004
 #: True pose of the base in the world of the poses.
@@ -79,9 +80,8 @@ def test_the_world_is_that_of_the_poses_once_they_have_agreed(still):
     np.testing.assert_allclose(estimator.base[0], THERE, atol=1e-6)
     np.testing.assert_allclose(estimator.base[1], 0.0, atol=1e-6)
     np.testing.assert_allclose(estimator.odometry[0], own, atol=1e-6)  # not moved by poses
-    back = estimator.poses.odometry.inverse()
-    np.testing.assert_allclose(back.point(*own[:3]), THERE[:3], atol=1e-6)
-    np.testing.assert_allclose(back.pose[3:], THERE[3:], atol=1e-6)
+    np.testing.assert_allclose(estimator.poses.odometry.actInv(own[:3]), THERE[:3], atol=1e-6)
+    np.testing.assert_allclose(estimator.poses.map_to_odometry[3:], THERE[3:], atol=1e-6)
     assert robot.refused == []
 
 
@@ -105,7 +105,7 @@ def test_innovation_jacobian(still):
     robot = still(pose_frame="FL_calf").run(0.2)
     poses, found, estimator = robot.estimator.poses, robot.estimator.filter, robot.estimator
     turned = pin.exp3(np.array([0.0, 0.0, 2.0]))
-    found.move(turned, np.array([3.0, -2.0, 0.5]), np.zeros(3), np.zeros((4, 4)))
+    found.move(pin.SE3(turned, np.array([3.0, -2.0, 0.5])), np.zeros(3), np.zeros((4, 4)))
     robot.run(PERIOD)
     frame = estimator._kinematics.from_imu(*poses._frame)
     truth, step = (found.rotation.copy(), found.position.copy()), 1e-7
@@ -129,24 +129,24 @@ def test_a_move_of_the_world_preserves_the_estimate(standing):
     half = np.random.default_rng(1).normal(size=found.P.shape) * 1e-3
     found.P = half @ half.T
     before, twist, own = *estimator._running.covariance(), found.P[-6:, -6:].copy()
-    move = PlanarTransform(0.7, (1.0, 2.0, 3.0))
-    found.move(move.rotation, np.array(move.translation), np.zeros(3), np.zeros((4, 4)))
+    move = planar_transform(0.7, np.zeros(3), np.array([1.0, 2.0, 3.0]))
+    found.move(move, np.zeros(3), np.zeros((4, 4)))
     turn, (after, same) = np.kron(np.eye(2), move.rotation), estimator._running.covariance()
     np.testing.assert_allclose(after, turn @ before @ turn.T, atol=1e-12)
     np.testing.assert_allclose(same, twist, atol=1e-12)
     np.testing.assert_allclose(found.P[-6:, -6:], own, atol=1e-15)
-    N, there = np.diag([1e-4, 2e-4, 3e-4, 4e-4]), estimator._running.base()[0][:3]
-    found.move(np.eye(3), np.zeros(3), there, N)
+    N, there = np.diag([1e-4, 2e-4, 3e-4, 4e-4]), estimator._running.base(pin.SE3.Identity())[0][:3]
+    found.move(pin.SE3.Identity(), there, N)
     grown = estimator._running.covariance()[0] - after
     np.testing.assert_allclose(np.diag(grown), [1e-4, 2e-4, 3e-4, 0.0, 0.0, 4e-4], atol=1e-12)
 
 
-def test_moves_are_a_group():
-    a, b, x = PlanarTransform(0.7, (1.0, 2.0, 3.0)), PlanarTransform(-2.0, (0.5, 0.0, -1.0)), (0.3, -0.2, 0.1)
-    np.testing.assert_allclose(a.compose(b).point(*x), a.point(*b.point(*x)))
-    np.testing.assert_allclose(a.inverse().point(*a.point(*x)), x, atol=1e-15)
-    np.testing.assert_allclose(a.rotation @ x + a.translation, a.point(*x))
-    np.testing.assert_allclose(pin.Quaternion(a.pose[3:]).matrix(), a.rotation, atol=1e-15)
+def test_a_planar_transform_maps_a_point():
+    x, to = np.array([0.3, -0.2, 0.1]), np.array([1.0, 2.0, 3.0])
+    move = planar_transform(-2.0, x, to)
+    np.testing.assert_allclose(move.act(x), to, atol=1e-15)
+    np.testing.assert_allclose(pin.log3(move.rotation), [0.0, 0.0, -2.0], atol=1e-15)
+    assert heading_of(move) == pytest.approx(-2.0)
 
 
 def test_an_outlier_is_rejected_and_reported_once(standing):
@@ -236,10 +236,11 @@ def test_old_and_future_stamps_are_refused(standing):
 
 
 def test_interpolation_between_estimates(standing):
-    first, second = list(standing.estimator.poses._past)[-2:]
-    shifted = first._replace(position=first.position - [0.1, 0.0, 0.0])
-    standing.estimator.poses._past[-2] = shifted
-    _, p = standing.estimator.poses.frame_at(0.25 * first.stamp + 0.75 * second.stamp)
+    poses = standing.estimator.poses
+    first, second = list(poses._past)[-2:]
+    shift = pin.SE3(np.eye(3), poses.odometry.rotation @ [-0.1, 0.0, 0.0])
+    poses._past[-2] = first._replace(frame=shift * first.frame)
+    p = poses.frame_at(0.25 * first.stamp + 0.75 * second.stamp).translation
     np.testing.assert_allclose(p, THERE[:3] - [0.025, 0.0, 0.0], atol=1e-6)
 
 

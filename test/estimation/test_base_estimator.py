@@ -259,7 +259,7 @@ def test_covariance_of_the_base():
         found.columns[:, 0] += error[3:6]
         found.columns[:, 1] += error[6:9]
         found.gyroscope_bias = before["gyroscope_bias"] + error[9:]
-        return running.base()
+        return running.base(pin.SE3.Identity())
 
     pose, twist = moved(np.zeros(12))
     by = []

@@ -10,6 +10,7 @@ from plain_filter import PlainFilter, exp3, hats
 from scipy.linalg import logm
 
 from wbc_controller.estimation.invariant_filter import ImuNoise, InvariantFilter
+from wbc_controller.estimation.planar_transform import heading_of
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 NOISE = ImuNoise(0.01, 0.1, 1e-3, 1e-2, 0.05)
@@ -179,9 +180,9 @@ def test_a_correction_of_the_world_turns_and_shifts_alone():
     H[:3, :3], H[:3, 6:9], H[3, 2] = -hats(at[None])[0], np.eye(3), 1.0
     point, z, level = found.point("a") - p, np.array([0.1, -0.2, 0.3, 0.05]), R[2]
     expected = H @ P @ H.T @ np.linalg.solve(H @ P @ H.T + noise, z)
-    turn, shift = found.correct_world(H, z, noise, at)
-    T = exp3(np.array([0.0, 0.0, turn]))
-    np.testing.assert_allclose(np.append(T @ at + shift - at, turn), expected, atol=1e-12)
+    move = found.correct_world(H, z, noise, at)
+    T, shift = move.rotation, move.translation
+    np.testing.assert_allclose(np.append(move.act(at) - at, heading_of(move)), expected, atol=1e-12)
     np.testing.assert_allclose(found.rotation, T @ R, atol=1e-12)
     np.testing.assert_allclose(found.velocity, T @ v, atol=1e-12)
     np.testing.assert_allclose(found.position, T @ p + shift, atol=1e-12)

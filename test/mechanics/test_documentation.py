@@ -69,9 +69,10 @@ def test_functions_name_the_equation_shapes_units_and_errors(name):
 @pytest.mark.parametrize("name", classes)
 def test_classes_describe_their_fields(name):
     item, text = the(name), inspect.getdoc(the(name))
-    for field in dataclasses.fields(item) if dataclasses.is_dataclass(item) else ():
-        own = field.name in vars(item).get("__annotations__", {})
-        assert not own or f"{field.name}: " in text, f"{field.name} is not described"
+    lines = inspect.getsource(item).splitlines()
+    for field in vars(item).get("__annotations__", {}) if dataclasses.is_dataclass(item) else ():
+        (at,) = (i for i, line in enumerate(lines) if line.startswith(f"    {field}: "))
+        assert "  # " in lines[at] or lines[at - 1].startswith("    #: "), f"{field} is not described"
     if "__post_init__" in vars(item) and name != "JointCoupling":
         assert "Raises:" in text
 

@@ -22,7 +22,8 @@ from wbc_controller.middleware.topics import (
     parse_remapping,
     resolve,
 )
-from wbc_controller.settings.files import _tags_of
+from wbc_controller.settings import TaskSettings
+from wbc_controller.settings.files import types_of
 
 KINDS = {"com": "com", "hand": "frame_pose", "posture": "posture"}
 
@@ -122,7 +123,7 @@ def test_every_type_exists_and_every_kind_of_task_has_its_types():
     for columns in TASK_TYPES.values():
         assert {"setpoint"} <= set(columns) <= {"setpoint", "trajectory"}
         assert set(columns.values()) <= set(TYPES.types)
-    assert set(TASK_TYPES) == _tags_of("tasks")
+    assert set(TASK_TYPES) == set(types_of(TaskSettings))
 
 
 def test_qualities_of_service():

@@ -3,9 +3,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from safety_table import TESTS, safety_table
+from safety_table import CHECKS, safety_table
 
-from wbc_controller.safety.checks import CHECKS, stale_inputs, unusable_torques
+from wbc_controller.safety.checks import stale_inputs, unusable_torques
 from wbc_controller.settings import Settings
 
 LIMITS = np.array([10.0, 20.0])
@@ -79,7 +79,7 @@ def test_every_check_has_its_threshold_in_the_configuration_a_code_in_the_docs_a
     for key in check.keys:
         section, name = key.split(".")
         assert name in Settings.model_fields[section].annotation.model_fields
-    file, _, test = TESTS[check.name].partition("::")
+    file, _, test = check.test.partition("::")
     assert re.search(rf"^def {test}\(", (Path(__file__).parents[1] / file).read_text(encoding="utf-8"), re.MULTILINE)
     assert not check.code or f"- `{check.code}`: " in PAGE
 

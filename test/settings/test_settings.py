@@ -198,6 +198,8 @@ def test_ranges(key, low, high):
         ("contrl", {}, "contrl: unknown key; did you mean 'control'?"),
         ("control.rte", 1, "control.rte: unknown key; did you mean 'rate'?"),
         ("robot.posturs", [], "robot.posturs: unknown key; did you mean 'posture'?"),
+        ("walking", {"clearence": 0.1}, "walking.clearence: unknown key; did you mean 'clearance'? Valid: clearance"),
+        ("walking", {"left": 3}, "walking.left = 3: input should be a valid string (Contact of the left foot"),
         ("contacts.foot.half_lenght", 1, "contacts.foot.half_lenght: unknown key; did you mean 'half_length'?"),
         ("contacts.toe.half_length", 0.1, "contacts.toe.half_length: unknown key; Valid: against, damping"),
         ("tasks.com.maks", [], "tasks.com.maks: unknown key; did you mean 'mask'?"),

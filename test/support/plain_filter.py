@@ -3,9 +3,10 @@
 import math
 
 import numpy as np
+import pinocchio as pin
 from scipy.linalg.lapack import dposv
 
-from wbc_controller.estimation.invariant_filter import InvariantFilter, hat
+from wbc_controller.estimation.invariant_filter import InvariantFilter
 
 _ROTATION, _VELOCITY, _POSITION, _POINTS = slice(0, 3), slice(3, 6), slice(6, 9), 9
 _SMALL = 1.0e-6
@@ -18,7 +19,7 @@ class PlainFilter(InvariantFilter):
         acceleration = R @ (specific_force - self.accelerometer_bias) + self._gravity
         # The covariance first: its matrices are those of the state before (as in the authors' own code).
         Phi = np.eye(len(self.P))
-        Phi[_VELOCITY, _ROTATION] = hat(self._gravity) * dt
+        Phi[_VELOCITY, _ROTATION] = pin.skew(self._gravity) * dt
         Phi[_POSITION, _VELOCITY] = dt * np.eye(3)
         Phi[_ROTATION, end : end + 3] = -dt * R
         Phi[_VELOCITY, end + 3 : end + 6] = -dt * R
@@ -89,14 +90,14 @@ def hats(vectors):
 def exp3(w):
     """Exponential map of SO(3), (3, 3): the rotation by |w| about w."""
     a, b, _ = _coefficients(w)
-    W = hat(w)
+    W = pin.skew(w)
     return np.eye(3) + a * W + b * (W @ W)
 
 
 def left_jacobian3(w):
     """Left Jacobian of SO(3), (3, 3)."""
     _, b, c = _coefficients(w)
-    W = hat(w)
+    W = pin.skew(w)
     return np.eye(3) + b * W + c * (W @ W)
 
 

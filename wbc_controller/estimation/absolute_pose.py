@@ -8,7 +8,7 @@ A pose from time t is y = p_F + n and Y = exp(n_R) R_F. With the filter's error 
 **Latency.** The correction X ← T X rotates the world about gravity and translates it. Dynamics and contacts preserve
 such a ξ, so that z of time t corrects the present estimate; n grows by creep and gyroscope noise since t.
 
-**Jumps.** `PlanarTransform`s map the filter's world to `odometry`, which no correction moves, and to `smoothed`, which
+**Jumps.** Planar transforms map the filter's world to `odometry`, which no correction moves, and to `smoothed`, which
 follows at a bounded rate.
 """
 
@@ -24,9 +24,9 @@ import numpy as np
 import pinocchio as pin
 from scipy.special import chdtri
 
-from wbc_controller.estimation.invariant_filter import InvariantFilter, hat
+from wbc_controller.estimation.invariant_filter import InvariantFilter
 from wbc_controller.estimation.leg_kinematics import LegKinematics
-from wbc_controller.estimation.planar_transform import IDENTITY, PlanarTransform
+from wbc_controller.estimation.planar_transform import heading_of, planar_transform
 from wbc_controller.inverse_dynamics.arrays import solved
 from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
 from wbc_controller.records import Array
@@ -67,13 +67,10 @@ class PoseSample:
 
 
 class _PastEstimate(NamedTuple):
-    """Past estimate: stamp, orientation and position of the IMU, frame F in the IMU, and `odometry`."""
+    """Past estimate: stamp, and frame F in the world `odometry`."""
 
     stamp: float
-    rotation: Array
-    position: Array
     frame: pin.SE3
-    odometry: PlanarTransform
 
 
 class AbsolutePoses:
@@ -86,7 +83,7 @@ class AbsolutePoses:
 
     def __init__(self, sensor: PoseSensor, kinematics: LegKinematics, filter: InvariantFilter) -> None:
         self.aligned = False
-        self.odometry = self.smoothed = IDENTITY
+        self.odometry, self.smoothed = pin.SE3.Identity(), pin.SE3.Identity()
         self.used = self.rejected = self.relocations = 0
         self.contradiction = ""
         self._kinematics, self._filter = kinematics, filter
@@ -102,16 +99,19 @@ class AbsolutePoses:
     @property
     def values(self) -> dict[str, str]:
         """Counters for diagnostics."""
-        turn, shift = (
-            self.smoothed.heading,
-            math.dist(self.smoothed.point(*self._filter.columns[:, 1]), self._filter.columns[:, 1]),
-        )
+        turn, position = heading_of(self.smoothed), self._filter.position
+        shift = float(np.linalg.norm(self.smoothed.act(position) - position))
         return {
             "pose/taken": str(self.used),
             "pose/left out": f"{self.rejected}, as they contradict the estimate",
             "pose/world moved": f"{self.relocations} times",
             "pose/still to be followed": f"{shift:.4f} m, {abs(turn):.4f} rad",
         } | ({"pose/contradiction": self.contradiction} if self.contradiction else {})
+
+    @property
+    def map_to_odometry(self) -> Array:
+        """Pose of the world `odometry` in the world of the poses, (7,)."""
+        return np.array(pin.SE3ToXYZQUAT(self.odometry.inverse()))
 
     @property
     def waits_for(self) -> str:
@@ -125,28 +125,23 @@ class AbsolutePoses:
     def update(self, stamp: float) -> None:
         """Store the present estimate, and move `smoothed` towards it."""
         past, found = self._past, self._filter
-        if past and self.smoothed is not IDENTITY:
+        if past and self.smoothed != pin.SE3.Identity():
             self._smooth(stamp - past[-1].stamp)
         if past and past[-1].stamp == stamp:
             past.pop()
-        seen = self._kinematics.from_imu(*self._frame)
-        past.append(_PastEstimate(stamp, found.rotation, found.columns[:, 1], seen, self.odometry))
+        imu = pin.SE3(found.rotation, found.position)
+        past.append(_PastEstimate(stamp, self.odometry * imu * self._kinematics.from_imu(*self._frame)))
         self._first_stamp = min(self._first_stamp, stamp)
         while stamp - past[0].stamp > HISTORY:
             past.popleft()
 
     def _smooth(self, dt: float) -> None:
-        x, y, z = self._filter.columns[:, 1].tolist()
-        at = self.smoothed.point(x, y, z)
-        gap = x - at[0], y - at[1], z - at[2]
-        far, share = math.hypot(*gap), min(1.0, dt / _TIME_CONSTANT)
+        position, heading = self._filter.position, heading_of(self.smoothed)
+        at = self.smoothed.act(position)
+        far, share = float(np.linalg.norm(position - at)), min(1.0, dt / _TIME_CONSTANT)
         step = min(share, SPEED * dt / far) if far > 0.0 else share
-        turn = self.smoothed.heading - max(-TURN * dt, min(TURN * dt, share * self.smoothed.heading))
-        turned = PlanarTransform(turn, (0.0, 0.0, 0.0)).point(x, y, z)
-        self.smoothed = PlanarTransform(
-            turn,
-            (at[0] + step * gap[0] - turned[0], at[1] + step * gap[1] - turned[1], at[2] + step * gap[2] - turned[2]),
-        )
+        heading -= max(-TURN * dt, min(TURN * dt, share * heading))
+        self.smoothed = planar_transform(heading, position, at + step * (position - at))
 
     def correct(self, samples: list[PoseSample], *, controlled: bool) -> list[str]:
         """Correct the filter by poses up to the IMU's stamp, and return the refusals; newer ones wait.
@@ -178,25 +173,24 @@ class AbsolutePoses:
                     refused.append(reason)
         return refused
 
-    def frame_at(self, stamp: float) -> tuple[Array, Array]:
-        """Return R, (3, 3), and p, (3,) in m, of frame F at a past stamp, in the present world."""
+    def frame_at(self, stamp: float) -> pin.SE3:
+        """Return frame F at a past stamp, in the present world."""
         after = bisect.bisect_left(self._past, stamp, key=lambda past: past.stamp)
         later = self._past[after]
-        placed = _frame_in_odometry(later)
+        frame = later.frame
         if later.stamp > stamp:
             earlier = self._past[after - 1]
             share = (stamp - earlier.stamp) / (later.stamp - earlier.stamp)
-            placed = pin.SE3.Interpolate(_frame_in_odometry(earlier), placed, share)
-        back = self.odometry.inverse()
-        return back.rotation @ placed.rotation, np.array(back.point(*placed.translation.tolist()))
+            frame = pin.SE3.Interpolate(earlier.frame, frame, share)
+        return self.odometry.actInv(frame)
 
     def innovation(self, sample: PoseSample) -> tuple[Array, Array, Array, Array]:
         """Return z, (4,) in m and rad; H, (4, n); the noise covariance, (4, 4); p̂_F, (3,) in m, at the pose's stamp."""
-        R, p = self.frame_at(sample.stamp)
-        Y = rotation_of(sample.pose[3:])
+        frame, Y = self.frame_at(sample.stamp), rotation_of(sample.pose[3:])
+        R, p = frame.rotation, frame.translation
         z = np.append(sample.pose[:3] - p, _heading(Y @ R.T))
         H = np.zeros((4, len(self._filter.P)))
-        H[:3, :3], H[:3, 6:9], H[3, 2] = -hat(p), np.eye(3), 1.0
+        H[:3, :3], H[:3, 6:9], H[3, 2] = -pin.skew(p), np.eye(3), 1.0
         noise = sample.covariance[np.ix_([0, 1, 2, 5], [0, 1, 2, 5])].copy()
         known = np.maximum(noise.diagonal(), self._least_variances)
         noise[np.diag_indices(4)] = known + (self._past[-1].stamp - sample.stamp) * self._creep
@@ -207,9 +201,8 @@ class AbsolutePoses:
         z, H, noise, p = self.innovation(sample)
         S = H @ found.P @ H.T + noise
         if self.aligned and z @ solved(S, z) <= _GATE:
-            turn, shift = found.correct_world(H, z, noise, p)
-            undo = PlanarTransform(turn, (float(shift[0]), float(shift[1]), float(shift[2]))).inverse()
-            self.odometry, self.smoothed = self.odometry.compose(undo), self.smoothed.compose(undo)
+            undo = found.correct_world(H, z, noise, p).inverse()
+            self.odometry, self.smoothed = self.odometry * undo, self.smoothed * undo
             self.used += 1
             self._contradicting, self.contradiction = None, ""
             return ""
@@ -233,17 +226,12 @@ class AbsolutePoses:
                 "controller is active; after the deactivation the world moves to them"
             )
             return "" if before else self.contradiction
-        move = PlanarTransform.mapping(p, sample.pose[:3], float(z[3]))
-        self._filter.move(move.rotation, np.array(move.translation), sample.pose[:3], noise)
-        self.odometry, self.smoothed = self.odometry.compose(move.inverse()), IDENTITY
+        move = planar_transform(float(z[3]), p, sample.pose[:3])
+        self._filter.move(move, sample.pose[:3], noise)
+        self.odometry, self.smoothed = self.odometry * move.inverse(), pin.SE3.Identity()
         self.relocations += self.aligned
         self.aligned, self._contradicting, self.contradiction = True, None, ""
         return ""
-
-
-def _frame_in_odometry(past: _PastEstimate) -> pin.SE3:
-    imu = pin.SE3(past.odometry.rotation @ past.rotation, np.array(past.odometry.point(*past.position.tolist())))
-    return imu * past.frame
 
 
 def _heading(R: Array) -> float:

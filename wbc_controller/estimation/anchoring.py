@@ -15,8 +15,9 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
+import pinocchio as pin
 
-from wbc_controller.estimation.planar_transform import IDENTITY, PlanarTransform
+from wbc_controller.estimation.planar_transform import heading_of, planar_transform
 from wbc_controller.records import Array
 
 #: Duration of a contact before its points get anchors, s.
@@ -33,7 +34,7 @@ class Anchoring:
     """Transform from the filter's world to the frame F."""
 
     def __init__(self) -> None:
-        self.transform = IDENTITY
+        self.transform = pin.SE3.Identity()
         self._due = self._updated = -np.inf
         self._since: dict[str, float] = {}  # stamp of each contact's first update, s
         self._anchors: dict[str, Array] = {}
@@ -51,7 +52,7 @@ class Anchoring:
         """Fit the transform to the points dᵢ of the active contacts, (k, 3) in m in the filter's world; stamp in s."""
         elapsed = min(stamp - self._updated, _TIME_CONSTANT)
         self._updated, self._due = stamp, stamp + _PERIOD
-        R, t = self.transform.rotation, np.array(self.transform.translation)
+        R, t = self.transform.rotation, self.transform.translation
         for name, positions in points.items():
             if name not in self._anchors and stamp - self._since.setdefault(name, stamp) >= _CONTACT_TIME:
                 self._anchors[name] = positions @ R.T + t
@@ -60,7 +61,7 @@ class Anchoring:
             return
         d, a = (np.vstack([of[name] for name in anchored]) for of in (points, self._anchors))
         d_mean, a_mean = d.mean(axis=0), a.mean(axis=0)
-        gain, heading = elapsed / _TIME_CONSTANT, self.transform.heading
+        gain, heading = elapsed / _TIME_CONSTANT, heading_of(self.transform)
         d_centred, a_centred = d - d_mean, a - a_mean
         if float(np.mean(d_centred[:, :2] ** 2)) >= _LEAST_SPREAD**2:
             sine = float(np.sum(d_centred[:, 0] * a_centred[:, 1] - d_centred[:, 1] * a_centred[:, 0]))
@@ -68,4 +69,4 @@ class Anchoring:
             heading += gain * math.remainder(fit - heading, math.tau)
         # Rotate about the centroid of the feet: the origin of the filter's world may be far away.
         now = R @ d_mean + t
-        self.transform = PlanarTransform.mapping(d_mean, now + gain * (a_mean - now), heading)
+        self.transform = planar_transform(heading, d_mean, now + gain * (a_mean - now))

@@ -7,14 +7,14 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 from scipy.special import chdtri
 
 from wbc_controller.estimation.absolute_pose import AbsolutePoses, PoseSample, PoseSensor
 from wbc_controller.estimation.anchoring import Anchoring
 from wbc_controller.estimation.consistency import LIMIT, ContactConsistency
-from wbc_controller.estimation.invariant_filter import ImuNoise, InvariantFilter, hat
+from wbc_controller.estimation.invariant_filter import ImuNoise, InvariantFilter
 from wbc_controller.estimation.leg_kinematics import ContactPoints, LegKinematics
-from wbc_controller.estimation.planar_transform import IDENTITY, PlanarTransform
 from wbc_controller.estimation.rolling import Rolling
 from wbc_controller.estimation.sensor_agreement import PERIOD, SensorAgreement, gravity_contradiction
 from wbc_controller.inverse_dynamics.arrays import all_true, cross, sum_of_squares
@@ -257,7 +257,7 @@ class BaseEstimator:
             )
         )
         # The accelerometer's bias appears as a tilt, g ξ_R = up × R ζ_a: both errors are fully correlated.
-        tilting = hat(np.array([0.0, 0.0, 1.0 / g])) @ R
+        tilting = pin.skew(np.array([0.0, 0.0, 1.0 / g])) @ R
         P[:3, 12:15] = sensors.accelerometer_bias**2 * tilting
         P[12:15, :3] = P[:3, 12:15].T
         P[:3, :3] += (sensors.accelerometer_bias**2 + noise.accelerometer**2 / sensors.settling) * (tilting @ tilting.T)
@@ -367,7 +367,7 @@ class _RunningEstimate:
         return found
 
     @property
-    def odometry(self) -> PlanarTransform:
+    def odometry(self) -> pin.SE3:
         """Transform to a world that no absolute pose moves."""
         return self._anchoring.transform if self.poses is None else self.poses.odometry
 
@@ -378,8 +378,8 @@ class _RunningEstimate:
             positions.setdefault(point.rpartition("/")[0], []).append(found.columns[:, 2 + i])
         return {name: np.array(columns) for name, columns in positions.items()}
 
-    def base(self, to: PlanarTransform = IDENTITY) -> tuple[Array, Array]:
-        """Return pose, (7,), in the filter's world or a transformed one, and twist in base axes, (6,)."""
+    def base(self, to: pin.SE3) -> tuple[Array, Array]:
+        """Return pose, (7,), in a transformed world of the filter, and twist in base axes, (6,)."""
         found, legs = self.filter, self._kinematics
         R = found.rotation @ legs.imu_rotation.T
         linear, angular = legs.imu_motion[:3], legs.imu_motion[3:]
@@ -398,9 +398,9 @@ class _RunningEstimate:
         found, legs = self.filter, self._kinematics
         P, own = found.P, list(range(9)) + list(range(len(found.P) - 6, len(found.P) - 3))
         R = found.rotation @ legs.imu_rotation.T
-        arm = hat(legs.imu_position)
+        arm = pin.skew(legs.imu_position)
         errors = np.zeros((12, 12))
-        errors[0:3, 0:3], errors[0:3, 6:9] = -hat(found.position - R @ legs.imu_position), np.eye(3)
+        errors[0:3, 0:3], errors[0:3, 6:9] = -pin.skew(found.position - R @ legs.imu_position), np.eye(3)
         errors[3:6, 0:3] = np.eye(3)
         errors[6:9, 3:6], errors[6:9, 9:12] = R.T, -arm @ legs.imu_rotation
         errors[9:12, 9:12] = -legs.imu_rotation

@@ -17,8 +17,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 
 from wbc_controller.estimation import invariant_filter_kernels as kernel
+from wbc_controller.estimation.planar_transform import planar_transform
 from wbc_controller.inverse_dynamics.arrays import solved
 from wbc_controller.records import Array
 
@@ -86,12 +88,13 @@ class InvariantFilter:
         (velocity to position), and -R, -xₓ R (biases). `creep` multiplies the noise of the contact points.
         """
         self._densities[4] = creep * self.noise.contact
-        before = self.rotation, self.columns, self.gyroscope_bias, self.accelerometer_bias, self.P
-        self.rotation, self.columns, self.P = np.empty((3, 3)), np.empty(before[1].shape), np.empty(before[4].shape)
-        kernel.propagate(
-            *before, self._gravity, angular_velocity, specific_force, dt, self._densities,
-            self.rotation, self.columns, self.P,
-        )  # fmt: skip
+        self.rotation, self.columns, self.P = kernel.propagate(
+            *self._state, self._gravity, angular_velocity, specific_force, dt, self._densities
+        )
+
+    @property
+    def _state(self) -> tuple[Array, Array, Array, Array, Array]:
+        return self.rotation, self.columns, self.gyroscope_bias, self.accelerometer_bias, self.P
 
     def correct(
         self,
@@ -115,19 +118,14 @@ class InvariantFilter:
         """
         ends = np.array([len(names)]) if ends is None else ends
         limits = np.full(len(ends), np.inf) if limits is None else limits
-        squares = np.empty(len(ends))
-        before = self.rotation, self.columns, self.gyroscope_bias, self.accelerometer_bias, self.P
-        after = np.empty((3, 3)), np.empty(self.columns.shape), np.empty(3), np.empty(3), np.empty(self.P.shape)
         points = np.array([self.names.index(name) for name in names], dtype=np.int64)
-        found = kernel.correct(*before, points, ends, positions, covariance, limits, squares, *after)
-        if found < 0:
-            raise np.linalg.LinAlgError("the covariance of the innovation is not positive definite")
-        if found > 0:
+        squares, *after = kernel.correct(*self._state, points, ends, positions, covariance)
+        if (squares <= limits).all():
             self.rotation, self.columns, self.gyroscope_bias, self.accelerometer_bias, self.P = after
         return squares
 
-    def correct_world(self, H: Array, z: Array, noise: Array, at: Array) -> tuple[float, Array]:
-        """Correct heading and origin of the world, X ← T X; return rotation, rad, and shift, m, of T.
+    def correct_world(self, H: Array, z: Array, noise: Array, at: Array) -> pin.SE3:
+        """Correct heading and origin of the world, X ← T X; return T.
 
         T rotates by w_ψ about the vertical and moves x (`at`) to x + w, with (w, w_ψ) = H P Hᵀ S⁻¹ z. The gain is K = G
         H P Hᵀ S⁻¹, where G ∈ R^{n×4} are these unobservable motions as errors, H G = I. P ← (I - K H) P (I - K H)ᵀ + K
@@ -148,28 +146,25 @@ class InvariantFilter:
         P = kept @ self.P @ kept.T + K @ noise @ K.T
         self.P = 0.5 * (P + P.T)
         step = H @ K @ z
-        turn = float(step[3])
-        c, s = np.cos(turn), np.sin(turn)
-        T = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        shift = at + step[:3] - T @ at
+        T = planar_transform(float(step[3]), at, at + step[:3])
         self.gyroscope_bias = self.gyroscope_bias + K[-6:-3] @ z
-        self._turned(T, shift)
-        return turn, shift
+        self._transform(T)
+        return T
 
     def _world_errors(self, at: Array) -> Array:
         """Return G for a rotation through a point, (n, 4)."""
         G = np.zeros((len(self.P), 4))
         G[2, 3] = 1.0
         for row in range(6, len(G) - 6, 3):
-            G[row : row + 3, :3], G[row : row + 3, 3] = np.eye(3), hat(at)[:, 2]
+            G[row : row + 3, :3], G[row : row + 3, 3] = np.eye(3), pin.skew(at)[:, 2]
         return G
 
-    def _turned(self, rotation: Array, shift: Array) -> None:
-        self.rotation = rotation @ self.rotation
-        self.columns = rotation @ self.columns
-        self.columns[:, 1:] += shift[:, None]
+    def _transform(self, T: pin.SE3) -> None:
+        self.rotation = T.rotation @ self.rotation
+        self.columns = T.rotation @ self.columns
+        self.columns[:, 1:] += T.translation[:, None]
 
-    def move(self, rotation: Array, shift: Array, at: Array, covariance: Array) -> None:
+    def move(self, T: pin.SE3, at: Array, covariance: Array) -> None:
         """Express the state in another world with the same vertical: X ← T X, ξ ← Ad_T ξ.
 
         Ad_T maps ξ_R and ξ_v to R_T ξ, and the ξ of p and d to R_T ξ + t × R_T ξ_R. The uncertainty of T, a rotation δψ
@@ -179,11 +174,11 @@ class InvariantFilter:
         n = len(self.P)
         Ad, G = np.eye(n), self._world_errors(at)
         for row in range(0, n - 6, 3):
-            Ad[row : row + 3, row : row + 3] = rotation
+            Ad[row : row + 3, row : row + 3] = T.rotation
         for row in range(6, n - 6, 3):
-            Ad[row : row + 3, :3] = hat(shift) @ rotation
+            Ad[row : row + 3, :3] = pin.skew(T.translation) @ T.rotation
         self.P = Ad @ self.P @ Ad.T + G @ covariance @ G.T
-        self._turned(rotation, shift)
+        self._transform(T)
 
     def add(self, name: str, place: Array, covariance: Array) -> None:
         """Add a contact point at y from the IMU in its axes, (3,) in m, with covariance (3, 3)."""
@@ -201,9 +196,3 @@ class InvariantFilter:
         self.columns = np.ascontiguousarray(np.delete(self.columns, 2 + i, axis=1))
         gone = np.arange(_POINTS + 3 * i, _POINTS + 3 * i + 3)
         self.P = np.ascontiguousarray(np.delete(np.delete(self.P, gone, axis=0), gone, axis=1))
-
-
-def hat(w: Array) -> Array:
-    """Return the cross-product matrix of a vector, (3, 3)."""
-    x, y, z = w.tolist()
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from wbc_controller.compilation import Indices, Matrix, OutMatrix, OutVector, StridedVector, Vector, compiled, part
+from wbc_controller.compilation import Indices, Matrix, StridedVector, Vector, compiled, part
 from wbc_controller.inverse_dynamics.robot.placement_kernels import Vector3, add, cross, dot, put, scale, three
 from wbc_controller.records import Array
 
@@ -95,27 +95,18 @@ def propagate(
     specific_force: StridedVector,
     dt: float,
     noise: Vector,
-    R_out: OutMatrix,
-    columns_out: OutMatrix,
-    P_out: OutMatrix,
-) -> None:
-    """Write R exp((ω - b_g) dt), v + a dt, p + v dt + ½ a dt², and Φ (P + dt Ad_X Q Ad_Xᵀ) Φᵀ.
+) -> tuple[Array, Array, Array]:
+    """Return R exp((ω - b_g) dt), v + a dt, p + v dt + ½ a dt², and Φ (P + dt Ad_X Q Ad_Xᵀ) Φᵀ.
 
     The state (R, columns, biases, P) is that of `InvariantFilter`; `noise` are its densities in their order, (5,).
     """
     _require_state(R, columns, gyroscope_bias, accelerometer_bias, P)
-    _require_state(R_out, columns_out, gyroscope_bias, accelerometer_bias, P_out)
-    if not (columns.shape[1] == columns_out.shape[1] and len(gravity) == 3 and len(noise) == 5):
-        raise ValueError("propagate: wrong size of columns_out, gravity or noise")
-    if not (len(angular_velocity) == 3 and len(specific_force) == 3):
-        raise ValueError("propagate: angular_velocity and specific_force must have size 3")
-    G, halfway = _rotation_errors(R, columns), P.copy()
-    _add_noise(halfway, G, dt, noise)
-    _transition(halfway, G, R, gravity, dt, P_out)
-    for i in range(len(P)):
-        for j in range(len(P)):
-            halfway[i, j] = P_out[j, i]
-    _transition(halfway, G, R, gravity, dt, P_out)
+    if not (len(gravity) == 3 and len(noise) == 5 and len(angular_velocity) == 3 and len(specific_force) == 3):
+        raise ValueError("propagate: wrong size of gravity, noise, angular_velocity or specific_force")
+    G, noisy, halfway = _rotation_errors(R, columns), P.copy(), np.empty(P.shape)
+    _add_noise(noisy, G, dt, noise)
+    _transition(noisy, G, R, gravity, dt, halfway)
+    _transition(halfway.T, G, R, gravity, dt, noisy)
 
     w = (
         (angular_velocity[0] - gyroscope_bias[0]) * dt,
@@ -123,15 +114,15 @@ def propagate(
         (angular_velocity[2] - gyroscope_bias[2]) * dt,
     )
     a, b, _ = _series(w)
+    turned, moved = np.empty((3, 3)), columns.copy()
     for i in range(3):
-        put(R_out[i], 0, _turned(w, -a, b, three(R[i], 0)))  # rows of R exp(W) = exp(-W) of the rows of R
+        put(turned[i], 0, _turned(w, -a, b, three(R[i], 0)))  # rows of R exp(W) = exp(-W) of the rows of R
         acceleration = gravity[i]
         for k in range(3):
             acceleration += R[i, k] * (specific_force[k] - accelerometer_bias[k])
-        for c in range(columns.shape[1]):
-            columns_out[i, c] = columns[i, c]
-        columns_out[i, 0] += acceleration * dt
-        columns_out[i, 1] += columns[i, 0] * dt + 0.5 * dt**2 * acceleration
+        moved[i, 0] += acceleration * dt
+        moved[i, 1] += columns[i, 0] * dt + 0.5 * dt**2 * acceleration
+    return turned, moved, noisy
 
 
 @part
@@ -154,29 +145,12 @@ def _innovation(
 
 
 @part
-def _square(z: Array, S: Array, start: int, end: int) -> float:
-    """Return zᵀ S⁻¹ z of some rows; -1 if S is not positive definite."""
-    m = end - start
-    U, y, total = S[start:end, start:end].copy(), z[start:end].copy(), 0.0
-    for i in range(m):
-        if U[i, i] <= 0.0:
-            return -1.0
-        total += y[i] * y[i] / U[i, i]
-        for k in range(i + 1, m):
-            share = U[i, k] / U[i, i]
-            for j in range(k, m):
-                U[k, j] -= share * U[i, j]
-            y[k] -= share * y[i]
-    return total
-
-
-@part
-def _reduce(U: Array, Y: Array, y: Array) -> bool:
-    """Factorize S = UᵀU in place; write U⁻ᵀ Y and U⁻ᵀ y; return False if S is not positive definite."""
+def _reduce(U: Array, Y: Array, y: Array) -> None:
+    """Factorize S = UᵀU in place; write U⁻ᵀ Y and U⁻ᵀ y; raise LinAlgError if S is not positive definite."""
     m, n = Y.shape
     for i in range(m):
-        if not U[i, i] > 0.0:
-            return False
+        if U[i, i] <= 0.0:  # NaN spreads
+            raise np.linalg.LinAlgError("the covariance of the innovation is not positive definite")
         factor = 1.0 / math.sqrt(U[i, i])
         for j in range(i, m):
             U[i, j] *= factor
@@ -190,23 +164,6 @@ def _reduce(U: Array, Y: Array, y: Array) -> bool:
             for j in range(n):
                 Y[k, j] -= share * Y[i, j]
             y[k] -= share * y[i]
-    return True
-
-
-@part
-def _retract(delta: Array, R: Array, columns: Array, R_out: Array, columns_out: Array) -> None:
-    """Write exp(ξ) X for ξ = (ξ_R, ξ_v, ξ_p, …)."""
-    w = three(delta, 0)
-    sine, cosine, cube = _series(w)
-    for c in range(3):
-        column = _turned(w, sine, cosine, (R[0, c], R[1, c], R[2, c]))
-        for i in range(3):
-            R_out[i, c] = column[i]
-    for c in range(columns.shape[1]):
-        moved = _turned(w, sine, cosine, (columns[0, c], columns[1, c], columns[2, c]))
-        moved = add(moved, _turned(w, cosine, cube, three(delta, 3 + 3 * c)))
-        for i in range(3):
-            columns_out[i, c] = moved[i]
 
 
 @compiled
@@ -220,59 +177,48 @@ def correct(
     ends: Indices,
     positions: Matrix,
     covariance: Matrix,
-    limits: Vector,
-    squares: OutVector,
-    R_out: OutMatrix,
-    columns_out: OutMatrix,
-    gyroscope_out: OutVector,
-    accelerometer_out: OutVector,
-    P_out: OutMatrix,
-) -> int:
-    """Write exp(K z) X and P - K H P with K = P Hᵀ S⁻¹, unless a contact exceeds its limit.
+) -> tuple[Array, Array, Array, Array, Array, Array]:
+    """Return zᵀ S⁻¹ z of each group of points, (c,), and the corrected state: exp(K z) X, biases, P - K H P.
 
-    With S = UᵀU and Y = U⁻ᵀ H P, K z = Yᵀ U⁻ᵀ z and K H P = YᵀY. Arguments as for `InvariantFilter.correct`, with
-    indices of points, (k,); `squares` is an output. Returns 1 if the state is written, 0 if a square exceeds its limit,
-    -1 if S is not positive definite.
+    With K = P Hᵀ S⁻¹, S = UᵀU and Y = U⁻ᵀ H P, K z = Yᵀ U⁻ᵀ z and K H P = YᵀY. Arguments as for
+    `InvariantFilter.correct`, with indices of points, (k,).
     """
     _require_state(R, columns, gyroscope_bias, accelerometer_bias, P)
-    _require_state(R_out, columns_out, gyroscope_out, accelerometer_out, P_out)
-    k, c = len(points), len(ends)
-    if not (
-        columns.shape[1] == columns_out.shape[1] and positions.shape == (k, 3) and covariance.shape == (3 * k, 3 * k)
-    ):
-        raise ValueError("correct: columns_out, positions and covariance must match the points")
-    if not (len(limits) == c and len(squares) == c and (c == 0 or ends[c - 1] <= k)):
-        raise ValueError("correct: limits, squares and ends must match the contacts")
+    n, k, m = len(P), len(points), 3 * len(points)
+    if not (positions.shape == (k, 3) and covariance.shape == (m, m) and (len(ends) == 0 or ends[-1] <= k)):
+        raise ValueError("correct: positions, covariance and ends must match the points")
     for i in range(k):
         if not 0 <= points[i] < columns.shape[1] - 2:
             raise IndexError("correct: a point index exceeds the points of the filter")
-    n, m = len(P), 3 * k
     y, U, Y, delta = np.empty(m), np.empty((m, m)), np.empty((m, n)), np.zeros(n)
     _innovation(R, columns, P, points, positions, covariance, y, U)
-    start, within = 0, True
-    for i in range(c):
-        squares[i] = _square(y, U, 3 * start, 3 * ends[i])
-        if squares[i] < 0.0:
-            return -1
-        within = within and squares[i] <= limits[i]
+    start, squares = 0, np.empty(len(ends))
+    for i in range(len(ends)):
+        own = slice(3 * start, 3 * ends[i])
+        alone = y[own].copy()
+        _reduce(U[own, own].copy(), np.empty((len(alone), 0)), alone)
+        squares[i] = (alone * alone).sum()
         start = ends[i]
-    if not within:
-        return 0
     for a in range(k):
         for i in range(3):
             for j in range(n):
                 Y[3 * a + i, j] = P[9 + 3 * points[a] + i, j] - P[6 + i, j]  # H P
-    if not _reduce(U, Y, y):
-        return -1
+    _reduce(U, Y, y)
+    reduced = np.empty((n, n))
     for i in range(n):
         for j in range(n):  # both halves, so that P stays symmetric
-            P_out[i, j] = 0.5 * (P[i, j] + P[j, i])
+            reduced[i, j] = 0.5 * (P[i, j] + P[j, i])
         for r in range(m):
             delta[i] += Y[r, i] * y[r]
             for j in range(n):
-                P_out[i, j] -= Y[r, i] * Y[r, j]
-    _retract(delta, R, columns, R_out, columns_out)
+                reduced[i, j] -= Y[r, i] * Y[r, j]
+
+    w = three(delta, 0)  # exp(ξ) X for ξ = (ξ_R, ξ_v, ξ_p, …)
+    sine, cosine, cube = _series(w)
+    turned, moved = np.empty((3, 3)), np.empty(columns.shape)
     for i in range(3):
-        gyroscope_out[i] = gyroscope_bias[i] + delta[n - 6 + i]
-        accelerometer_out[i] = accelerometer_bias[i] + delta[n - 3 + i]
-    return 1
+        put(turned.T[i], 0, _turned(w, sine, cosine, three(R.T[i], 0)))
+    for i in range(columns.shape[1]):
+        shift = _turned(w, cosine, cube, three(delta, 3 + 3 * i))
+        put(moved.T[i], 0, add(_turned(w, sine, cosine, three(columns.T[i], 0)), shift))
+    return squares, turned, moved, gyroscope_bias + delta[n - 6 : n - 3], accelerometer_bias + delta[n - 3 :], reduced

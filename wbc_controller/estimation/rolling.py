@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import pinocchio as pin
 
-from wbc_controller.estimation.invariant_filter import hat
 from wbc_controller.records import Array
 
 _ZERO = np.zeros(3)
@@ -18,7 +18,7 @@ class Rolling:
     def __init__(self, radii: Mapping[str, Array]) -> None:
         """Start without contacts; the radii r n point from contact point to centre in the world, (3,) in m."""
         self.names: tuple[str, ...] = ()
-        self._cross_matrices = {name: hat(radius).T for name, radius in radii.items()}  # ω × r n = matrix @ ω
+        self._cross_matrices = {name: pin.skew(radius).T for name, radius in radii.items()}  # ω × r n = matrix @ ω
         self._displacements: dict[str, Array] = {}
 
     def add(self, name: str) -> None:

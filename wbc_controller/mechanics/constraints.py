@@ -12,7 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -27,19 +27,33 @@ def _cross(a: Array, b: Array) -> Array:
     return np.asarray(pin.skew(a) @ b)
 
 
+class BodyMotion(NamedTuple):
+    """Motion of a frame on a link or support."""
+
+    placement: pin.SE3  # in the world
+    twist: Array  # in its own axes, (6,) in m/s and rad/s
+    jacobian: Array  # of the twist, (6, nv)
+    drift: Array  # time derivative of the twist at v̇ = 0, (6,)
+
+    def point(self) -> tuple[Array, Array, Array, Array]:
+        """Return position (3,), velocity (3,), Jacobian (3, nv), drift (3,) of the origin, world axes."""
+        R, linear, angular = self.placement.rotation, self.twist[:3], self.twist[3:]
+        drift = self.drift[:3] + _cross(angular, linear)  # the axes of the twist rotate
+        return self.placement.translation, R @ linear, R @ self.jacobian[:3], R @ drift
+
+
 @dataclass(frozen=True)
 class Motion:
-    """Motion of a rigid support at one instant.
+    """Motion of a rigid support at one instant."""
 
-    Attributes:
-        placement: support in the world.
-        twist: velocity in its own axes, (6,) in m/s and rad/s.
-        acceleration: time derivative of the twist, (6,).
-    """
+    placement: pin.SE3  # support in the world
+    twist: Array = field(default_factory=lambda: np.zeros(6))  # velocity in its own axes, (6,) in m/s and rad/s
+    acceleration: Array = field(default_factory=lambda: np.zeros(6))  # time derivative of the twist, (6,)
 
-    placement: pin.SE3
-    twist: Array = field(default_factory=lambda: np.zeros(6))
-    acceleration: Array = field(default_factory=lambda: np.zeros(6))
+    def body(self, target: pin.SE3, nv: int) -> BodyMotion:
+        """Return the motion of a frame fixed to the support."""
+        change = target.inverse().action
+        return BodyMotion(self.placement * target, change @ self.twist, np.zeros((6, nv)), change @ self.acceleration)
 
 
 #: Motion of a support as a function of time in s.
@@ -90,68 +104,41 @@ class Kinematics:
 
     def point(self, frame: str, offset: Array) -> tuple[Array, Array, Array, Array]:
         """Return position (3,), velocity (3,), Jacobian (3, nv), drift (3,) of a point on a link, world axes."""
-        index = frame_index(self.model, frame)
-        axes = pin.LOCAL_WORLD_ALIGNED
-        placement: Any = self._data.oMf[index]
-        arm = placement.rotation @ offset
-        J = pin.getFrameJacobian(self.model, self._data, index, axes)
-        twist = J @ self.v
-        drift = pin.getFrameClassicalAcceleration(self.model, self._data, index, axes).vector
-        return (
-            placement.translation + arm,
-            twist[:3] + _cross(twist[3:], arm),
-            J[:3] - pin.skew(arm) @ J[3:],
-            drift[:3] + _cross(drift[3:], arm) + _cross(twist[3:], _cross(twist[3:], arm)),
-        )
+        return self.body(frame, _translation(offset)).point()
 
-    def angular(self, frame: str) -> tuple[Array, Array, Array]:
-        """Return angular velocity (3,), Jacobian (3, nv), drift (3,) of a link, world axes."""
-        index = frame_index(self.model, frame)
-        axes = pin.LOCAL_WORLD_ALIGNED
-        J = pin.getFrameJacobian(self.model, self._data, index, axes)[3:]
-        drift = pin.getFrameAcceleration(self.model, self._data, index, axes).angular
-        return J @ self.v, J, np.array(drift)
-
-    def body(self, frame: str, offset: pin.SE3) -> tuple[pin.SE3, Array, Array, Array]:
-        """Return placement in the world, twist (6,), Jacobian (6, nv), drift (6,) of a frame on a link, in its axes."""
+    def body(self, frame: str, offset: pin.SE3) -> BodyMotion:
+        """Return the motion of a frame on a link."""
         index = frame_index(self.model, frame)
         change = offset.inverse().action
         J = change @ pin.getFrameJacobian(self.model, self._data, index, pin.LOCAL)
         drift = change @ pin.getFrameAcceleration(self.model, self._data, index, pin.LOCAL).vector
-        return self._data.oMf[index] * offset, J @ self.v, J, drift
+        return BodyMotion(self._data.oMf[index] * offset, J @ self.v, J, drift)
+
+
+def _translation(offset: Array) -> pin.SE3:
+    return pin.SE3(np.eye(3), np.asarray(offset, dtype=np.float64))
 
 
 @dataclass(frozen=True, slots=True)
 class ConstraintTerms:
-    """Constraint at one state.
+    """Constraint at one state."""
 
-    Attributes:
-        jacobian: A, (k, nv).
-        drift: acceleration at v̇ = 0, (k,).
-        velocity: ġ or γ, (k,).
-        position: g, (k,); zero in non-holonomic rows.
-        holonomic: True for holonomic rows, (k,).
-    """
-
-    jacobian: Array
-    drift: Array
-    velocity: Array
-    position: Array
-    holonomic: np.ndarray
+    jacobian: Array  # A, (k, nv)
+    drift: Array  # acceleration at v̇ = 0, (k,)
+    velocity: Array  # ġ or γ, (k,)
+    position: Array  # g, (k,); zero in non-holonomic rows
+    holonomic: np.ndarray  # True for holonomic rows, (k,)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Constraint(ABC):
     """Constraint of the form (30).
 
-    Attributes:
-        time_constant: T of Baumgarte's stabilization, s, several integration steps; infinite for none.
-
     Raises:
         ConfigurationError: if the time constant is not positive.
     """
 
-    time_constant: float = math.inf
+    time_constant: float = math.inf  # T of Baumgarte's stabilization, s, several integration steps; infinite for none
 
     def __post_init__(self) -> None:
         if not self.time_constant > 0.0:
@@ -177,92 +164,61 @@ def _holonomic(jacobian: Array, drift: Array, velocity: Array, position: Array) 
     return ConstraintTerms(jacobian, drift, velocity, position, np.ones(len(position), dtype=bool))
 
 
+def _relative(first: tuple[Array, ...], second: tuple[Array, ...]) -> ConstraintTerms:
+    """Return the motion of a point relative to another one, from `BodyMotion.point`."""
+    position, velocity, jacobian, drift = (a - b for a, b in zip(first, second, strict=True))
+    return _holonomic(jacobian, drift, velocity, position)
+
+
 @dataclass(frozen=True, kw_only=True)
 class PointContact(Constraint):
-    """Point of a link fixed to a point of a support (three rows, world axes; (30), holonomic); λ is the force, N.
+    """Point of a link fixed to a point of a support (three rows, world axes; (30), holonomic); λ is the force, N."""
 
-    Attributes:
-        frame: frame of the link.
-        offset: point in this frame, (3,) in m.
-        target: point in the support's frame, (3,) in m.
-        support: motion of the support.
-    """
-
-    frame: str
-    offset: Array = field(default_factory=lambda: np.zeros(3))
-    target: Array = field(default_factory=lambda: np.zeros(3))
-    support: Support = ground
+    frame: str  # frame of the link
+    offset: Array = field(default_factory=lambda: np.zeros(3))  # point in this frame, (3,) in m
+    target: Array = field(default_factory=lambda: np.zeros(3))  # point in the support's frame, (3,) in m
+    support: Support = ground  # motion of the support
 
     def terms(self, kinematics: Kinematics) -> ConstraintTerms:
         """Return the motion of the point relative to the support."""
-        position, velocity, jacobian, drift = kinematics.point(self.frame, self.offset)
-        motion = self.support(kinematics.t)
-        R, target = motion.placement.rotation, np.asarray(self.target)
-        linear, angular = motion.twist[:3], motion.twist[3:]
-        speed = linear + _cross(angular, target)
-        # The axes of the twist rotate.
-        change = motion.acceleration[:3] + _cross(motion.acceleration[3:], target) + _cross(angular, speed)
-        return _holonomic(jacobian, drift - R @ change, velocity - R @ speed, position - motion.placement.act(target))
+        support = self.support(kinematics.t).body(_translation(self.target), kinematics.model.nv)
+        return _relative(kinematics.point(self.frame, self.offset), support.point())
 
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceContact(Constraint):
-    """Frame of a link fixed to a support (six rows, axes of the contact frame; (30), holonomic); λ is the wrench.
+    """Frame of a link fixed to a support (six rows, axes of the contact frame; (30), holonomic); λ is the wrench."""
 
-    Attributes:
-        frame: frame of the link.
-        placement: contact frame in this frame.
-        target: contact frame in the support's frame.
-        support: motion of the support.
-    """
-
-    frame: str
-    placement: pin.SE3 = field(default_factory=pin.SE3.Identity)
-    target: pin.SE3 = field(default_factory=pin.SE3.Identity)
-    support: Support = ground
+    frame: str  # frame of the link
+    placement: pin.SE3 = field(default_factory=pin.SE3.Identity)  # contact frame in this frame
+    target: pin.SE3 = field(default_factory=pin.SE3.Identity)  # contact frame in the support's frame
+    support: Support = ground  # motion of the support
 
     def terms(self, kinematics: Kinematics) -> ConstraintTerms:
         """Return the motion of the contact frame relative to the support."""
-        body = kinematics.body(self.frame, self.placement)
-        motion = self.support(kinematics.t)
-        to_target = self.target.inverse().action
-        n = kinematics.model.nv
-        other = (
-            motion.placement * self.target,
-            to_target @ motion.twist,
-            np.zeros((6, n)),
-            to_target @ motion.acceleration,
-        )
-        return _weld(body, other)
+        support = self.support(kinematics.t).body(self.target, kinematics.model.nv)
+        return _weld(kinematics.body(self.frame, self.placement), support)
 
 
-_Body = tuple[pin.SE3, Array, Array, Array]
-
-
-def _weld(first: _Body, second: _Body) -> ConstraintTerms:
+def _weld(first: BodyMotion, second: BodyMotion) -> ConstraintTerms:
     """Return the motion of the first frame relative to the second, in axes of the first."""
-    between = second[0].inverse() * first[0]
+    between = second.placement.actInv(first.placement)
     change = between.inverse().action
-    carried = change @ second[1]
-    relative = first[1] - carried
+    carried = change @ second.twist
+    relative = first.twist - carried
     # The axes rotate: d/dt change = -(relative ×) change.
     turning = np.array(pin.Motion(relative).cross(pin.Motion(carried)).vector)
-    drift = first[3] - change @ second[3] + turning
+    drift = first.drift - change @ second.drift + turning
     # ġ is the relative twist to first order in g, sufficient for the stabilization.
-    return _holonomic(first[2] - change @ second[2], drift, relative, np.array(pin.log6(between).vector))
+    return _holonomic(first.jacobian - change @ second.jacobian, drift, relative, np.array(pin.log6(between).vector))
 
 
 @dataclass(frozen=True, kw_only=True)
 class JointCoupling(Constraint):
-    """Gear or tendon between joints, Σ cᵢ qᵢ = offset (one row; (30), holonomic).
+    """Gear or tendon between joints, Σ cᵢ qᵢ = offset (one row; (30), holonomic)."""
 
-    Attributes:
-        coefficients: cᵢ by joint, each with one degree of freedom.
-        offset: right-hand side.
-    """
-
-    coefficients: Mapping[str, float]
-    offset: float = 0.0
+    coefficients: Mapping[str, float]  # cᵢ by joint, each with one degree of freedom
+    offset: float = 0.0  # right-hand side
 
     def __post_init__(self) -> None:
         Constraint.__post_init__(self)
@@ -281,42 +237,27 @@ class JointCoupling(Constraint):
 
 @dataclass(frozen=True, kw_only=True)
 class PinnedFrames(Constraint):
-    """Two coincident points of two links (three rows, world axes; (30)); λ is the force on the first link, N.
+    """Two coincident points of two links (three rows, world axes; (30)); λ is the force on the first link, N."""
 
-    Attributes:
-        first: frame of the first link.
-        second: frame of the second link.
-        first_offset: point in the first frame, (3,) in m.
-        second_offset: point in the second frame, (3,) in m.
-    """
-
-    first: str
-    second: str
-    first_offset: Array = field(default_factory=lambda: np.zeros(3))
-    second_offset: Array = field(default_factory=lambda: np.zeros(3))
+    first: str  # frame of the first link
+    second: str  # frame of the second link
+    first_offset: Array = field(default_factory=lambda: np.zeros(3))  # point in the first frame, (3,) in m
+    second_offset: Array = field(default_factory=lambda: np.zeros(3))  # point in the second frame, (3,) in m
 
     def terms(self, kinematics: Kinematics) -> ConstraintTerms:
         """Return the motion of the first point relative to the second."""
-        a = kinematics.point(self.first, self.first_offset)
-        b = kinematics.point(self.second, self.second_offset)
-        return _holonomic(a[2] - b[2], a[3] - b[3], a[1] - b[1], a[0] - b[0])
+        first = kinematics.point(self.first, self.first_offset)
+        return _relative(first, kinematics.point(self.second, self.second_offset))
 
 
 @dataclass(frozen=True, kw_only=True)
 class WeldedFrames(Constraint):
-    """Two coincident frames of two links (six rows, axes of the first; (30), holonomic); λ is the wrench on the first.
+    """Two coincident frames of two links (six rows, axes of the first; (30), holonomic); λ: wrench on the first."""
 
-    Attributes:
-        first: frame of the first link.
-        second: frame of the second link.
-        first_placement: welded frame in the first frame.
-        second_placement: welded frame in the second frame.
-    """
-
-    first: str
-    second: str
-    first_placement: pin.SE3 = field(default_factory=pin.SE3.Identity)
-    second_placement: pin.SE3 = field(default_factory=pin.SE3.Identity)
+    first: str  # frame of the first link
+    second: str  # frame of the second link
+    first_placement: pin.SE3 = field(default_factory=pin.SE3.Identity)  # welded frame in the first frame
+    second_placement: pin.SE3 = field(default_factory=pin.SE3.Identity)  # welded frame in the second frame
 
     def terms(self, kinematics: Kinematics) -> ConstraintTerms:
         """Return the relative motion of the two frames."""
@@ -338,22 +279,15 @@ class Rolling(Constraint):
     """Ball or wheel rolling on a plane without slip, ṗ + ω × r = 0 with r from centre to contact point (30).
 
     Two non-holonomic rows along the plane, one holonomic row along the normal; λ is the force on the link, N.
-
-    Attributes:
-        frame: frame of the link.
-        radius: m.
-        centre: centre in this frame, (3,) in m.
-        axis: axle in this frame, (3,); None for a ball.
-        normal: normal of the plane in the world, (3,), towards the wheel.
-        height: height of the plane along its normal, m.
     """
 
-    frame: str
-    radius: float
-    centre: Array = field(default_factory=lambda: np.zeros(3))
-    axis: Array | None = None
+    frame: str  # frame of the link
+    radius: float  # m
+    centre: Array = field(default_factory=lambda: np.zeros(3))  # centre in this frame, (3,) in m
+    axis: Array | None = None  # axle in this frame, (3,); None for a ball
+    #: normal of the plane in the world, (3,), towards the wheel
     normal: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
-    height: float = 0.0
+    height: float = 0.0  # height of the plane along its normal, m
 
     def terms(self, kinematics: Kinematics) -> ConstraintTerms:
         """Return velocity and height of the contact point.
@@ -362,9 +296,11 @@ class Rolling(Constraint):
             ConfigurationError: if normal or axis is zero, or the wheel lies flat on the plane.
         """
         normal = _unit("normal", self.normal)
-        position, velocity, jacobian, drift = kinematics.point(self.frame, self.centre)
-        omega, J_omega, omega_drift = kinematics.angular(self.frame)
-        arm, arm_rate = self._arm(normal, kinematics.placement(self.frame).rotation, omega)
+        body = kinematics.body(self.frame, _translation(self.centre))
+        R = body.placement.rotation
+        position, velocity, jacobian, drift = body.point()
+        omega, J_omega, omega_drift = R @ body.twist[3:], R @ body.jacobian[3:], R @ body.drift[3:]
+        arm, arm_rate = self._arm(normal, R, omega)
         axes = _axes_with_normal(normal)
         height = float(normal @ (position + arm)) - self.height
         return ConstraintTerms(
@@ -402,19 +338,13 @@ def _axes_with_normal(normal: Array) -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class PlaneContact(Constraint):
-    """Point of a link on a frictionless plane, also unilateral (one row; (30), holonomic); λ is the normal force, N.
+    """Point of a link on a frictionless plane, also unilateral (one row; (30), holonomic); λ is the normal force, N."""
 
-    Attributes:
-        frame: frame of the link.
-        offset: point in this frame, (3,) in m.
-        normal: outward normal of the plane in the world, (3,).
-        height: height of the plane along its normal, m.
-    """
-
-    frame: str
-    offset: Array = field(default_factory=lambda: np.zeros(3))
+    frame: str  # frame of the link
+    offset: Array = field(default_factory=lambda: np.zeros(3))  # point in this frame, (3,) in m
+    #: outward normal of the plane in the world, (3,)
     normal: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
-    height: float = 0.0
+    height: float = 0.0  # height of the plane along its normal, m
 
     def terms(self, kinematics: Kinematics) -> ConstraintTerms:
         """Return the height above the plane.
@@ -434,21 +364,13 @@ class PlaneContact(Constraint):
 
 @dataclass(frozen=True, slots=True)
 class ConstraintEquation:
-    """Stacked constraints (30).
+    """Stacked constraints (30)."""
 
-    Attributes:
-        A: (k, nv).
-        b: (k,).
-        position: g, (k,).
-        velocity: ġ and γ, (k,).
-        rows: rows of each constraint.
-    """
-
-    A: Array
-    b: Array
-    position: Array
-    velocity: Array
-    rows: tuple[slice, ...]
+    A: Array  # (k, nv)
+    b: Array  # (k,)
+    position: Array  # g, (k,)
+    velocity: Array  # ġ and γ, (k,)
+    rows: tuple[slice, ...]  # rows of each constraint
 
 
 def constraint_equation(constraints: Sequence[Constraint], kinematics: Kinematics) -> ConstraintEquation:

@@ -21,19 +21,12 @@ _VELOCITY_BOUNDS = (("lowerEffortLimit", "upperEffortLimit"), ("lowerVelocityLim
 
 @dataclass(frozen=True)
 class CoordinateChange:
-    """Second model of a robot, and the map φ of Lemma 1 (equation (14)) from the original to the new coordinates.
+    """Second model of a robot, and the map φ of Lemma 1 (equation (14)) from the original to the new coordinates."""
 
-    Attributes:
-        original: original model.
-        model: new model with the same names.
-        root: original joint of the new base link; 0 for a fixed base.
-        signs: 1, or -1 for flipped joints, by name.
-    """
-
-    original: pin.Model
-    model: pin.Model
-    root: int
-    signs: dict[str, float]
+    original: pin.Model  # in the original coordinates
+    model: pin.Model  # new model with the same names
+    root: int  # original joint of the new base link; 0 for a fixed base
+    signs: dict[str, float]  # 1, or -1 for flipped joints, by name
 
     def configuration(self, q: Array) -> Array:
         """Map a configuration, (nq,), by φ."""

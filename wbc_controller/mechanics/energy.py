@@ -48,17 +48,11 @@ def power(v: Array, force: Array) -> float:
 
 @dataclass(frozen=True, slots=True)
 class EnergyBalance:
-    """Energy balance between two states (equation (29)).
+    """Energy balance between two states (equation (29))."""
 
-    Attributes:
-        rate: mean dH/dt, W.
-        supplied: mean power of torques and external wrenches, W.
-        throughput: sum of their absolute mean powers, W, the scale of the residual.
-    """
-
-    rate: float
-    supplied: float
-    throughput: float
+    rate: float  # mean dH/dt, W
+    supplied: float  # mean power of torques and external wrenches, W
+    throughput: float  # sum of their absolute mean powers, W, the scale of the residual
 
     @property
     def residual(self) -> float:

@@ -20,21 +20,17 @@ _AXES = {"LOCAL": pin.LOCAL, "LOCAL_WORLD_ALIGNED": pin.LOCAL_WORLD_ALIGNED, "WO
 class ExternalWrench:
     """External wrench on a link, the τ of equation (22).
 
-    Attributes:
-        frame: frame of the link.
-        wrench: force in N and torque in N·m about the point of application, (6,).
-        axes: `pinocchio.ReferenceFrame`. ``LOCAL``: frame's axes and origin; ``LOCAL_WORLD_ALIGNED``: world axes,
-            frame's origin; ``WORLD``: world's axes and origin.
-        point: point of application relative to this origin, in these axes, (3,) in m.
-
     Raises:
         ConfigurationError: if `axes` is unknown.
         InputRefused: if an array is invalid.
     """
 
-    frame: str
-    wrench: Array
+    frame: str  # frame of the link
+    wrench: Array  # force in N and torque in N·m about the point of application, (6,)
+    #: `pinocchio.ReferenceFrame`. ``LOCAL``: frame's axes and origin; ``LOCAL_WORLD_ALIGNED``: world axes, frame's
+    #: origin; ``WORLD``: world's axes and origin
     axes: str = "LOCAL_WORLD_ALIGNED"
+    #: point of application relative to this origin, in these axes, (3,) in m
     point: Array = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
@@ -84,10 +80,10 @@ def world_wrench(
     total = np.zeros(6)
     for external in wrenches:
         placement: Any = data.oMf[frame_index(model, external.frame)]
-        wrench = external.at_origin
-        if external.axes == "LOCAL":
-            wrench = np.array(placement.act(pin.Force(wrench)).vector)
-        elif external.axes == "LOCAL_WORLD_ALIGNED":
-            wrench[3:] += np.cross(placement.translation, wrench[:3])
-        total += wrench
+        axes = {
+            "LOCAL": placement,
+            "LOCAL_WORLD_ALIGNED": pin.SE3(np.eye(3), placement.translation),
+            "WORLD": pin.SE3.Identity(),
+        }[external.axes]
+        total += axes.act(pin.Force(external.at_origin)).vector
     return total

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
@@ -21,25 +21,15 @@ CONSISTENCY_TOLERANCE = 1.0e-6
 
 @dataclass(frozen=True, slots=True)
 class ConstrainedMotion:
-    """Solution of Gauss's problem (31).
+    """Solution of Gauss's problem (31)."""
 
-    Attributes:
-        v_dot: constrained acceleration v̇*, (nv,).
-        multipliers: λ of (32) with the smallest norm, (k,); for contacts the force on the robot, N or N·m.
-        constraint_force: f_c = Aᵀλ, (nv,) in N and N·m.
-        push: multipliers μ ≥ 0 of the inequalities, (m,).
-        push_force: generalized force Cᵀμ, (nv,) in N and N·m.
-        rank: rank of A.
-        condition: largest over smallest non-zero singular value of A.
-    """
-
-    v_dot: Array
-    multipliers: Array
-    constraint_force: Array
-    push: Array
-    push_force: Array
-    rank: int
-    condition: float
+    v_dot: Array  # constrained acceleration v̇*, (nv,)
+    multipliers: Array  # λ of (32) with the smallest norm, (k,); for contacts the force on the robot, N or N·m
+    constraint_force: Array  # f_c = Aᵀλ, (nv,) in N and N·m
+    push: Array  # multipliers μ ≥ 0 of the inequalities, (m,)
+    push_force: Array  # generalized force Cᵀμ, (nv,) in N and N·m
+    rank: int  # rank of A
+    condition: float  # largest over smallest non-zero singular value of A
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,14 +185,13 @@ def gauss_unilateral(M: Array, v_dot_u: Array, A: Array, b: Array, C: Array, d: 
     push = mu / sizes
     split = _decompose(A)
     multipliers, constraint_force = _multipliers(split, M @ (v_dot - v_dot_u) - C.T @ push)
-    return ConstrainedMotion(
+    return replace(
+        base,
         v_dot=v_dot,
         multipliers=multipliers,
         constraint_force=constraint_force,
         push=push,
         push_force=C.T @ push,
-        rank=base.rank,
-        condition=base.condition,
     )
 
 

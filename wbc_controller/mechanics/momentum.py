@@ -53,15 +53,10 @@ def centroidal_wrench(
 
 @dataclass(frozen=True, slots=True)
 class MomentumBalance:
-    """Balance of centroidal momentum between two states (equation (26)).
+    """Balance of centroidal momentum between two states (equation (26))."""
 
-    Attributes:
-        rate: mean rate of change, (6,) in N and N·m, world axes.
-        supplied: mean wrench of gravity and external forces, (6,) in N and N·m.
-    """
-
-    rate: Array
-    supplied: Array
+    rate: Array  # mean rate of change, (6,) in N and N·m, world axes
+    supplied: Array  # mean wrench of gravity and external forces, (6,) in N and N·m
 
     @property
     def residual(self) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -15,35 +15,24 @@ from wbc_controller.records import Array
 
 @dataclass(frozen=True)
 class Rod:
-    """Massless rigid rod between two particles, or between a particle and the world.
+    """Massless rigid rod between two particles, or between a particle and the world."""
 
-    Attributes:
-        first: index of a particle.
-        second: index of another particle, or point in the world, (3,) in m.
-        length: m.
-    """
-
-    first: int
-    second: int | Array
-    length: float
+    first: int  # index of a particle
+    second: int | Array  # index of another particle, or point in the world, (3,) in m
+    length: float  # m
 
 
 @dataclass(frozen=True)
 class ParticleSystem:
     """Point masses and rods.
 
-    Attributes:
-        masses: (n,) in kg.
-        rods: structure.
-        gravity: (3,) in m/s².
-
     Raises:
         ConfigurationError: if a mass or length is not positive, or a particle is unknown.
     """
 
-    masses: Array
-    rods: Sequence[Rod]
-    gravity: Array = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
+    masses: Array  # (n,) in kg
+    rods: Sequence[Rod]  # structure
+    gravity: Array = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))  # (3,) in m/s²
 
     def __post_init__(self) -> None:
         n = len(self.masses)
@@ -119,19 +108,12 @@ def solve_in_one_stage(
 
 @dataclass(frozen=True, slots=True)
 class ReducedProblem:
-    """Problem (33) with eliminated structure: (31) in d coordinates a, ẍ = particular + basis · a.
+    """Problem (33) with eliminated structure: (31) in d coordinates a, ẍ = particular + basis · a."""
 
-    Attributes:
-        basis: (3n, d), as ∂φ/∂q in (15) and (17).
-        particular: acceleration that satisfies the structure, (3n,).
-        M: reduced mass matrix, (d, d).
-        a_u: reduced acceleration without contact, (d,).
-    """
-
-    basis: Array
-    particular: Array
-    M: Array
-    a_u: Array
+    basis: Array  # (3n, d), as ∂φ/∂q in (15) and (17)
+    particular: Array  # acceleration that satisfies the structure, (3n,)
+    M: Array  # reduced mass matrix, (d, d)
+    a_u: Array  # reduced acceleration without contact, (d,)
 
 
 def reduce_structure(
@@ -171,12 +153,4 @@ def solve_in_two_stages(
     reduced = reduce_structure(system, structure, forces)
     A, b = contact
     motion = gauss(reduced.M, reduced.a_u, A @ reduced.basis, b - A @ reduced.particular)
-    return ConstrainedMotion(
-        v_dot=reduced.particular + reduced.basis @ motion.v_dot,
-        multipliers=motion.multipliers,
-        constraint_force=motion.constraint_force,
-        push=motion.push,
-        push_force=motion.push_force,
-        rank=motion.rank,
-        condition=motion.condition,
-    )
+    return replace(motion, v_dot=reduced.particular + reduced.basis @ motion.v_dot)

@@ -57,17 +57,11 @@ def conserved_quantity(model: pin.Model, q: Array, v: Array, perturbation: Pertu
 
 @dataclass(frozen=True, slots=True)
 class SymmetryReport:
-    """Symmetry check of a perturbation (equations (23) and (28)).
+    """Symmetry check of a perturbation (equations (23) and (28))."""
 
-    Attributes:
-        variation: largest |δL| relative to its terms.
-        conserved: pᵀδq at each state, (k,) in N·s or N·m·s.
-        invariant: True if the variation is within the tolerance.
-    """
-
-    variation: float
-    conserved: Array
-    invariant: bool
+    variation: float  # largest |δL| relative to its terms
+    conserved: Array  # pᵀδq at each state, (k,) in N·s or N·m·s
+    invariant: bool  # True if the variation is within the tolerance
 
 
 def check_symmetry(

@@ -105,7 +105,7 @@ class EstimatorService:
                 self._publish["tf"](encode(transform(stamp, FRAME, self._base, pose)))
                 poses = estimator.poses
                 if poses is not None and poses.aligned:
-                    self._publish["tf"](encode(transform(stamp, MAP, FRAME, poses.odometry.inverse().pose)))
+                    self._publish["tf"](encode(transform(stamp, MAP, FRAME, poses.map_to_odometry)))
         elif found is None:
             self._stamp = -math.inf  # the next estimate may have another clock
         self._publish_diagnostics(self._inputs.notes(), latched.estimate)

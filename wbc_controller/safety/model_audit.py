@@ -13,7 +13,6 @@ import numpy as np
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array, AuditReport, JointCommand, RobotState, Solution, freeze, frozen
-from wbc_controller.safety.model_audit_kernels import AuditMemory, add_step, store_state
 
 #: Largest time between two compared states, in control periods.
 _LARGEST_GAP = 3.5
@@ -36,12 +35,25 @@ class AuditLimits:
 
 @dataclass(frozen=True, slots=True)
 class _Previous:
-    """Previous state; its motion and torques are in `AuditMemory`."""
+    """Previous state with its predicted motion."""
 
     state: RobotState
+    tau: Array  # torques sent, (na,) in N·m
     springs: Array | None  # generalized force of passive joints, (nv,), or None
+    momentum: Array  # linear momentum m ċ, (3,) in N·s
+    force: Array  # predicted m c̈, (3,) in N
     solution: Solution | None  # None if other torques were sent
     powers: list[float]  # of known external wrenches, W
+
+
+class _Sums:
+    """Sums since the start of a span."""
+
+    def __init__(self, nv: int) -> None:
+        self.lasted = self.predicted = 0.0  # duration, and the part with a prediction, s
+        self.work = self.throughput = 0.0  # work of torques and known forces, and its magnitudes, J
+        self.velocity = np.zeros(nv)  # Δv - v̇ Δt
+        self.impulse = np.zeros(3)  # Δ(m ċ) - m c̈ Δt, N·s
 
 
 class ModelAudit:
@@ -56,34 +68,16 @@ class ModelAudit:
         self._largest_gap = _LARGEST_GAP * limits.period
         #: Joint components of a generalized force, (nj, nv).
         self._to_joints = np.column_stack([model.joint_forces(component) for component in np.eye(model.nv)])
-        nv, na = model.nv, model.na
-        self._memory = AuditMemory(
-            S=np.ascontiguousarray(model.actuation.S),
-            mass=model.mass,
-            v=np.zeros(nv),
-            v_dot=np.zeros(nv),
-            tau=np.zeros(na),
-            momentum=np.zeros(3),
-            force=np.zeros(3),
-            velocity=np.zeros(nv),
-            impulse=np.zeros(3),
-            totals=np.zeros(3),
-        )
-        self._no_force = np.zeros(nv)
         self._forget()
 
     def _forget(self) -> None:
         self._before: _Previous | None = None
-        self._clear()
-        self._lasted = self._stored = 0.0  # duration of the span, s, and energy at its start, J
+        self._sums = _Sums(self._model.nv)
+        self._stored = 0.0  # energy at the start of the span, J
         self._energy = self._throughput = 0.0
         self._force, self._torques = np.zeros(3), np.zeros(self._model.nv)  # filtered
         self._since: dict[str, float] = {}
         self._report: AuditReport | None = None
-
-    def _clear(self) -> None:
-        for sums in (self._memory.velocity, self._memory.impulse, self._memory.totals):
-            sums.fill(0.0)
 
     def check(
         self, state: RobotState, dynamics: Dynamics, solution: Solution | None, command: JointCommand | None
@@ -102,71 +96,71 @@ class ModelAudit:
             if gap > self._largest_gap:
                 self._forget()
                 gap, before = 0.0, None
-        self._before = self._add(before, state, dynamics, solution, command, gap)
+        previous = self._previous(state, dynamics, solution, command)
+        if before is not None:
+            self._add(before, previous, dynamics, gap)
+        self._before = previous
         if before is None:
             self._stored = self._mechanical_energy(dynamics)
             return None
-        self._lasted += gap
-        if self._lasted >= self._span:
+        if self._sums.lasted >= self._span:
             self._report = self._finish_span(state, dynamics)
         return self._report
 
     def _mechanical_energy(self, dynamics: Dynamics) -> float:
         return float(0.5 * dynamics.v @ dynamics.M @ dynamics.v - self._gravity @ dynamics.com)
 
-    def _add(
-        self,
-        before: _Previous | None,
-        state: RobotState,
-        dynamics: Dynamics,
-        solution: Solution,
-        command: JointCommand,
-        gap: float,
-    ) -> _Previous:
-        memory = self._memory
-        springs = None if self._model.passive is None else self._model.passive_force(state.q, state.v)
-        if before is not None:
-            step = self._model.difference(before.state.q, state.q)
-            other = self._other_force(before, springs)
-            add_step(memory, step, state.v, dynamics.com_velocity, other, gap, before.solution is not None)
-            if before.solution is not None and before.powers:
-                self._add_wrenches(before.powers, _powers(before.solution, dynamics), gap)
-        predicts = store_state(
-            memory, state.v, dynamics.com_velocity, dynamics.com_jacobian, dynamics.com_drift,
-            solution.v_dot, solution.tau, command.tau,
-        )  # fmt: skip
-        powers = _powers(solution, dynamics) if predicts and solution.external_wrenches else []
-        return _Previous(state, springs, solution if predicts else None, powers)
+    def _previous(self, state: RobotState, dynamics: Dynamics, solution: Solution, command: JointCommand) -> _Previous:
+        model, mass = self._model, self._model.mass
+        predicts = np.array_equal(solution.tau, command.tau)
+        return _Previous(
+            state=state,
+            tau=command.tau,
+            springs=None if model.passive is None else model.passive_force(state.q, state.v),
+            momentum=mass * dynamics.com_velocity,
+            force=mass * (dynamics.com_jacobian @ solution.v_dot + dynamics.com_drift),
+            solution=solution if predicts else None,
+            powers=_powers(solution, dynamics) if predicts else [],
+        )
+
+    def _add(self, before: _Previous, after: _Previous, dynamics: Dynamics, gap: float) -> None:
+        """Add the step between two states to the sums."""
+        sums, solution = self._sums, before.solution
+        sums.lasted += gap
+        force = self._model.actuation.generalized_force(before.tau) + self._other_force(before, after.springs)
+        work = force * self._model.difference(before.state.q, after.state.q)  # contact forces do no work
+        sums.work += float(work.sum())
+        sums.throughput += float(np.abs(work).sum())
+        if solution is not None:
+            sums.predicted += gap
+            sums.velocity += after.state.v - before.state.v - gap * solution.v_dot
+            sums.impulse += after.momentum - before.momentum - gap * before.force
+            if before.powers:
+                for start, end in zip(before.powers, _powers(solution, dynamics), strict=True):
+                    sums.work += 0.5 * gap * (start + end)
+                    sums.throughput += abs(0.5 * gap * (start + end))
 
     def _other_force(self, before: _Previous, springs: Array | None) -> Array:
         """Return the known generalized force besides the torques, (nv,): disturbance and springs."""
-        force = self._no_force
+        force = np.zeros(self._model.nv)
         if before.solution is not None and before.solution.disturbance is not None:
             force = before.solution.disturbance.forces
         if before.springs is not None and springs is not None:
             force = force + 0.5 * (before.springs + springs)  # exact for springs
         return force
 
-    def _add_wrenches(self, before: list[float], after: list[float], gap: float) -> None:
-        for start, end in zip(before, after, strict=True):
-            work = 0.5 * gap * (start + end)
-            self._memory.totals[1] += work
-            self._memory.totals[2] += abs(work)
-
     def _finish_span(self, state: RobotState, dynamics: Dynamics) -> AuditReport:
-        lasted, self._lasted = self._lasted, 0.0
-        sums, limits = self._memory, self._limits
-        duration, work, throughput = sums.totals.tolist()
+        sums, limits, lasted = self._sums, self._limits, self._sums.lasted
+        self._sums = _Sums(self._model.nv)
         stored, self._stored = self._stored, self._mechanical_energy(dynamics)
         share = lasted / (limits.time_constant + lasted)
-        self._energy += share * ((self._stored - stored - work) / lasted - self._energy)
-        self._throughput += share * (throughput / lasted - self._throughput)
-        if duration > 0.0:
-            share = duration / (limits.time_constant + duration)
+        self._energy += share * ((self._stored - stored - sums.work) / lasted - self._energy)
+        self._throughput += share * (sums.throughput / lasted - self._throughput)
+        if sums.predicted > 0.0:
+            share = sums.predicted / (limits.time_constant + sums.predicted)
             if self._model.floating_base:  # not of a fixed base
-                self._force += share * (sums.impulse / duration - self._force)
-            self._torques += share * (dynamics.M @ sums.velocity / duration - self._torques)
-        self._clear()
+                self._force += share * (sums.impulse / sums.predicted - self._force)
+            self._torques += share * (dynamics.M @ sums.velocity / sums.predicted - self._torques)
         force, torques = frozen(self._force), freeze(self._to_joints @ self._torques)
         size, over = float(np.linalg.norm(force)), np.abs(torques) / limits.torques
         worst = int(over.argmax())
@@ -176,15 +170,13 @@ class ModelAudit:
             "UNMODELLED_TORQUE": most > 1.0,
             "ENERGY_RESIDUAL": abs(self._energy) > limits.energy * max(self._throughput, limits.power),
         }
-        warnings: tuple[str, ...] = ()
-        if self._since or True in wrong.values():
-            descriptions: dict[str, Callable[[], str]] = {
-                "UNMODELLED_FORCE": lambda: self._describe_force(force, size),
-                "UNMODELLED_TORQUE": lambda: self._describe_torque(worst, torques.item(worst)),
-                "ENERGY_RESIDUAL": self._describe_energy,
-            }
-            lasting = self._persistent(state.stamp * 1.0e-9, lasted, wrong)
-            warnings = tuple(f"{name}: {descriptions[name]()}" for name in lasting)
+        descriptions: dict[str, Callable[[], str]] = {
+            "UNMODELLED_FORCE": lambda: self._describe_force(force, size),
+            "UNMODELLED_TORQUE": lambda: self._describe_torque(worst, torques.item(worst)),
+            "ENERGY_RESIDUAL": self._describe_energy,
+        }
+        lasting = self._persistent(state.stamp * 1.0e-9, lasted, wrong)
+        warnings = tuple(f"{name}: {descriptions[name]()}" for name in lasting)
         return AuditReport(self._energy, self._throughput, force, torques, warnings)
 
     def _persistent(self, now: float, lasted: float, wrong: Mapping[str, bool]) -> list[str]:

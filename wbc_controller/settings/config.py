@@ -48,20 +48,22 @@ class Config:
         robot = tree.get("robot")
         posture = robot.get("posture") if isinstance(robot, Mapping) else None
         if isinstance(posture, Mapping):
-            tree["robot"]["posture"] = _updated_posture(self.settings, posture)
+            present = zip(self.settings.robot.joints, self.settings.robot.posture, strict=True)
+            tree["robot"]["posture"] = _ordered({**dict(present), **posture}, self.settings.robot.joints)
+        result = merged(values, tree)
         for section in _SECTIONS_BY_NAME:
-            for name, entry in tree.get(section, {}).items() if isinstance(tree.get(section), Mapping) else ():
-                if entry is None and name not in values.get(section, {}):
+            entries = result.get(section)
+            removed = [name for name in entries if entries[name] is None] if isinstance(entries, Mapping) else []
+            known = values.get(section, {})
+            for name in removed:
+                if name not in known:
                     raise ConfigurationError(
                         self.with_source(
                             f"{section}.{name} = None: unknown entry, cannot be removed; "
-                            f"{valid_choices(str(name), values.get(section, {}))}"
+                            f"{valid_choices(str(name), known)}"
                         )
                     )
-        result = merged(values, tree)
-        for section in _SECTIONS_BY_NAME:
-            if isinstance(result.get(section), Mapping):
-                result[section] = {name: entry for name, entry in result[section].items() if entry is not None}
+                del result[section][name]
         settings = parse_settings(result, self.source)
         return replace(self, settings=settings, urdf=self.urdf if urdf is None else urdf)
 
@@ -117,7 +119,10 @@ def load(source: str | Path | Mapping[str, Any] | Settings | Config, *, urdf: st
         tree = nested(source)
         robot = tree.get("robot")
         if isinstance(robot, dict) and isinstance(robot.get("posture"), Mapping):
-            robot["posture"] = _posture_by_joint(robot.get("joints"), robot["posture"])
+            joints = robot.get("joints")
+            robot["posture"] = _ordered(
+                robot["posture"], joints if isinstance(joints, list) else list(robot["posture"])
+            )
         return Config(parse_settings(tree, "a dictionary"), urdf=urdf)
     if not isinstance(source, str | Path):
         raise ConfigurationError(
@@ -132,22 +137,14 @@ def _require_text(urdf: Any) -> None:
         raise ConfigurationError(f"urdf = {reprlib.repr(urdf)}: must be the text of a URDF")
 
 
-def _posture_by_joint(joints: Any, posture: Mapping[str, Any]) -> list[Any]:
-    names = list(joints) if isinstance(joints, list) else list(posture)
-    for name in (*names, *posture):
-        if name not in posture or name not in names:
-            problem = "missing" if name in names else "unknown"
-            raise ConfigurationError(
-                f"a dictionary: robot.posture: {problem} joint {name!r}; required: {', '.join(names)}"
-            )
-    return [posture[name] for name in names]
-
-
-def _updated_posture(settings: Settings, changes: Mapping[str, Any]) -> list[Any]:
-    joints: Sequence[str] = settings.robot.joints
-    for name in changes:
+def _ordered(posture: Mapping[str, Any], joints: Sequence[str]) -> list[Any]:
+    """Return the values of a posture by joint in the order of the joints."""
+    for name in posture:
         if name not in joints:
             raise ConfigurationError(
                 f"robot.posture.{name}: {name!r} is not in robot.joints; {valid_choices(name, joints)}"
             )
-    return [changes.get(name, value) for name, value in zip(joints, settings.robot.posture, strict=True)]
+    missing = [name for name in joints if name not in posture]
+    if missing:
+        raise ConfigurationError(f"robot.posture: missing joint {missing[0]!r}; required: {', '.join(joints)}")
+    return [posture[name] for name in joints]

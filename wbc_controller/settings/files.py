@@ -5,13 +5,14 @@ from __future__ import annotations
 import reprlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, get_args, get_origin
+from typing import Annotated, Any, NamedTuple, get_args, get_origin
 
 import yaml
 from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
 
 from wbc_controller.errors import ConfigurationError, valid_choices
-from wbc_controller.settings import NODE_NAME, ContactSettings, Settings, TaskSettings
+from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.settings.resources import PACKAGE_SCHEME, is_file, read_text, share_folder, shown
 from wbc_controller.settings.values import LIST, NUMBER
 
@@ -179,67 +180,65 @@ def read_parameters(text: str, source: str) -> Mapping[str, Any]:
     return parameters
 
 
+class _Place(NamedTuple):
+    """Place of a pydantic error in the schema."""
+
+    keys: list[Any]  # of the file, without pydantic's tags
+    fields: Mapping[str, FieldInfo]  # of the section above the last key, or empty
+    field: FieldInfo | None  # of the last key
+    kind: Any  # annotation of the value, or None
+
+
+def _locate(location: Sequence[Any]) -> _Place:
+    keys: list[Any] = []
+    fields: Mapping[str, FieldInfo] = {}
+    field: FieldInfo | None = None
+    kind: Any = Settings
+    for part in location:
+        if part in (NUMBER, LIST):
+            continue
+        types = types_of(kind)
+        if part in types:
+            kind = types[part]
+            continue
+        keys.append(part)
+        if not isinstance(part, int):  # a list has the description of its key
+            section = next((each for each in (kind, *get_args(kind)) if _is_section(each)), None)
+            fields = section.model_fields if section is not None and get_origin(kind) is not dict else {}
+            field = fields.get(str(part))
+            kind = get_args(kind)[1] if get_origin(kind) is dict else field and field.annotation
+    return _Place(keys, fields, field, kind)
+
+
+def types_of(kind: Any) -> dict[str, type[BaseModel]]:
+    """Return the sections of tasks or contacts by their value of ``type``; empty for other annotations."""
+    members = get_args(get_args(kind)[0]) if get_origin(kind) is Annotated else ()
+    return {str(get_args(each.model_fields["type"].annotation)[0]): each for each in members}
+
+
+def _is_section(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, BaseModel)
+
+
 def _explain(problem: Any, source: str) -> str:
-    location = [part for part in problem["loc"] if part not in (NUMBER, LIST)]
-    if len(location) > 2 and location[2] in _tags_of(str(location[0])):
-        del location[2]  # pydantic's tag of the kind is not a key of the file
-    if location[-1:] == ["[key]"]:
-        return f"{source}: {'.'.join(map(str, location[:-2]))}: {problem['msg'].removeprefix('Value error, ')}"
-    key = ".".join(text if (text := str(part)).isprintable() else repr(text) for part in location)
-    about = _description(problem["loc"])
-    about = f" ({about})" if about else ""
+    location, value = problem["loc"], problem["input"]
+    reason = problem["msg"].removeprefix("Value error, ")
+    if location[-1:] == ("[key]",):
+        return f"{source}: {'.'.join(map(str, location[:-2]))}: {reason}"
+    place = _locate(location)
+    key = ".".join(text if (text := str(part)).isprintable() else repr(text) for part in place.keys)
+    about = place.field.description if place.field is not None else None
+    about = f" ({about.rstrip('.')})" if about else ""
     if problem["type"] == "extra_forbidden":
-        choices = _fields_at(problem["loc"])
-        return f"{source}: {key}: unknown key; {valid_choices(str(location[-1]), choices)}"
+        return f"{source}: {key}: unknown key; {valid_choices(str(location[-1]), place.fields)}"
     if problem["type"] == "missing":
         return f"{source}: {key}: missing key{about}"
     if problem["type"] in ("union_tag_invalid", "union_tag_not_found"):
-        kind = problem["input"].get("type") if isinstance(problem["input"], dict) else problem["input"]
-        tags = _tags_of(str(location[0]))
+        kind, types = value.get("type") if isinstance(value, dict) else value, types_of(place.kind)
         if kind is None:
-            return f"{source}: {key}.type: missing key; {valid_choices('', tags)}"
-        return f"{source}: {key}.type: unknown type {kind!r}; {valid_choices(str(kind), tags)}"
-    reason = problem["msg"].removeprefix("Value error, ")
-    value = problem["input"]
+            return f"{source}: {key}.type: missing key; {valid_choices('', types)}"
+        return f"{source}: {key}.type: unknown type {kind!r}; {valid_choices(str(kind), types)}"
     if problem["type"] == "value_error" and isinstance(value, dict):  # from a validator of several keys
         return f"{source}: {key}{'.' if key else ''}{reason}"
     shown = "" if isinstance(value, dict) else f" = {reprlib.repr(value)}"
     return f"{source}: {key}{shown}: {reason[0].lower()}{reason[1:]}{about}"
-
-
-def _members(section: str) -> dict[str, type[BaseModel]]:
-    union = {"tasks": TaskSettings, "contacts": ContactSettings}.get(section)
-    if union is None:
-        return {}
-    return {str(get_args(kind.model_fields["type"].annotation)[0]): kind for kind in get_args(get_args(union)[0])}
-
-
-def _tags_of(section: str) -> set[str]:
-    return set(_members(section))
-
-
-def _fields_at(location: tuple[Any, ...]) -> Mapping[str, Any]:
-    if len(location) == 1:
-        return Settings.model_fields
-    section = str(location[0])
-    members = _members(section)
-    if members:
-        member = members.get(str(location[2])) if len(location) > 3 else None
-        return member.model_fields if member is not None else {}
-    model: Any = Settings
-    for part in location[:-1]:
-        if get_origin(model) is dict:
-            model = get_args(model)[1]
-        elif str(part) in getattr(model, "model_fields", {}):
-            model = model.model_fields[str(part)].annotation
-        else:
-            return {}
-    return model.model_fields if isinstance(model, type) and issubclass(model, BaseModel) else {}
-
-
-def _description(location: tuple[Any, ...]) -> str:
-    keys = tuple(part for part in location if part not in (NUMBER, LIST))
-    if keys and isinstance(keys[-1], int):
-        keys = keys[:-1]
-    field = _fields_at(keys).get(str(keys[-1])) if keys else None
-    return str(field.description).rstrip(".") if field is not None and field.description else ""

@@ -25,9 +25,9 @@ def test_meshes_have_the_place_of_the_visuals(robot):
     assert sum(len(mesh.triangles) for mesh in meshes.values()) <= 1.1 * TRIANGLES  # of 78 584
     visuals, _ = read_visuals(robot.model)
     for visual in visuals:
-        triangles = map(visual.shape.tri_indices, range(visual.shape.num_tris))
+        triangles = map(visual.geometry.tri_indices, range(visual.geometry.num_tris))
         corners = [(each[0], each[1], each[2]) for each in triangles]
-        used = visual.shape.vertices()[np.unique(corners)]  # Go2's files contain unused vertices
+        used = visual.geometry.vertices()[np.unique(corners)]  # Go2's files contain unused vertices
         placed = used @ visual.placement.rotation.T + visual.placement.translation
         drawn = meshes[visual.name].vertices
         np.testing.assert_allclose(drawn.min(axis=0), placed.min(axis=0), atol=0.003)

@@ -12,9 +12,10 @@ import yaml
 from wbc_controller.controller.build.tasks import make_task
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.middleware.topics import TASK_TYPES
-from wbc_controller.settings.files import _members, _tags_of
+from wbc_controller.settings import TaskSettings
+from wbc_controller.settings.files import types_of
 
-TASKS = _members("tasks")
+TASKS = types_of(TaskSettings)
 
 PAGE = (Path(__file__).parents[3] / "docs" / "tasks.md").read_text(encoding="utf-8")
 #: Tasks of the page, and its updates by task.
@@ -34,12 +35,12 @@ TOGETHER = {"inside", "reach", "rest"}
 
 def test_the_page_has_a_section_and_an_example_for_each_kind():
     headings = " ".join(re.findall(r"^## (.*)$", PAGE, re.MULTILINE))
-    for kind in _tags_of("tasks"):
+    for kind in TASKS:
         assert f"`{kind}`" in headings
     shown = {task["type"] for task in SHOWN.values()}
-    assert _tags_of("tasks") - shown == {"linear_momentum"}  # in the snippet of the angular momentum
+    assert set(TASKS) - shown == {"linear_momentum"}  # in the snippet of the angular momentum
     assert set(SHOWN) - set(UPDATES) == {"com", "height", "rest"}  # snippets of gains only
-    assert set(TASK_TYPES) == _tags_of("tasks")
+    assert set(TASK_TYPES) == set(TASKS)
 
 
 @pytest.mark.parametrize("name", SHOWN)

@@ -152,4 +152,4 @@ class _Stance:
         margin = limits.position_margin if limits.position else 0.0
         hanging = unsupported_passive_joints(self._qp, self._enabled)
         found = com_distance(self._qp, self._enabled, self._q, hanging, direction, most / _SAFE, margin)
-        return most if found is None else _SAFE * found.distance
+        return most if found is None else _SAFE * found.most

@@ -9,9 +9,10 @@ import coal
 import fast_simplification
 import numpy as np
 import numpy.typing as npt
+import pinocchio as pin
 import trimesh
 
-from wbc_controller.controller.visualization.geometry import GREY, Visual, bones, hull_of, read_visuals
+from wbc_controller.controller.visualization.geometry import GREY, bones, color_of, hull_of, read_visuals
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
@@ -37,29 +38,24 @@ class Mesh:
 def build_meshes(model: RobotModel, most: int = TRIANGLES) -> list[Mesh]:
     """Return meshes of about `most` triangles; raise `ConfigurationError` for unreadable geometry."""
     visuals, bare = read_visuals(model)
-    counts = [visual.shape.num_tris if isinstance(visual.shape, coal.BVHModelBase) else 0 for visual in visuals]
+    counts = [each.geometry.num_tris if isinstance(each.geometry, coal.BVHModelBase) else 0 for each in visuals]
     share = min(1.0, most / max(1, sum(counts)))
-    meshes = [
+    found = [
         _mesh(visual, max(_MIN_TRIANGLES, int(share * count))) for visual, count in zip(visuals, counts, strict=True)
     ]
-    found = [mesh for mesh in meshes if mesh is not None]
     for joint in set(bare) - {mesh.joint for mesh in found}:
         for part in bones(model, joint):
             found.append(Mesh(part.name, part.joint, *_split_sharp_edges(part.vertices, part.triangles), GREY))
     return found
 
 
-def _mesh(visual: Visual, most: int) -> Mesh | None:
-    color = visual.color or GREY
-    if not isinstance(visual.shape, coal.BVHModelBase):
+def _mesh(visual: pin.GeometryObject, most: int) -> Mesh:
+    shape, color = visual.geometry, color_of(visual)
+    if not isinstance(shape, coal.BVHModelBase):
         part = hull_of(visual)
-        return (
-            None
-            if part is None
-            else Mesh(part.name, part.joint, *_split_sharp_edges(part.vertices, part.triangles), color)
-        )
-    points = np.array(visual.shape.vertices(), dtype=np.float64)
-    corners = np.array([(t[0], t[1], t[2]) for t in map(visual.shape.tri_indices, range(visual.shape.num_tris))])
+        return Mesh(part.name, part.joint, *_split_sharp_edges(part.vertices, part.triangles), color)
+    points = np.array(shape.vertices(), dtype=np.float64)
+    corners = np.array([(t[0], t[1], t[2]) for t in map(shape.tri_indices, range(shape.num_tris))])
     _, first, same = np.unique(np.round(points / _MERGE_DISTANCE), axis=0, return_index=True, return_inverse=True)
     points, corners = points[first], same.reshape(-1)[corners]
     if len(corners) > most:
@@ -67,7 +63,7 @@ def _mesh(visual: Visual, most: int) -> Mesh | None:
             points.astype(np.float32), corners, target_count=most, agg=_AGGRESSIVENESS
         )
     placed = points @ visual.placement.rotation.T + visual.placement.translation
-    return Mesh(visual.name, visual.joint, *_split_sharp_edges(placed, corners), color)
+    return Mesh(str(visual.name), int(visual.parentJoint), *_split_sharp_edges(placed, corners), color)
 
 
 def _split_sharp_edges(

@@ -19,6 +19,11 @@ from wbc_controller.settings.resources import PACKAGE_SCHEME, share_folder
 _MESHES = coal.CachedMeshLoader()
 
 
+def mesh_packages(urdf: str) -> list[str]:
+    """Return the packages of mesh files in a URDF."""
+    return sorted(set(re.findall(re.escape(PACKAGE_SCHEME) + r"([^/\"']+)/", urdf)))
+
+
 def read_collision_elements(
     model: RobotModel, urdf: str, key: str, folder: Path | None = None
 ) -> dict[int, list[pin.GeometryObject]]:
@@ -27,8 +32,7 @@ def read_collision_elements(
     Returns:
         Elements, placed in the joint's frame, by frame number of the link.
     """
-    packages = sorted(set(re.findall(re.escape(PACKAGE_SCHEME) + r"([^/\"']+)/", urdf)))
-    folders = [str(share_folder(package).parent) for package in packages] + ([str(folder)] if folder else [])
+    folders = [str(share_folder(package).parent) for package in mesh_packages(urdf)] + ([str(folder)] if folder else [])
     try:
         read = pin.buildGeomFromUrdfString(
             model.pinocchio, shapes_only(urdf, "collision"), pin.COLLISION, None, folders, _MESHES

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import logging
 import math
 from dataclasses import dataclass
-from xml.etree import ElementTree
 
 import numpy as np
 
@@ -16,8 +14,6 @@ from wbc_controller.inverse_dynamics.robot.urdf import inertia_tensor as inertia
 from wbc_controller.records import Array, frozen
 from wbc_controller.settings import RobotSettings
 from wbc_controller.settings.resources import locate, read_text
-
-_log = logging.getLogger(__name__)
 
 
 def read_urdf(urdf: str) -> str:
@@ -83,16 +79,3 @@ def describe(urdf: str, robot: RobotSettings) -> Description:
 def are_possible_moments(moments: Array) -> bool:
     """Return True if principal moments, (3,), rising, satisfy the triangle inequality."""
     return bool(moments[2] <= (moments[0] + moments[1]) * (1.0 + 1.0e-9))
-
-
-def impossible_inertias(urdf: str) -> list[str]:
-    """Return the links with a physically impossible inertia, which MuJoCo refuses."""
-    links = ElementTree.fromstring(urdf).findall("link")  # noqa: S314 - checked
-    names = []
-    for link in links:
-        inertia = link.find("inertial/inertia")
-        if inertia is not None:
-            moments: Array = np.asarray(np.linalg.eigvalsh(inertia_tensor(inertia)), dtype=np.float64)
-            if not are_possible_moments(moments):
-                names.append(str(link.get("name")))
-    return names

@@ -27,10 +27,35 @@ from wbc_controller.inverse_dynamics.tasks import (
     TorqueTask,
 )
 
+#: Class of each type, and its arguments: keys of the settings, the model, its gravity, and the contact.
+_CLASSES: dict[str, tuple[Callable[..., Task], str]] = {
+    "posture": (PostureTask, "model joints stiffness damping"),
+    "com": (ComTask, "mask stiffness damping"),
+    "frame_pose": (FramePoseTask, "model frame mask stiffness damping"),
+    "frame_position": (FramePositionTask, "model frame mask stiffness damping"),
+    "frame_orientation": (FrameOrientationTask, "model frame mask stiffness damping"),
+    "relative_pose": (RelativePoseTask, "model frame reference_frame mask stiffness damping"),
+    "axis_alignment": (AxisAlignmentTask, "model frame axis stiffness damping"),
+    "gaze": (GazeTask, "model frame axis stiffness damping"),
+    "linear_momentum": (LinearMomentumTask, "mask damping"),
+    "angular_momentum": (AngularMomentumTask, "mask damping"),
+    "capture_point": (CapturePointTask, "gravity mask support_height gain"),
+    "contact_wrench": (ContactWrenchTask, "contact mask target"),
+    "torque": (TorqueTask, "model joints target"),
+}
+
 
 def make_task(name: str, task: schema.TaskSettings, model: RobotModel, contacts: Mapping[str, Contact]) -> Task:
     """Build one task."""
-    made = _make(name, task, model, contacts)
+    given = {**dict(task), "model": model, "gravity": model.gravity}
+    if isinstance(task, schema.ContactWrenchTask):
+        if task.contact not in contacts:
+            raise ConfigurationError(
+                f"tasks.{name}.contact: unknown contact {task.contact!r}; {valid_choices(task.contact, contacts)}"
+            )
+        given["contact"] = contacts[task.contact]
+    kind, arguments = _CLASSES[task.type]
+    made = kind(name, **{argument: given[argument] for argument in arguments.split()})
     made.level = task.level
     if task.tolerance is not None:
         made.tolerance = np.array(task.tolerance, dtype=np.float64)
@@ -40,36 +65,3 @@ def make_task(name: str, task: schema.TaskSettings, model: RobotModel, contacts:
                 "(one per axis)"
             )
     return made
-
-
-def _make(name: str, task: schema.TaskSettings, model: RobotModel, contacts: Mapping[str, Contact]) -> Task:
-    if isinstance(task, schema.PostureTask):
-        return PostureTask(name, model, task.joints, stiffness=task.stiffness, damping=task.damping)
-    if isinstance(task, schema.TorqueTask):
-        return TorqueTask(name, model, task.joints, task.target)
-    if isinstance(task, schema.ContactWrenchTask):
-        if task.contact not in contacts:
-            raise ConfigurationError(
-                f"tasks.{name}.contact: unknown contact {task.contact!r}; {valid_choices(task.contact, contacts)}"
-            )
-        return ContactWrenchTask(name, contacts[task.contact], task.mask, task.target)
-    if isinstance(task, schema.ComTask):
-        return ComTask(name, task.mask, stiffness=task.stiffness, damping=task.damping)
-    if isinstance(task, schema.LinearMomentumTask | schema.AngularMomentumTask):
-        momentum = LinearMomentumTask if isinstance(task, schema.LinearMomentumTask) else AngularMomentumTask
-        return momentum(name, task.mask, damping=task.damping)
-    if isinstance(task, schema.CapturePointTask):
-        return CapturePointTask(name, model.gravity, task.mask, support_height=task.support_height, gain=task.gain)
-    if isinstance(task, schema.RelativePoseTask):
-        return RelativePoseTask(
-            name, model, task.frame, task.reference_frame, task.mask, stiffness=task.stiffness, damping=task.damping
-        )
-    if isinstance(task, schema.AxisAlignmentTask | schema.GazeTask):
-        alignment = GazeTask if isinstance(task, schema.GazeTask) else AxisAlignmentTask
-        return alignment(name, model, task.frame, task.axis, stiffness=task.stiffness, damping=task.damping)
-    kinds: dict[str, Callable[..., Task]] = {
-        "frame_pose": FramePoseTask,
-        "frame_position": FramePositionTask,
-        "frame_orientation": FrameOrientationTask,
-    }
-    return kinds[task.type](name, model, task.frame, task.mask, stiffness=task.stiffness, damping=task.damping)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from math import degrees, tan
 
 import numpy as np
@@ -103,19 +104,31 @@ def undersides(settings: Settings, qp: WholeBodyQP) -> dict[str, Array]:
     for name, contact in qp.contacts.items():
         if not isinstance(contact, UnilateralContact) or contact.internal:
             continue
-        frame = model.frame_id(settings.contacts[name].frame, f"contacts.{name}.frame")
-        body = qp.dynamics.placement(frame) * model.pinocchio.frames[frame].placement.inverse()
         plane = (
             contact.placement(qp.dynamics)
             if isinstance(contact, SurfaceContact)
             else pin.SE3(np.eye(3), contact.points(qp.dynamics)[0])
         )
-        joint = int(model.pinocchio.frames[frame].parentJoint)
-        region = footprint(model, elements, joint, body.actInv(plane), _TREAD)
+        region = _footprint_of_link(settings, qp, elements, name, plane, _TREAD)
         if region is not None:
             corners = np.column_stack([region.polygon, np.full(len(region.polygon), region.height)])
             found[name] = np.asarray(corners @ plane.rotation.T + plane.translation)
     return found
+
+
+def _footprint_of_link(
+    settings: Settings,
+    qp: WholeBodyQP,
+    elements: Mapping[int, Sequence[pin.GeometryObject]],
+    name: str,
+    plane: pin.SE3,
+    layer: float = LAYER,
+) -> Footprint | None:
+    """Return the footprint of a contact's link on a plane in the world."""
+    index = qp.model.frame_id(settings.contacts[name].frame, f"contacts.{name}.frame")
+    frame = qp.model.pinocchio.frames[index]
+    link = qp.dynamics.placement(index) * frame.placement.inverse()
+    return footprint(qp.model, elements, int(frame.parentJoint), link.actInv(plane), layer)
 
 
 def _compare_contact(
@@ -126,14 +139,7 @@ def _compare_contact(
     contact: UnilateralContact,
     normal: Array,
 ) -> str | None:
-    spec, model = settings.contacts[name], qp.model
-    frame = model.frame_id(spec.frame, f"contacts.{name}.frame")
-    body = qp.dynamics.placement(frame) * model.pinocchio.frames[frame].placement.inverse()
-    joint = int(model.pinocchio.frames[frame].parentJoint)
-
-    def on(plane: pin.SE3, layer: float = LAYER) -> Footprint | None:
-        return footprint(model, elements, joint, body.actInv(plane), layer)
-
+    spec, on = settings.contacts[name], partial(_footprint_of_link, settings, qp, elements, name)
     if isinstance(contact, SurfaceContact) and isinstance(spec, SurfaceSettings):
         plane = contact.placement(qp.dynamics)
         region = on(plane)
@@ -170,7 +176,8 @@ def _compare_contact(
         return None
     radius = f"radius = {contact.radius:g}"
     kind = f"lowest point ({radius})"
-    shift = qp.dynamics.placement(frame).rotation.T @ (region.height * contact.axes(qp.dynamics)[:, 2])
+    frame = qp.dynamics.placement(qp.model.frame_id(spec.frame, f"contacts.{name}.frame"))
+    shift = frame.rotation.T @ (region.height * contact.axes(qp.dynamics)[:, 2])
     _require_height(name, kind, region.height, _corrected_translation(spec.translation, shift))
     side_offset = float(region.outside(np.zeros((1, 2)))[0])
     if not (side_offset <= _SIDE_OFFSET):

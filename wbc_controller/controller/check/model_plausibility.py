@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.controller.build.robot_description import are_possible_moments, impossible_inertias, inertia_tensor
+from wbc_controller.controller.build.robot_description import are_possible_moments, inertia_tensor
 from wbc_controller.controller.check.finding import Finding
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
@@ -39,6 +39,11 @@ class _Link:
     mass: float
     moments: Array  # (3,) in kg·m², rising
 
+    @property
+    def smallest_moment(self) -> float:
+        """Smallest moment in the simulator, kg·m²."""
+        return float(self.moments[0] if are_possible_moments(self.moments) else self.moments.mean())
+
 
 def _links(urdf: str) -> Iterator[_Link]:
     for link in ElementTree.fromstring(urdf).findall("link"):  # noqa: S314 - checked
@@ -62,12 +67,13 @@ def require_inertia(model: RobotModel) -> None:
     for joint, own in bodies.items():
         if own[:1] and own[0].name in bare:
             continue
-        if own and not any(
-            link.mass >= _SMALLEST and _moments_in_simulator(link.moments).min() >= _SMALLEST for link in own
-        ):
+        if own and not any(link.mass >= _SMALLEST and link.smallest_moment >= _SMALLEST for link in own):
             heaviest = max(own, key=lambda link: link.mass)
+            moved_by = (
+                "the floating base" if model.floating_base and joint == 1 else f"joint {model.pinocchio.names[joint]!r}"
+            )
             raise ConfigurationError(
-                f"robot.urdf: link {heaviest.name!r}, moved by {_moving_joint(model, joint)}, has {heaviest.mass:g} kg "
+                f"robot.urdf: link {heaviest.name!r}, moved by {moved_by}, has {heaviest.mass:g} kg "
                 f"and moments of inertia {np.array2string(heaviest.moments, precision=3)} kg·m²; a moving body "
                 "requires a mass and three positive moments"
             )
@@ -93,17 +99,12 @@ def massless_links(model: RobotModel) -> list[str]:
     return names
 
 
-def _moments_in_simulator(moments: Array) -> Array:
-    return moments if are_possible_moments(moments) else np.full(3, moments.mean())
-
-
-def _moving_joint(model: RobotModel, joint: int) -> str:
-    return "the floating base" if model.floating_base and joint == 1 else f"joint {model.pinocchio.names[joint]!r}"
-
-
 def inertias(model: RobotModel) -> list[Finding]:
     """Report links with impossible inertia, and links with a mass but no inertia."""
-    parts = [f"impossible: {', '.join(names)}"] if (names := impossible_inertias(model.urdf)) else []
+    impossible = [
+        link.name for link in _links(model.urdf) if not are_possible_moments(link.moments)
+    ]  # MuJoCo refuses them
+    parts = [f"impossible: {', '.join(impossible)}"] if impossible else []
     points = [
         f"{link.name} ({link.mass:g} kg)"
         for link in _links(model.urdf)

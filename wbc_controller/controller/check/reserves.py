@@ -32,19 +32,11 @@ _LEAST_MOTION = 1.0e-3
 
 
 @dataclass(frozen=True, slots=True)
-class _LoadLimit:
-    """Largest multiple of a load, and the limiting actuator; None for the contacts."""
+class Reserve:
+    """Largest multiple of a load, or distance, m, and the limiting cause; None for the contacts."""
 
     most: float
     cause: str | None
-
-
-@dataclass(frozen=True, slots=True)
-class ComDistance:
-    """Distance that the centre of mass can move, m, and the limiting cause."""
-
-    distance: float
-    reason: str
 
 
 def reserves(
@@ -78,11 +70,11 @@ def reserves(
     ]
     squat = com_distance(qp, active, q, hanging, -np.eye(3)[2], _DEEPEST * float(dynamics.com[2]), margin)
     if squat is not None:
-        found.append(Finding("squat", f"{1e3 * squat.distance:.0f} mm straight down ({squat.reason})"))
+        found.append(Finding("squat", f"{1e3 * squat.most:.0f} mm straight down ({squat.cause})"))
     return found
 
 
-def _format_directions(found: dict[str, _LoadLimit], scale: float, unit: str) -> str:
+def _format_directions(found: dict[str, Reserve], scale: float, unit: str) -> str:
     parts = []
     for name, balance in found.items():
         size = f"{scale * balance.most:.0f} {unit}" if np.isfinite(balance.most) else "any"
@@ -90,7 +82,7 @@ def _format_directions(found: dict[str, _LoadLimit], scale: float, unit: str) ->
     return ", ".join(parts)
 
 
-def _largest_multiple(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequence[int], wrench: Array) -> _LoadLimit:
+def _largest_multiple(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequence[int], wrench: Array) -> Reserve:
     """Return the largest multiple of a wrench on the base, (6,) about its origin in world axes, possible at rest.
 
     With S and C of `Actuation`, contact forces f, torques τ, forces of followers λ and the multiple s:
@@ -117,14 +109,14 @@ def _largest_multiple(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequ
         method="highs",
     )
     if result.status == 3:
-        return _LoadLimit(np.inf, None)
+        return Reserve(np.inf, None)
     if result.x is None:
-        return _LoadLimit(0.0, None)
+        return Reserve(0.0, None)
     most, torques = float(result.x[-1]), slice(len(J), len(J) + model.na)
     # The torques are not unique: only a limit with a multiplier is the cause.
     worth = (np.abs(result.lower.marginals) + np.abs(result.upper.marginals))[torques] * model.effort_limits
     worst = int(np.argmax(worth))
-    return _LoadLimit(most, model.actuators[worst] if worth[worst] > _MATTERS * most else None)
+    return Reserve(most, model.actuators[worst] if worth[worst] > _MATTERS * most else None)
 
 
 class _MotionWithContacts:
@@ -172,8 +164,8 @@ class _MotionWithContacts:
 
 
 def _find_sway(
-    motion: _MotionWithContacts, hanging: Sequence[int], q: Array, way: Array, level: bool, static: _LoadLimit
-) -> _LoadLimit:
+    motion: _MotionWithContacts, hanging: Sequence[int], q: Array, way: Array, level: bool, static: Reserve
+) -> Reserve:
     """Return the sway along a horizontal unit vector, at most the static one."""
     qp, bearing = motion.qp, motion.bearing
     done, far, at, cause = 0.0, np.inf, np.array(q), static.cause
@@ -191,7 +183,7 @@ def _find_sway(
             break
         tried = min(static.most, done + static.most / _STEPS, 0.5 * (done + far))
     qp.dynamics.update(q, np.zeros(qp.model.nv))
-    return _LoadLimit(done, cause)
+    return Reserve(done, cause)
 
 
 def com_distance(
@@ -202,7 +194,7 @@ def com_distance(
     direction: Array,
     most: float,
     margin: float = 0.0,
-) -> ComDistance | None:
+) -> Reserve | None:
     """Return the distance, at most `most` in m, that the centre of mass can move along a unit vector at rest.
 
     Base level, contacts fixed. None for robots with closed loops. Other arguments as in `reserves`.
@@ -223,7 +215,7 @@ def com_distance(
             reason = "torques or contacts"
         distance += 0.0 if reason else step
     qp.dynamics.update(q, np.zeros(qp.model.nv))
-    return ComDistance(distance, reason)
+    return Reserve(distance, reason)
 
 
 def _can_stand(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequence[int]) -> bool:

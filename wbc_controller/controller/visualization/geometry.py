@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import logging
-import re
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
-import coal
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
+from wbc_controller.controller.build.collision_elements import mesh_packages
+from wbc_controller.controller.build.footprint import outline
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array, frozen
@@ -48,43 +48,40 @@ class Part:
     color: tuple[float, float, float]  # red, green and blue from 0 to 1
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Visual:
-    """Visual of the URDF."""
-
-    name: str
-    joint: int  # as in `Part`
-    placement: pin.SE3  # shape in the joint's frame
-    shape: coal.CollisionGeometry
-    color: tuple[float, float, float] | None  # as in `Part`; None without a color in the URDF
-
-
-def read_visuals(model: RobotModel) -> tuple[tuple[Visual, ...], tuple[int, ...]]:
-    """Return the visuals of a robot, and joints of links with missing meshes (logged).
+def read_visuals(model: RobotModel) -> tuple[list[pin.GeometryObject], tuple[int, ...]]:
+    """Return the visuals of a robot, placed in the joint's frame, and joints of links with missing meshes (logged).
 
     Raises:
         ConfigurationError: if the visual geometry is invalid.
     """
-    folders = _package_folders(model.urdf)
+    folders = []
+    for package in mesh_packages(model.urdf):
+        try:
+            folders.append(share_folder(package).parent)
+        except ConfigurationError as error:
+            logger.warning("%s", error)
     urdf, bare_links = _without_missing_meshes(model.urdf, folders)
+    robot = model.pinocchio
     try:
         geometry = pin.buildGeomFromUrdfString(
-            model.pinocchio, urdf, pin.VISUAL, package_dirs=[str(folder) for folder in folders]
+            robot, urdf, pin.VISUAL, package_dirs=[str(folder) for folder in folders]
         )
     except (ValueError, RuntimeError) as error:
         raise ConfigurationError(f"robot.urdf: invalid visual geometry: {error}") from error
-    visuals = []
-    for item in geometry.geometryObjects:
-        red, green, blue = np.clip(item.meshColor[:3], 0.0, 1.0)
-        color = (float(red), float(green), float(blue)) if item.overrideMaterial else None
-        visuals.append(Visual(str(item.name), int(item.parentJoint), item.placement, item.geometry, color))
-    return tuple(visuals), tuple(sorted({_joint_of(model, link) for link in bare_links}))
+    bare = {int(robot.frames[robot.getFrameId(link, pin.BODY)].parentJoint) for link in bare_links}
+    return list(geometry.geometryObjects), tuple(sorted(bare))
+
+
+def color_of(visual: pin.GeometryObject) -> tuple[float, float, float]:
+    """Return red, green and blue of a visual, from 0 to 1; `GREY` without a color in the URDF."""
+    red, green, blue = np.clip(visual.meshColor[:3], 0.0, 1.0).tolist()
+    return (red, green, blue) if visual.overrideMaterial else GREY
 
 
 def build_parts(model: RobotModel) -> tuple[Part, ...]:
     """Build the simplified parts of a robot, with bars for missing meshes; errors as in `read_visuals`."""
     visuals, bare = read_visuals(model)
-    parts = [part for part in map(hull_of, visuals) if part is not None]
+    parts = [hull_of(visual) for visual in visuals]
     parts = [part for part in parts if not any(_embedded(part, other) for other in parts)]
     drawn = {part.joint for part in parts}
     for joint in bare:
@@ -93,14 +90,9 @@ def build_parts(model: RobotModel) -> tuple[Part, ...]:
     return tuple(parts)
 
 
-def hull_of(visual: Visual) -> Part | None:
-    """Return the convex hull of a visual; None, with a warning, for unsupported shapes."""
-    points = _points(visual.shape)
-    if points is None:
-        logger.warning("%s: a %s cannot be drawn", visual.name, type(visual.shape).__name__)
-        return None
-    placed = points @ visual.placement.rotation.T + visual.placement.translation
-    return Part(visual.name, visual.joint, *convex_hull(placed), visual.color or GREY)
+def hull_of(visual: pin.GeometryObject) -> Part:
+    """Return the convex hull of a visual."""
+    return Part(str(visual.name), int(visual.parentJoint), *convex_hull(outline(visual)), color_of(visual))
 
 
 def convex_hull(points: Array, triangles: int = TRIANGLES) -> tuple[Array, npt.NDArray[np.intp]]:
@@ -135,25 +127,6 @@ def convex_hull(points: Array, triangles: int = TRIANGLES) -> tuple[Array, npt.N
     return frozen(corners), index[faces]
 
 
-def _points(shape: coal.CollisionGeometry) -> Array | None:
-    corners = np.array(list(product((-1.0, 1.0), repeat=3)))
-    angles = np.arange(20) * 2.0 * np.pi / 20
-    ring = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(20)])
-    if isinstance(shape, coal.Box):
-        return np.asarray(corners * shape.halfSide)
-    if isinstance(shape, coal.Sphere):
-        return float(shape.radius) * _sphere()
-    if isinstance(shape, coal.Cylinder):
-        top = np.array([0.0, 0.0, shape.halfLength])
-        return np.vstack([shape.radius * ring + top, shape.radius * ring - top])
-    if isinstance(shape, coal.Capsule):
-        top = np.array([0.0, 0.0, shape.halfLength])
-        return np.vstack([shape.radius * _sphere() + top, shape.radius * _sphere() - top])
-    if isinstance(shape, coal.BVHModelBase):
-        return np.array(shape.vertices(), dtype=np.float64)
-    return None
-
-
 def _embedded(part: Part, other: Part) -> bool:
     if part is other or part.joint != other.joint:
         return False
@@ -161,24 +134,6 @@ def _embedded(part: Part, other: Part) -> bool:
     outside = (part.vertices @ equations[:, :3].T + equations[:, 3]).max()
     # Of two similar parts the larger one is kept.
     return bool(outside < BADGE and ConvexHull(part.vertices).volume < ConvexHull(other.vertices).volume)
-
-
-def _sphere() -> Array:
-    k = np.arange(54)
-    z = 1.0 - (2.0 * k + 1.0) / 54
-    angle = k * np.pi * (3.0 - np.sqrt(5.0))
-    radius = np.sqrt(1.0 - z**2)
-    return np.vstack([np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z]), np.eye(3), -np.eye(3)])
-
-
-def _package_folders(urdf: str) -> list[Path]:
-    folders = []
-    for package in sorted(set(re.findall(re.escape(PACKAGE_SCHEME) + r"([^/\"']+)/", urdf))):
-        try:
-            folders.append(share_folder(package).parent)
-        except ConfigurationError as error:
-            logger.warning("%s", error)
-    return folders
 
 
 def _without_missing_meshes(urdf: str, folders: list[Path]) -> tuple[str, list[str]]:
@@ -202,10 +157,6 @@ def _mesh_exists(uri: str, folders: list[Path]) -> bool:
     if uri.startswith(PACKAGE_SCHEME):
         return any((folder / uri.removeprefix(PACKAGE_SCHEME)).is_file() for folder in folders)
     return Path(uri.removeprefix("file://")).is_file()
-
-
-def _joint_of(model: RobotModel, link: str) -> int:
-    return int(model.pinocchio.frames[model.pinocchio.getFrameId(link, pin.BODY)].parentJoint)
 
 
 def bones(model: RobotModel, joint: int) -> list[Part]:
