@@ -535,7 +535,7 @@ def test_a_loop_in_which_something_fails_sends_zeros_and_damps_with_a_fault(benc
     assert controller.efforts()[-1].any()
     loop, stop = controller.loop, threading.Event()
     owner = {"supervisor": loop.controller.supervisor, "inputs": loop._inputs}.get(where, loop._outputs)
-    name = {"supervisor": "step", "inputs": "latch", "publish": "publish_command", "observer": "publish_status"}[where]
+    name = {"supervisor": "step", "inputs": "latch", "publish": "publish_command", "observer": "publish_report"}[where]
     whole, calls = getattr(owner, name), []
 
     def broken(*arguments, **named):

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.build.safety import make_audit
 from wbc_controller.controller.report import CycleReport
 from wbc_controller.inverse_dynamics.references.changes import SetExternalWrench, SetSetpoint, SetTrajectory
 from wbc_controller.inverse_dynamics.references.trajectories import Knot
@@ -19,7 +20,6 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.mechanics.energy import energy_residual
 from wbc_controller.mechanics.external import ExternalWrench
 from wbc_controller.mechanics.momentum import momentum_residual
-from wbc_controller.nodes.audit import make_audit
 from wbc_controller.safety.model_audit import ModelAudit
 from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.simulation.simulation import Simulation

@@ -9,10 +9,10 @@ from stepping import simulate
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.references import make_board
 from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.build.safety import joint_efforts, make_audit
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.references.changes import SetSetpoint
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
-from wbc_controller.nodes.audit import joint_efforts, make_audit
 from wbc_controller.records import JointCommand, RobotState, frozen
 from wbc_controller.simulation.plant import Plant
 

@@ -7,10 +7,10 @@ from stepping import simulate
 
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.build.safety import make_audit
 from wbc_controller.controller.check.preflight import stance
 from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
-from wbc_controller.nodes.audit import make_audit
 from wbc_controller.records import JointCommand, RobotState, frozen
 from wbc_controller.settings import LoopSettings, Settings
 from wbc_controller.settings.config import load

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Sequence
@@ -11,11 +12,12 @@ import numpy as np
 
 from wbc_controller.errors import InputRefused
 from wbc_controller.middleware.codec import decode, encode
-from wbc_controller.middleware.message_layout import MessageLayout
+from wbc_controller.middleware.message_layout import START, MessageLayout
 from wbc_controller.middleware.stamps import header_stamp
 from wbc_controller.records import Array
 
 _UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N·m"}
+_COLUMNS = tuple(_UNITS)
 _NONE = np.zeros(0)
 _SPLIT_HINT = (
     "; the joints are split over several messages: publish them in one, for example with the source_list of "
@@ -31,6 +33,12 @@ class JointStates(NamedTuple):
     position: Array = _NONE  # (nj,) in rad
     velocity: Array = _NONE  # (nj,) in rad/s
     effort: Array = _NONE  # (nj,) in N·m
+
+
+def is_finite(values: Array) -> bool:
+    """Return True if all values are finite."""
+    # A sum of floats takes a tenth of the time of NumPy's check.
+    return math.isfinite(sum(values.tolist())) or bool(np.isfinite(values).all())
 
 
 class StateReader(ABC):
@@ -66,35 +74,38 @@ class StateReader(ABC):
                 layout = MessageLayout(content)
                 self._index = self._index_in(layout, content)
                 self._layout = layout
-        numbers = np.frombuffer(memoryview(payload)[layout.span])
-        return header_stamp(payload), numbers.take(self._index)
+        numbers = np.frombuffer(payload, np.float64, layout.count, START)
+        return header_stamp(payload), numbers[self._index]
 
     def _index_in(self, layout: MessageLayout, content: Any) -> np.ndarray:
         return np.concatenate([layout.index_of(path) for path in self.paths])
 
 
 class JointStateReader(StateReader):
-    """Decoder of sensor_msgs/JointState by joint name; additional joints are ignored."""
+    """Decoder of sensor_msgs/JointState by joint name; additional joints are ignored. `columns` are adjacent."""
 
     type = "sensor_msgs/msg/JointState"
 
     def __init__(self, joints: Sequence[str], *columns: str) -> None:
         super().__init__()
         self._joints, self.paths = tuple(joints), columns or ("position", "velocity")
+        self._ignored = (_NONE,) * _COLUMNS.index(self.paths[0])  # columns before the read ones
+        n = len(self._joints)
+        self._columns = [slice(n * k, n * (k + 1)) for k in range(len(self.paths))]
         self._partial: set[str] = set()  # joints of incomplete messages
 
     def read(self, payload: bytes) -> JointStates:
         """Decode a joint state; see `StateReader`."""
         stamp, values = self._decode(payload)
-        columns = values.reshape(len(self.paths), -1)  # (k, nj)
-        if not np.isfinite(values).all():
+        if not is_finite(values):
+            columns = values.reshape(len(self.paths), -1)  # (k, nj)
             k, i = np.argwhere(~np.isfinite(columns))[0]
             column, joint = self.paths[k], self._joints[i]
             hint = f"; {_VELOCITY_HINT}" if column == "velocity" and np.isnan(columns[k]).all() else ""
             raise InputRefused(
                 f"{column} of {joint!r} is {columns[k, i]} {_UNITS[column]}; every value must be finite{hint}"
             )
-        return JointStates(stamp, **dict(zip(self.paths, columns, strict=True)))
+        return JointStates(stamp, *self._ignored, *[values[column] for column in self._columns])
 
     def _check_text(self, content: Any) -> None:
         self._joint_indices(content.name)

@@ -17,12 +17,15 @@ from wbc_controller.middleware.codec import encode
 from wbc_controller.records import Array
 
 _STAMP = struct.Struct("<iI")
-_START = 4  # bytes of the encapsulation header; CDR aligns the numbers after it to multiples of eight
+START = 4  # bytes of the encapsulation header; CDR aligns the numbers after it to multiples of eight
 _FILLINGS = (0x11, 0x22)  # two values for all bytes of numbers
 
 
 class MessageLayout:
-    """Positions of the numbers in serialized messages with equal text and array sizes."""
+    """Positions of the numbers in serialized messages with equal text and array sizes.
+
+    A message contains `count` doubles from the byte `START` on, some of them parts of text.
+    """
 
     def __init__(self, content: Any) -> None:
         first, second = (np.frombuffer(encode(_filled(content, byte)), dtype=np.uint8) for byte in _FILLINGS)
@@ -32,21 +35,20 @@ class MessageLayout:
         seen = 0
         for path, count in _numbers(content):
             if count:
-                start = (int(number_bytes[seen]) - _START) // 8
+                start = (int(number_bytes[seen]) - START) // 8
                 self._indices[path] = np.arange(start, start + count)
                 seen += 8 * count
         edges = np.flatnonzero(np.diff(np.concatenate([[True], differs, [True]]))).reshape(-1, 2).tolist()
         self._pieces = [slice(start, stop) for start, stop in edges]  # bytes outside the numbers
         self._constant = [first[piece].tobytes() for piece in self._pieces]
-        # `span`: bytes of a message as an array of doubles.
-        self._size, self.span = len(first), slice(_START, _START + (len(first) - _START) // 8 * 8)
+        self._size, self.count = len(first), (len(first) - START) // 8
 
     def fits(self, payload: bytes) -> bool:
         """Return True if a message has this layout."""
         return len(payload) == self._size and [payload[piece] for piece in self._pieces] == self._constant
 
     def index_of(self, *paths: str) -> np.ndarray:
-        """Return the index in `span` of each number of fields such as ``pose.pose.position.x``, (k,).
+        """Return the index of each number of fields such as ``pose.pose.position.x``, (k,).
 
         A timestamp counts as one number. A field without numbers raises `KeyError`.
         """
@@ -64,9 +66,9 @@ class Template:
     def __init__(self, content: Any, *fields: Sequence[str]) -> None:
         layout = MessageLayout(content)
         self._payload = bytearray(encode(content))
-        self._numbers = np.frombuffer(memoryview(self._payload)[layout.span])
-        self._stamp = _START + 8 * int(layout.index_of("header.stamp")[0]) if hasattr(content, "header") else None
-        self._fields = [_as_slice(layout.index_of(*paths)) for paths in fields]
+        self._stamp = START + 8 * int(layout.index_of("header.stamp")[0]) if hasattr(content, "header") else None
+        numbers = np.frombuffer(self._payload, np.float64, layout.count, START)
+        self._fields = [numbers[_as_slice(layout.index_of(*paths))] for paths in fields]  # views
 
     def write(self, nanoseconds: int, *values: Array) -> bytes:
         """Serialize a timestamp (ignored without a header) and the numbers of each group.
@@ -76,9 +78,9 @@ class Template:
         if self._stamp is not None:
             _STAMP.pack_into(self._payload, self._stamp, *divmod(nanoseconds, 1_000_000_000))
         for field, numbers in zip(self._fields, values, strict=True):
-            if len(numbers) != field.stop - field.start:
-                raise ValueError(f"{len(numbers)} numbers for a field of {field.stop - field.start}")
-            self._numbers[field] = numbers
+            if len(numbers) != len(field):
+                raise ValueError(f"{len(numbers)} numbers for a field of {len(field)}")
+            field[:] = numbers
         return bytes(self._payload)
 
 

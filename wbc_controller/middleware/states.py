@@ -10,7 +10,7 @@ import numpy as np
 from wbc_controller.arguments import finite
 from wbc_controller.errors import InputRefused
 from wbc_controller.inverse_dynamics.tasks.form import unit_quaternion
-from wbc_controller.middleware.joint_states import StateReader
+from wbc_controller.middleware.joint_states import StateReader, is_finite
 from wbc_controller.records import Array
 
 #: Largest angular velocity, rad/s, and specific force, m/s², of an IMU, and component of a contact force, N.
@@ -75,7 +75,7 @@ class OdometryReader(StateReader):
         """See `StateReader`."""
         stamp, values = self._decode(payload)
         pose, twist = values[:7], values[7:]
-        if not np.isfinite(values).all():
+        if not is_finite(values):
             finite(pose, "the pose")
             finite(twist, "the twist")
         pose[3:] = unit_quaternion(pose[3:], "the orientation ")

@@ -17,7 +17,7 @@ from wbc_controller.controller.build.estimation import (
     make_sensing,
     make_velocity_filter,
 )
-from wbc_controller.controller.build.safety import make_plausibility
+from wbc_controller.controller.build.safety import make_audit, make_plausibility
 from wbc_controller.controller.controller import Controller
 from wbc_controller.controller.report import CycleReport
 from wbc_controller.errors import InputRefused
@@ -27,7 +27,6 @@ from wbc_controller.middleware.codec import decode
 from wbc_controller.middleware.log_limit import LogLimit
 from wbc_controller.middleware.topics import CONTROLLER_TOPICS, Endpoint, endpoints
 from wbc_controller.middleware.transports.transport import Transport
-from wbc_controller.nodes.audit import make_audit
 from wbc_controller.nodes.clock import Clock, MonotonicClock
 from wbc_controller.nodes.diagnostics.markers import MarkerScene
 from wbc_controller.nodes.diagnostics.shortfall import Shortfall
@@ -153,6 +152,7 @@ def make_loop(
             MarkerScene(model, qp.tasks, qp.contacts, 3.0 * markers_period),
             markers_period,
             node,
+            controller.walker,
             scheduling,
             lambda: {**inputs.status(), **recorded(), **walk_values(controller.walker)},
         ),

@@ -48,14 +48,7 @@ _NOT_LATCHED = ("robot_description", "clock", "record")  # rows outside the cont
 ESTIMATE = "base estimate"  # in the ages of the inputs
 _PREEMPTED = 0.005  # age of taken joint states that indicates a preemption, s
 _MIN_DELAY = 0.01  # smallest reported transit time, s
-
-
-@dataclass(slots=True)
-class _Queue:
-    endpoint: Endpoint
-    stream: Stream
-    pending: deque[tuple[float, bytes]]  # arrival, s, and serialized message
-    largest: int
+_NO_REQUESTS = UserRequests()
 
 
 @dataclass(slots=True)
@@ -64,6 +57,15 @@ class _Source:
     stamps: StampTracker
     check: SampleCheck | None = None  # plausibility of the samples
     newest: Any = None
+
+
+@dataclass(slots=True)
+class _Queue:
+    endpoint: Endpoint
+    stream: Stream
+    pending: deque[tuple[float, bytes]]  # arrival, s, and serialized message
+    largest: int
+    source: _Source | None  # None for a contact sensor
 
 
 class Inputs:
@@ -110,7 +112,7 @@ class Inputs:
         self.holding: Collection[str] = ()  # active contacts of the base estimate in the last cycle
         self._refusals: dict[str, str] = {}  # by topic with a refused newest message
         columns = ("position", "velocity") if velocity_filter is None else ("position",)
-        joints = _Source(JointStateReader(model.joints, *columns), self._tracker())
+        self._joints = joints = _Source(JointStateReader(model.joints, *columns), self._tracker())
         self._sources = {"joint_states": joints}
         self.shared: Callable[[], Mapping[str, str]] = dict
         if plausibility is not None:
@@ -123,20 +125,17 @@ class Inputs:
         self._parts = dict(self._sources)  # required for a state
         if estimator is not None and estimator.uses_poses:
             self._sources["pose"] = _Source(PoseReader(), self._tracker())
-        self._queues: dict[str, _Queue] = {}
+        self._queues: list[_Queue] = []
         latched = [*self._sources, *(KEYS if sensing is not None else ())]
         for endpoint in endpoints:
             if endpoint.direction is Direction.OUT or endpoint.key in _NOT_LATCHED:
                 continue
             if endpoint.key in latched:
-                self._queues[endpoint.name] = _open_queue(endpoint, transport)
+                self._queues.append(_open_queue(endpoint, transport, self._sources.get(endpoint.key)))
             elif endpoint.key not in _MAX_BYTES:
                 transport.subscribe(endpoint, partial(self.requests.put, endpoint))
-        checked = [(queue.endpoint.name, self._sources.get(queue.endpoint.key)) for queue in self._queues.values()]
-        self._checks = [
-            (topic, source.check) for topic, source in checked if source is not None and source.check is not None
-        ]
-        self._trigger = next(queue for queue in self._queues.values() if queue.endpoint.key == "joint_states")
+        self._topics = {queue.endpoint.key: queue.endpoint.name for queue in self._queues}
+        self._trigger = next(queue for queue in self._queues if queue.source is joints)
 
     def wait(self, seconds: float) -> bool:
         """Wait for a joint state, an emergency stop, or `wake`, in wall time; return True if in time."""
@@ -167,7 +166,7 @@ class Inputs:
 
     def discard_pending(self) -> None:
         """Drop all waiting states: their ages are unknown."""
-        for queue in self._queues.values():
+        for queue in self._queues:
             queue.stream.take()
             queue.pending.clear()
         self._clock.refresh()
@@ -205,17 +204,17 @@ class Inputs:
             controlled: True if the robot is under control: contradicting absolute poses must not move its world.
         """
         refused: list[str] = []
-        for queue in self._queues.values():
+        for queue in self._queues:
             if not queue.pending:  # otherwise just taken by `wait`
                 self._collect(queue)
         if self._trigger.pending and self._clock.now() - self._trigger.pending[0][0] > _PREEMPTED:
             self._collect(self._trigger)
-        for queue in self._queues.values():
+        for queue in self._queues:
             while queue.pending:
-                self._decode(queue.endpoint, *queue.pending.popleft(), refused)
+                self._decode(queue, refused)
         if self.estimator is not None:
             refused += self._estimate(self.estimator, holding, controlled=controlled)
-        joints: JointStates | None = self._sources["joint_states"].newest
+        joints: JointStates | None = self._joints.newest
         base, state = self._newest_base(), None
         if joints is not None and base is not None:
             q, v = self._model.state(joints.position, joints.velocity, *base)
@@ -228,31 +227,33 @@ class Inputs:
             ages=self.ages(),
             clock_stall=max([part.stamps.clock_stall for part in self._parts.values()]),
             refused_states=tuple(refused),
-            requests=self.requests.take() if self.requests.has_decoded() else UserRequests(),
+            requests=self.requests.take() if self.requests.has_decoded() else _NO_REQUESTS,
             estimate=self._pose_notes(),
             touching={} if self._contact_sensors is None else self._contact_sensors.measured,
         )
 
     def compare_odometry(self, holding: Collection[str], *, controlled: bool) -> None:
         """Compare the newest odometry with the legs; arguments as for `latch`."""
-        joints, odometry = self._sources["joint_states"].newest, self._newest_base()
-        if self._agreement is None or joints is None or not odometry:
+        if self._agreement is None:
+            return
+        joints, odometry = self._joints.newest, self._newest_base()
+        if joints is None or not odometry:
             return
         stamp = 1.0e-9 * self._sources["odom"].newest.stamp
         self._agreement.update(stamp, odometry, (joints.position, joints.velocity), holding, controlled=controlled)
 
-    def _decode(self, endpoint: Endpoint, arrival: float, payload: bytes, refused: list[str]) -> None:
+    def _decode(self, queue: _Queue, refused: list[str]) -> None:
         """Decode, check and store one message; a refused one leaves the last one in force."""
-        key = endpoint.key
+        endpoint, source, key = queue.endpoint, queue.source, queue.endpoint.key
+        arrival, payload = queue.pending.popleft()
         try:
-            if key in KEYS and self._contact_sensors is not None:
-                self._contact_sensors.read(endpoint, arrival, payload)
+            if source is None:
+                if self._contact_sensors is not None:
+                    self._contact_sensors.read(endpoint, arrival, payload)
                 return
-            source = self._sources[key]
             newest = source.reader.read(payload)
-            check = source.check
-            reason = check.check(*newest[:3]) if check is not None else ""
-            reason = reason or source.stamps.check_stamp(newest.stamp, arrival) or ""
+            refusal = source.check.check(*newest[:3]) if source.check is not None else ""
+            reason = refusal or source.stamps.check_stamp(newest.stamp, arrival)
             if reason:
                 raise InputRefused(reason)
         except Exception as error:
@@ -260,7 +261,7 @@ class Inputs:
             refused.append(f"{endpoint.name}: {self._refusals[key]}")
             return
         self._refusals.pop(key, None)
-        if key == "joint_states" and self._velocity_filter is not None:
+        if source is self._joints and self._velocity_filter is not None:
             newest = newest._replace(velocity=self._velocity_filter.update(newest.stamp, newest.position))
         source.newest = newest
         if key == "imu":
@@ -289,7 +290,7 @@ class Inputs:
             sentences += silent
             if estimator.filter is not None:  # a hanging robot has no contact forces at the start
                 self.holding = measured
-        joints: JointStates | None = self._sources["joint_states"].newest
+        joints: JointStates | None = self._joints.newest
         imu, self._imu = self._imu, []
         if not imu or joints is None:
             del self._poses[:-_MAX_POSES]
@@ -300,8 +301,7 @@ class Inputs:
         contradictions = estimator.correct(poses, controlled=controlled) if "pose" in self._sources else []
         if contradictions:
             self._refusals["pose"] = contradictions[-1]
-            (topic,) = [queue.endpoint.name for queue in self._queues.values() if queue.endpoint.key == "pose"]
-            sentences += [f"{topic}: {reason}" for reason in contradictions]
+            sentences += [f"{self._topics['pose']}: {reason}" for reason in contradictions]
         self._base = estimator.base
         return sentences + [
             f"the base estimate ignores the slipping contact {name!r} until it rests"
@@ -319,10 +319,10 @@ class Inputs:
 
     def fault(self, ages: Mapping[str, float], timeout: float) -> Fault | None:
         """Return the input fault, or None, for the ages of the parts of the state and their limit, s."""
-        for topic, check in self._checks:
-            found = check.fault(topic) if check.in_row else None
+        for key, part in self._parts.items():
+            found = part.check.fault(self._topics[key]) if part.check is not None and part.check.in_row else None
             if found is not None:
-                return Fault(found.code, found.sentence + self._publishers_note(topic))
+                return Fault(found.code, found.sentence + self._publishers_note(self._topics[key]))
         stale = stale_inputs(ages, timeout, self.notes)
         if stale is None and self._agreement is not None and self._agreement.contradiction is not None:
             return Fault("IMPLAUSIBLE_STATE", self._agreement.contradiction)
@@ -333,7 +333,7 @@ class Inputs:
 
     def stamp_of_joint_states(self) -> int:
         """Return the timestamp of the newest joint state, ns; 0 before the first."""
-        newest = self._sources["joint_states"].newest
+        newest = self._joints.newest
         return 0 if newest is None else int(newest.stamp)
 
     def status(self) -> dict[str, str]:
@@ -376,7 +376,7 @@ class Inputs:
         return notes | (self.estimator.poses.values if self.estimator.poses is not None else {})
 
 
-def _open_queue(endpoint: Endpoint, transport: Transport) -> _Queue:
+def _open_queue(endpoint: Endpoint, transport: Transport, source: _Source | None) -> _Queue:
     capacity = {"imu": _MAX_IMU_SAMPLES, "pose": _MAX_POSES}.get(endpoint.key, 1)
     stream = transport.stream(endpoint, max(capacity, _STATE_DEPTH))
-    return _Queue(endpoint, stream, pending=deque(maxlen=capacity), largest=_MAX_BYTES[endpoint.key])
+    return _Queue(endpoint, stream, deque(maxlen=capacity), _MAX_BYTES[endpoint.key], source)

@@ -144,7 +144,7 @@ class ControlLoop:
         sent = timer()
         self._inputs.compare_odometry(controller.holding, controlled=controller.mode in _UNDER_CONTROL)
         controller.explain_failure(now)
-        state, solution, references = result.state, result.solution, result.references
+        state, solution = result.state, result.solution
         audit = None
         if state is not None:
             # The supervisor of an inactive controller may have refused this state.
@@ -164,11 +164,7 @@ class ControlLoop:
             "audit": timer() - sent,
         }
         report = self._report(latched, result, stages, refused, audit)
-        outputs.publish_status(report, now, clock.stamp())
-        outputs.publish_footsteps(controller.walker)
-        outputs.publish_tasks(now, latched.state, controller.qp.dynamics, references, solution)
-        outputs.publish_markers(now, latched.state, references, solution, controller.walker)
-        outputs.compose()
+        outputs.publish_report(report, now, clock.stamp())
         if self._logged or report.refused or report.fault is not None or report.mode is not self._logged_mode:
             self._log_changes(report, now)
         for observer in self.observers:
@@ -301,7 +297,7 @@ class ControlLoop:
         result = self.controller.shut_down(self._clock.now())
         self._outputs.publish_command(result)
         report = self._report(self._inputs.latch(), result, {})
-        self._outputs.publish_status(report, self._clock.now(), self._clock.stamp())
+        self._outputs.publish_report(report, self._clock.now(), self._clock.stamp())
         self._outputs.finish()
 
     def _run(self, stop: threading.Event, period: float, *, triggered: bool) -> None:

@@ -15,7 +15,6 @@ import numpy as np
 from wbc_controller.controller.report import CycleReport
 from wbc_controller.controller.result import CycleResult
 from wbc_controller.inverse_dynamics.contacts import Contact
-from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.codec import encode, header, message, torques
 from wbc_controller.middleware.message_layout import Template
@@ -26,7 +25,7 @@ from wbc_controller.nodes.diagnostics.markers import MarkerScene
 from wbc_controller.nodes.diagnostics.shortfall import Shortfall
 from wbc_controller.nodes.diagnostics.status import StatusSummary
 from wbc_controller.nodes.diagnostics.task_states import TaskStates
-from wbc_controller.records import Fault, Mode, References, RobotState, Solution
+from wbc_controller.records import Fault, Mode, RobotState
 from wbc_controller.walking.walker import Walker
 
 #: Rows of the topic table with messages on demand.
@@ -79,10 +78,11 @@ class Outputs:
         scene: MarkerScene,
         markers_period: float,
         node: str,
+        walker: Walker | None,
         scheduling: str = "",
         recorder: Callable[[], Mapping[str, str]] = dict,
     ) -> None:
-        self._actuation = model.actuation
+        self._actuation, self._walker = model.actuation, walker
         self._contacts = contacts
         outgoing = [endpoint for endpoint in endpoints if endpoint.direction is Direction.OUT]
         self._publish: dict[tuple[str, str], Publish] = {
@@ -144,15 +144,19 @@ class Outputs:
         """Send zero torques after a failure, as serialized at the start."""
         self._publish["effort", ""](self._zeros)
 
-    def publish_status(self, report: CycleReport, now: float, wall: int) -> None:
-        """Send a changed mode, begin due diagnostics, and query subscriptions; `now` in s, `wall` (headers) in ns."""
-        mode, fault = report.mode, report.fault
+    def publish_report(self, report: CycleReport, now: float, wall: int) -> None:
+        """Send a changed mode, and compose due diagnostics, task states and markers.
+
+        `now` is in s, `wall`, the time of headers, in ns.
+        """
+        mode, fault, walker = report.mode, report.fault, self._walker
         if mode is not self._published_mode or (fault is not self._published_fault and fault != self._published_fault):
             self._published_mode, self._published_fault = mode, fault
-            text = report.mode.value
-            if report.fault is not None:
-                text += f" {report.fault.code}: {report.fault.sentence}"
+            text = mode.value if fault is None else f"{mode.value} {fault.code}: {fault.sentence}"
             self._send("state", message("std_msgs/msg/String", data=text))
+        if walker is not None and walker.footsteps_left != self._published_footsteps:
+            self._published_footsteps = walker.footsteps_left
+            self._send("walk_footsteps_left", message("std_msgs/msg/Int32", data=self._published_footsteps))
         self._summary.add(report)
         if report.refused or report.contested != self._published_contested:
             self._diagnostics_requested, self._published_contested = True, report.contested
@@ -165,23 +169,20 @@ class Outputs:
             self._diagnostics_requested, self._diagnostics_begun = False, now
             self._begin("diagnostics", self._summary.compose(wall, self._shortfalls))
         self._subscriptions.update(now)
+        if report.result.state is not None:
+            self._publish_tasks(now, report.result, report.result.state)
+            if now >= self._markers_due:
+                self._markers_due = now + self._markers_period
+                if self._subscriptions.subjects["markers"]:
+                    plan = None if walker is None or report.solution is None else walker.plan()
+                    drawing = self._scene.compose(report.result.state, report.result.references, report.solution, plan)
+                    self._begin("markers", drawing)
+        self.compose()
 
-    def publish_footsteps(self, walker: Walker | None) -> None:
-        """Send a changed number of planned footsteps."""
-        if walker is not None and walker.footsteps_left != self._published_footsteps:
-            self._published_footsteps = walker.footsteps_left
-            self._send("walk_footsteps_left", message("std_msgs/msg/Int32", data=self._published_footsteps))
-
-    def publish_tasks(
-        self,
-        now: float,
-        state: RobotState | None,
-        dynamics: Dynamics,
-        references: References | None,
-        solution: Solution | None,
-    ) -> None:
+    def _publish_tasks(self, now: float, result: CycleResult, state: RobotState) -> None:
         """Send value and reference of the next task with a subscription, and update the shortfalls of all tasks."""
-        if state is None or references is None or solution is None:
+        references, solution, dynamics = result.references, result.solution, result.qp.dynamics
+        if references is None or solution is None:
             self._shortfalls = ()
             return
         if now >= self._tasks_due:
@@ -193,21 +194,6 @@ class Outputs:
         if states is not None:
             for key, content in states[1].items():
                 self._publish[key, states[0]](content)
-
-    def publish_markers(
-        self,
-        now: float,
-        state: RobotState | None,
-        references: References | None,
-        solution: Solution | None,
-        walker: Walker | None,
-    ) -> None:
-        """Begin the markers if due and subscribed."""
-        if state is not None and now >= self._markers_due:
-            self._markers_due = now + self._markers_period
-            if self._subscriptions.subjects["markers"]:
-                plan = None if walker is None or solution is None else walker.plan()
-                self._begin("markers", self._scene.compose(state, references, solution, plan))
 
     def compose(self) -> None:
         """Compose one piece of the oldest unfinished message."""

@@ -11,7 +11,6 @@ import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
 
 from wbc_controller.controller.report import UserRequests
 from wbc_controller.errors import ConfigurationError, InputRefused
@@ -24,6 +23,7 @@ from wbc_controller.records import ChangeSettings
 _log = logging.getLogger(__name__)
 
 _REQUEST_DEPTH = 100  # capacity; further requests are dropped and counted
+_TOO_MANY = f"more than {_REQUEST_DEPTH} requests at once"
 _MOST_PER_CYCLE = 20  # requests, to bound the time of a cycle
 #: Largest message, bytes: by row of the topic table, and all others.
 _MAX_BYTES, _MAX_REQUEST_BYTES = {"trajectory": 1 << 20}, 1 << 18
@@ -31,13 +31,6 @@ _READER_SHARE = 0.25  # share of the time, since the interpreter runs one thread
 _LONGEST_REASON = 1000  # of a refusal, characters
 _MAX_COMMAND = 40  # characters
 _ESTOP = b"estop"  # in a serialized std_msgs/String
-
-
-@dataclass(slots=True)
-class _Decoded:
-    commands: list[str] = field(default_factory=list)
-    changes: list[tuple[Change | ChangeSettings, ...]] = field(default_factory=list)
-    refused: list[str] = field(default_factory=list)
 
 
 class Requests:
@@ -54,9 +47,9 @@ class Requests:
     ) -> None:
         self._vocabulary, self._prepare, self._stop = vocabulary, prepare, stop
         self._estop = threading.Event()
-        self._waiting = threading.Condition()  # guards the next three attributes
+        self._waiting = threading.Condition()  # re-entrant, guards the next three attributes
         self._requests: deque[tuple[Endpoint, bytes]] = deque()
-        self._decoded_requests: deque[_Decoded] = deque()
+        self._decoded_requests: deque[UserRequests] = deque()
         self._dropped: Counter[tuple[str, str]] = Counter()
         self._reader: threading.Thread | None = None
         self._ended = False
@@ -96,7 +89,7 @@ class Requests:
                 self._requests.append((endpoint, payload))
                 self._waiting.notify()
             else:
-                self._dropped[endpoint.name, f"more than {_REQUEST_DEPTH} requests at once"] += 1
+                self.drop_unread(endpoint, _TOO_MANY)
 
     def has_decoded(self) -> bool:
         """Return True if `take` has a result; without a reader thread, decode all requests first."""
@@ -107,23 +100,20 @@ class Requests:
 
     def take(self) -> UserRequests:
         """Take up to `_MOST_PER_CYCLE` decoded requests, an emergency stop first."""
-        commands: list[str] = []
-        changes: list[tuple[Change | ChangeSettings, ...]] = []
-        refused: list[str] = []
         stopped = self._estop.is_set()
         if stopped:
             self._estop.clear()
-            commands.append("estop")
         with self._waiting:
             dropped, self._dropped = self._dropped, Counter()
             taken = [self._decoded_requests.popleft() for _ in range(min(len(self._decoded_requests), _MOST_PER_CYCLE))]
-        for read in taken:
-            commands += read.commands
-            changes += read.changes
-            refused += read.refused
+        refused = [sentence for each in taken for sentence in each.refused]
         refused += [f"{name}: {count} messages dropped: {why}" for (name, why), count in dropped.items()]
-        total = stopped + len(taken) + sum(dropped.values())
-        return UserRequests(commands=tuple(commands), changes=tuple(changes), refused=tuple(refused), total=total)
+        return UserRequests(
+            commands=("estop",) * stopped + tuple(word for each in taken for word in each.commands),
+            changes=tuple(changes for each in taken for changes in each.changes),
+            refused=tuple(refused),
+            total=stopped + len(taken) + sum(dropped.values()),
+        )
 
     def _run_reader(self) -> None:
         while True:
@@ -139,30 +129,23 @@ class Requests:
                 if len(self._decoded_requests) < _REQUEST_DEPTH:
                     self._decoded_requests.append(read)
                 else:
-                    self._dropped[endpoint.name, f"more than {_REQUEST_DEPTH} requests at once"] += 1
+                    self.drop_unread(endpoint, _TOO_MANY)
             time.sleep(spent * (1.0 / _READER_SHARE - 1.0))
 
-    def _decode(self, endpoint: Endpoint, payload: bytes) -> _Decoded:
-        read = _Decoded()
+    def _decode(self, endpoint: Endpoint, payload: bytes) -> UserRequests:
         try:
-            self._decode_into(endpoint, payload, read)
+            content = decode(payload, endpoint.type)
+            if endpoint.key == "command":
+                word = content.data.strip()
+                if len(word) > _MAX_COMMAND:
+                    raise InputRefused(f"command has {len(word)} characters (limit {_MAX_COMMAND})")
+                return UserRequests(commands=(word,))
+            changes = decoding.READERS[endpoint.key](self._vocabulary, endpoint.subject, content)
+            for change in changes:
+                self._prepare(change)
         except Exception as error:
-            return _Decoded(refused=[f"{endpoint.name}: {refusal_reason(endpoint, error)}"])
-        return read
-
-    def _decode_into(self, endpoint: Endpoint, payload: bytes, read: _Decoded) -> None:
-        content = decode(payload, endpoint.type)
-        if endpoint.key == "command":
-            word = content.data.strip()
-            if len(word) > _MAX_COMMAND:
-                raise InputRefused(f"command has {len(word)} characters (limit {_MAX_COMMAND})")
-            read.commands.append(word)
-            return
-        reader: Callable[..., tuple[Change | ChangeSettings, ...]] = decoding.READERS[endpoint.key]
-        changes = reader(self._vocabulary, endpoint.subject, content)
-        for change in changes:
-            self._prepare(change)
-        read.changes.append(changes)
+            return UserRequests(refused=(f"{endpoint.name}: {refusal_reason(endpoint, error)}",))
+        return UserRequests(changes=(changes,))
 
 
 def refusal_reason(endpoint: Endpoint, error: Exception) -> str:

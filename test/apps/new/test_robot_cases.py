@@ -12,8 +12,8 @@ from wbc_controller.apps.demo.run import run_demo
 from wbc_controller.apps.new.draft import TITLE, new_configuration
 from wbc_controller.controller.build.collision_elements import read_collision_elements
 from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.build.safety import make_audit
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.nodes.audit import make_audit
 from wbc_controller.records import RobotState, frozen
 from wbc_controller.settings.config import load
 

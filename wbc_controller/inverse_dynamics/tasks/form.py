@@ -10,7 +10,6 @@ import numpy as np
 
 from wbc_controller.arguments import finite, shortened
 from wbc_controller.errors import InputRefused
-from wbc_controller.inverse_dynamics.arrays import sum_of_squares
 from wbc_controller.records import Array
 
 _QUATERNION_TOLERANCE = 1.0e-2  # of the norm
@@ -60,7 +59,7 @@ class ReferenceForm:
 
 def unit_quaternion(values: Array, what: str) -> Array:
     """Normalize a quaternion; raises `InputRefused` for a norm other than 1 within tolerance."""
-    norm = math.sqrt(sum_of_squares(values))
+    norm = math.hypot(*values.tolist())
     if not (abs(norm - 1.0) <= _QUATERNION_TOLERANCE):
         raise InputRefused(f"{what}{shortened(values)} is not a unit quaternion (norm {norm:.3g})")
     return values / norm

@@ -108,8 +108,29 @@ def configuration(settings: DomainSettings, uri: str = "", *, network_card: bool
 
     `uri` is ``CYCLONEDDS_URI``, appended for precedence; `network_card` is False with only the loopback.
     """
-    xml = _xml(settings, own_interfaces=_names_interfaces(uri), network_card=network_card)
-    return f"{xml},{uri}" if uri else xml
+    appended = f",{uri}" if uri else ""
+    reach, peers = settings.discovery_range, settings.static_peers
+    if reach is DiscoveryRange.SYSTEM_DEFAULT:
+        return f'<CycloneDDS><Domain Id="any">{_COMPATIBILITY}</Domain></CycloneDDS>{appended}'
+    if reach is DiscoveryRange.OFF:
+        # Participants with different tags ignore each other.
+        general = _MULTICAST_OFF
+        discovery = f"<ParticipantIndex>none</ParticipantIndex><Tag>ros_discovery_off_{os.getpid()}</Tag>"
+    else:
+        general = _MULTICAST_DISCOVERY if reach is DiscoveryRange.SUBNET else _MULTICAST_OFF
+        if not _names_interfaces(uri):
+            general += _interfaces(network_card and (reach is DiscoveryRange.SUBNET or bool(peers)))
+        # Discovery contacts each index (port) of a peer: many on the loopback, otherwise as in Jazzy.
+        largest = _JAZZY_MAX_PARTICIPANT_INDEX if peers else _max_participant_index(settings.domain_id)
+        addresses = "".join(f'<Peer Address={quoteattr(peer)} PruneDelay="inf"/>' for peer in ("localhost", *peers))
+        discovery = (
+            f"<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>{largest}</MaxAutoParticipantIndex>"
+            f"<Peers>{addresses}</Peers>{_ANNOUNCEMENTS}"
+        )
+    return (
+        f'<CycloneDDS><Domain Id="any"><General>{general}</General>'
+        f"<Discovery>{discovery}</Discovery>{_INTERNAL}{_COMPATIBILITY}</Domain></CycloneDDS>{appended}"
+    )
 
 
 def _names_interfaces(uri: str) -> bool:
@@ -131,31 +152,6 @@ def _refuse_security(environment: Mapping[str, str]) -> None:
         )
     _log.warning(
         "ROS_SECURITY_ENABLE is true, but the embedded DDS does not support security: messages are not secured"
-    )
-
-
-def _xml(settings: DomainSettings, *, own_interfaces: bool = False, network_card: bool = True) -> str:
-    reach, peers = settings.discovery_range, settings.static_peers
-    if reach is DiscoveryRange.SYSTEM_DEFAULT:
-        return f'<CycloneDDS><Domain Id="any">{_COMPATIBILITY}</Domain></CycloneDDS>'
-    if reach is DiscoveryRange.OFF:
-        # Participants with different tags ignore each other.
-        general = _MULTICAST_OFF
-        discovery = f"<ParticipantIndex>none</ParticipantIndex><Tag>ros_discovery_off_{os.getpid()}</Tag>"
-    else:
-        general = _MULTICAST_DISCOVERY if reach is DiscoveryRange.SUBNET else _MULTICAST_OFF
-        if not own_interfaces:
-            general += _interfaces(network_card and (reach is DiscoveryRange.SUBNET or bool(peers)))
-        # Discovery contacts each index (port) of a peer: many on the loopback, otherwise as in Jazzy.
-        largest = _JAZZY_MAX_PARTICIPANT_INDEX if peers else _max_participant_index(settings.domain_id)
-        addresses = "".join(f'<Peer Address={quoteattr(peer)} PruneDelay="inf"/>' for peer in ("localhost", *peers))
-        discovery = (
-            f"<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>{largest}</MaxAutoParticipantIndex>"
-            f"<Peers>{addresses}</Peers>{_ANNOUNCEMENTS}"
-        )
-    return (
-        f'<CycloneDDS><Domain Id="any"><General>{general}</General>'
-        f"<Discovery>{discovery}</Discovery>{_INTERNAL}{_COMPATIBILITY}</Domain></CycloneDDS>"
     )
 
 

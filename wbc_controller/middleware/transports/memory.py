@@ -61,14 +61,14 @@ class MemoryTransport:
 
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
         """See `Transport`."""
-        self._require_open(f"query {endpoint.name}")
+        self.require_open("query", endpoint)
         with self._bus.lock:
             owners = [writer.owner for writer in self._bus.writers[endpoint.name]]
         return tuple(sorted(owner.name for owner in owners if owner is not self))
 
     def has_reader(self, endpoint: Endpoint) -> bool:
         """See `Transport`."""
-        self._require_open(f"query {endpoint.name}")
+        self.require_open("query", endpoint)
         with self._bus.lock:
             own = [writer for writer in self._bus.writers[endpoint.name] if writer.owner is self]
             return any(reader.matches(writer.endpoint) for writer in own for reader in self._bus.readers[endpoint.name])
@@ -82,12 +82,13 @@ class MemoryTransport:
             for writers in self._bus.writers.values():
                 writers[:] = [writer for writer in writers if writer.owner is not self]
 
-    def _require_open(self, attempt: str) -> None:
+    def require_open(self, attempt: str, endpoint: Endpoint) -> None:
+        """Raise `TransportError` if the transport is closed."""
         if self.closed:
-            raise TransportError(f"cannot {attempt}: the transport is closed")
+            raise TransportError(f"cannot {attempt} {endpoint.name}: the transport is closed")
 
     def _check(self, endpoint: Endpoint) -> None:
-        self._require_open(f"open {endpoint.name}")
+        self.require_open("open", endpoint)
         self._bus.types.check(endpoint.name, endpoint.type)
 
 
@@ -105,7 +106,7 @@ class _Stream:
 
     def take(self) -> list[bytes]:
         """See `Stream`."""
-        self._owner._require_open(f"read {self._endpoint.name}")
+        self._owner.require_open("read", self._endpoint)
         with self._changed:
             newest = list(self._newest)
             self._newest.clear()
@@ -113,7 +114,7 @@ class _Stream:
 
     def wait(self, seconds: float) -> bool:
         """See `Stream`."""
-        self._owner._require_open(f"read {self._endpoint.name}")
+        self._owner.require_open("read", self._endpoint)
         with self._changed:
             triggered = self._changed.wait_for(lambda: self._newest or self._woken, seconds)
             self._woken = False
@@ -134,7 +135,7 @@ class _Writer:
 
     def publish(self, payload: bytes) -> None:
         with self._bus.lock:
-            self.owner._require_open(f"publish on {self.endpoint.name}")
+            self.owner.require_open("publish on", self.endpoint)
             if self.endpoint.qos.latched:
                 self.latched = payload
             for reader in list(self._bus.readers[self.endpoint.name]):
