@@ -16,10 +16,9 @@ from wbc_controller.errors import WbcError
 from wbc_controller.inverse_dynamics.references.trajectories import Knot, Trajectory
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
-from wbc_controller.middleware.codec import decode, encode, header, message, stamp
+from wbc_controller.middleware.codec import decode, encode, message
 from wbc_controller.middleware.joint_states import JointStateReader
-from wbc_controller.middleware.odometry import vector
-from wbc_controller.middleware.setpoints import setpoint_message, wrench_stamped
+from wbc_controller.middleware.setpoints import com_trajectory, setpoint_message, velocity_message, wrench_stamped
 from wbc_controller.middleware.stamps import header_stamp, header_time
 from wbc_controller.middleware.states import OdometryReader
 from wbc_controller.middleware.topics import Direction, Endpoint, counterpart
@@ -252,12 +251,8 @@ class Director:
         self.references.append((start, Trajectory(knots)))
         if not self._com:
             return start
-        content = message(
-            "trajectory_msgs/msg/MultiDOFJointTrajectory",
-            header=header(round(start * 1e9), "world"),
-            joint_names=[self._com],
-            points=[_point(knot.time - start, knot.position) for knot in knots],
-        )
+        times, positions = [knot.time - start for knot in knots], np.array([knot.position for knot in knots])
+        content = com_trajectory(times, positions, task=self._com, stamp=round(start * 1e9))
         self._send("controller", "trajectory", self._com, content)
         return start
 
@@ -309,11 +304,10 @@ class Director:
 
     def _walk(self, walk: Walk) -> None:
         self._begin(walk.name)
-        start, (forward, left, turning) = self.time, walk.velocity
+        start = self.time
         self.references.append((start, None))
-        linear, angular = vector(np.array([forward, left, 0.0])), vector(np.array([0.0, 0.0, turning]))
         while self.time < start + walk.duration:
-            self._send("controller", "cmd_vel", "", message("geometry_msgs/msg/Twist", linear=linear, angular=angular))
+            self._send("controller", "cmd_vel", "", velocity_message(walk.velocity))
             self._run(_COMMAND_PERIOD)
         self.windows[walk.name] = Window(start + walk.acceleration, self.time)
 
@@ -324,15 +318,3 @@ class Director:
         start = self.time
         self._run(1.0)
         self.windows["stop"] = Window(start, self.time)
-
-
-def _point(time: float, position: Array) -> Any:
-    upright = message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
-    seconds = stamp(round(time * 1e9))
-    return message(
-        "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint",
-        transforms=[message("geometry_msgs/msg/Transform", translation=vector(position), rotation=upright)],
-        velocities=[],
-        accelerations=[],
-        time_from_start=message("builtin_interfaces/msg/Duration", sec=seconds.sec, nanosec=seconds.nanosec),
-    )

@@ -18,18 +18,13 @@ from wbc_controller.controller.visualization.page_report import PageReport, Resu
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.extras import require_libraries
 from wbc_controller.validation.campaign.campaign_plots import campaign_plots
-from wbc_controller.validation.campaign.outcome import ALL_VIOLATIONS, Outcome
+from wbc_controller.validation.campaign.outcome import VIOLATIONS, Outcome
 from wbc_controller.validation.campaign.results import TrialKey, key_of
 from wbc_controller.validation.campaign.trial import ALL_KINDS
 
 _COLUMNS = (
     "kind", "robot", "trials", "survived", "share (95 %)", "damped for", "to detect", "detected after [ms]",
     "deadline [ms]", "violations",
-)  # fmt: skip
-#: Violations by decreasing severity.
-_SEVERITY = (
-    "not_finite", "unreadable", "over_limit", "over_rate", "stale", "internal_error", "logged", "stall", "fell",
-    "undetected", "wrong_reason", "recording", "early", "start", "diverged",
 )  # fmt: skip
 
 
@@ -141,7 +136,7 @@ def repetitions(outcomes: Sequence[Outcome], before: Mapping[TrialKey, Outcome])
 def worst_trial(outcomes: Sequence[Outcome]) -> Outcome | None:
     """Return the trial with the most severe violation, or None."""
     bad = [outcome for outcome in outcomes if outcome.violations]
-    return min(bad, key=lambda outcome: min(map(_SEVERITY.index, outcome.violations)), default=None)
+    return min(bad, key=lambda outcome: min(map(list(VIOLATIONS).index, outcome.violations)), default=None)
 
 
 def repeat_command(outcome: Outcome) -> str:
@@ -184,7 +179,7 @@ def _markdown(rows: Sequence[Row], outcomes: Sequence[Outcome], repeated: Sequen
     bad = [outcome for outcome in outcomes if outcome.violations]
     if bad:
         lines.append("\n## Violations\n")
-        lines += [f"- `{name}`: {ALL_VIOLATIONS[name]}" for name in _SEVERITY if any(name in o.violations for o in bad)]
+        lines += [f"- `{name}`: {text}" for name, text in VIOLATIONS.items() if any(name in o.violations for o in bad)]
         lines.append("")
         for outcome in bad:
             texts = "; ".join(f"{name}: {sentence}" for name, sentence in outcome.violations.items())

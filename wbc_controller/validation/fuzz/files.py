@@ -42,6 +42,7 @@ from wbc_controller.validation.fuzz.strategies import draw_by_key
 _PROCESSOR_TIME_LIMIT = 5.0  # largest processor time of one case, s; a supplied robot requires 0.1 s
 _CASE_TIMEOUT, _START_TIMEOUT = 60.0, 300.0  # wall time limits of a case and of the start, s
 _MEMORY = 8 << 30  # bytes
+_MOST_FAILURES = 20
 _READY = "ready"
 _URDF_KEY = re.compile(r"(?m)^(\s*urdf:\s*).*$")  # line of the configuration with the URDF
 
@@ -64,12 +65,11 @@ def fuzz_files(
     folder: Path,
     *,
     first: int = 0,
-    most_failures: int = 20,
     progress: Callable[[FilesOutcome, int], None] = lambda outcome, number: None,
 ) -> FilesOutcome:
     """Read hostile ``configurations``, ``urdf`` or ``recordings`` of the robots in turn, in a child process."""
     outcome, due, began = FilesOutcome(), first, time.monotonic()
-    while due < first + count and len(outcome.failures) < most_failures:
+    while due < first + count and len(outcome.failures) < _MOST_FAILURES:
         ours, theirs = multiprocessing.get_context("spawn").Pipe()
         child = multiprocessing.get_context("spawn").Process(
             target=_work, args=(theirs, _reader, kind, robots, seed, due, first + count, folder), daemon=True
@@ -87,7 +87,7 @@ def fuzz_files(
                     outcome.failures[place] = result
                 outcome.seconds = time.monotonic() - began
                 progress(outcome, number)
-                if len(outcome.failures) >= most_failures:
+                if len(outcome.failures) >= _MOST_FAILURES:
                     break
         finally:
             child.kill()
