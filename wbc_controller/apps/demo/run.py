@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -20,7 +21,7 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 from rich.table import Table
 
 from wbc_controller.apps.demo.derived_scenario import derived_scenario
-from wbc_controller.apps.demo.director import DemoFailed, Director, Log
+from wbc_controller.apps.demo.director import DemoFailed, Director
 from wbc_controller.apps.demo.scenario import SCENARIOS, WALK, WALK_ROBOT, WALK_SCENARIO, Scenario
 from wbc_controller.apps.demo.verdict import distances_to_targets, judge, passed, reference_of
 from wbc_controller.controller.build.robot import make_model
@@ -30,7 +31,6 @@ from wbc_controller.controller.cycle import ControlCycle
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.codec import encode, message
-from wbc_controller.middleware.topics import MOCK_NODE, MOCK_TOPICS, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.middleware.transports.transport import Transport
 from wbc_controller.nodes.clock import ManualClock
@@ -40,7 +40,7 @@ from wbc_controller.recording.added_topics import add_topics
 from wbc_controller.recording.recorder import Recorder
 from wbc_controller.recording.recording_file import Recording
 from wbc_controller.recording.report.run_data import Result
-from wbc_controller.recording.report.run_from_recording import PHASES, make_run_data, truth_topics
+from wbc_controller.recording.report.run_from_recording import PHASES, make_run_data
 from wbc_controller.recording.report.run_report import write_run_report
 from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config, load
@@ -49,7 +49,7 @@ from wbc_controller.simulation.mock_robot import MockRobot
 _FIRST_DOMAIN = 100  # 100 to 199 by process ID, for concurrent demos
 
 
-_UserSession = tuple[Transport, Callable[[Log], None]]
+_UserSession = tuple[Transport, Callable[[threading.Event], None]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,30 +98,12 @@ def run_demo(
     play = _in_lockstep(stage) if lockstep else _in_real_time(stage, real_time_factor)
     failure = None
     with _progress(console, stage) as report_phase, play as (transport, advance):
-        director = _direct(stage, transport, advance, report_phase)
+        director = Director(stage.settings, model, scenario, transport, advance, report_phase)
         try:
-            director.play(scenario)
+            director.play()
         except DemoFailed as error:
             failure = str(error)
     return _conclude(console, stage, director, failure)
-
-
-def _direct(
-    stage: _DemoSetup, transport: Transport, advance: Callable[[Log], None], report_phase: Callable[[str], None]
-) -> Director:
-    settings = stage.settings
-    frames = {name: task.frame for name, task in settings.tasks.items() if hasattr(task, "frame")}
-    return Director(
-        stage.model,
-        frames,
-        stage.scenario.com,
-        controller_endpoints(settings, stage.model),
-        endpoints(MOCK_TOPICS, MOCK_NODE, contacts=settings.contacts),
-        transport,
-        {topic.name for topic in truth_topics(settings)},
-        advance,
-        report_phase,
-    )
 
 
 @contextmanager
@@ -176,12 +158,12 @@ def _in_real_time(stage: _DemoSetup, real_time_factor: float) -> Iterator[_UserS
             transport.close()
 
 
-def _wait_for_state(processes: Mapping[str, subprocess.Popen[bytes]], log: Log) -> None:
-    if not log.arrived.wait(0.05):
+def _wait_for_state(processes: Mapping[str, subprocess.Popen[bytes]], arrived: threading.Event) -> None:
+    if not arrived.wait(0.05):
         for name, process in processes.items():
             if process.poll() is not None:
                 raise DemoFailed(f"the process `wbc {name}` ended with exit status {process.returncode}")
-    log.arrived.clear()
+    arrived.clear()
 
 
 @contextmanager
@@ -199,7 +181,7 @@ def _in_lockstep(stage: _DemoSetup) -> Iterator[_UserSession]:
         recorder=recorder,
     )
 
-    def advance(log: Log) -> None:
+    def advance(arrived: threading.Event) -> None:
         clock.time = robot.stamp * 1.0e-9
         robot.publish()
         loop.cycle()
@@ -215,7 +197,7 @@ def _conclude(console: Console, stage: _DemoSetup, director: Director, failure: 
     phases = [(round(1.0e9 * time), encode(message("std_msgs/msg/String", data=name)))
               for time, name in director.phases]  # fmt: skip
     try:
-        add_topics(stage.record, {**director.log.recorded, (PHASES, "std_msgs/msg/String"): phases})
+        add_topics(stage.record, {**director.recorded, (PHASES, "std_msgs/msg/String"): phases})
         recording = Recording(stage.record)
         run = make_run_data(recording, ControlCycle(recording.config, preflight=False), largest=recording.count)
     except ConfigurationError as error:

@@ -15,22 +15,9 @@ from wbc_controller.errors import WbcError
 from wbc_controller.middleware.codec import decode, encode
 from wbc_controller.middleware.setpoints import velocity_message
 from wbc_controller.middleware.stamps import header_time
-from wbc_controller.middleware.topics import (
-    CONTROLLER_TOPICS,
-    ESTIMATOR_NODE,
-    ESTIMATOR_TOPICS,
-    GUARD_TOPICS,
-    MOCK_NODE,
-    MOCK_TOPICS,
-    STATE_IN,
-    Direction,
-    Endpoint,
-    counterpart,
-    endpoints,
-)
+from wbc_controller.middleware.topics import STATE_IN, Direction, Endpoint, counterpart
 from wbc_controller.middleware.transports.dds import DdsPublication, DdsTransport
-from wbc_controller.nodes.guard_service import NODE_NAME as GUARD_NODE
-from wbc_controller.nodes.wiring import named_frames
+from wbc_controller.nodes.wiring import topics_of
 from wbc_controller.settings import NODE_NAME, Settings
 
 _NODE = "wbc_user"
@@ -50,32 +37,6 @@ class Answer:
 
     done: bool  # False after a refusal
     text: str
-
-
-def topics_of(
-    settings: Settings, namespace: str = "/", remappings: Mapping[str, str] | None = None
-) -> dict[tuple[str, str, str], Endpoint]:
-    """Return the topics of all nodes."""
-    kinds = {name: task.type for name, task in settings.tasks.items()}
-    tables = {
-        "controller": (CONTROLLER_TOPICS, NODE_NAME),
-        "mock": (MOCK_TOPICS, MOCK_NODE),
-        "guard": (GUARD_TOPICS, GUARD_NODE),
-        "estimator": (ESTIMATOR_TOPICS, ESTIMATOR_NODE),
-    }
-    return {
-        (owner, topic.key, topic.subject): topic
-        for owner, (table, node) in tables.items()
-        for topic in endpoints(
-            table,
-            node,
-            task_kinds=kinds,
-            contacts=settings.contacts,
-            frames=named_frames(settings),
-            namespace=namespace,
-            remappings=remappings,
-        )
-    }
 
 
 class Session:
