@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from wbc_controller.middleware.codec import TYPES
-from wbc_controller.recording.mcap_file import ChunkBuilder, McapFile, McapMessages, Topic
+from wbc_controller.recording.mcap_file import McapMessages, Topic, write_messages
 from wbc_controller.recording.recording_file import Recording
-from wbc_controller.recording.writer import CHUNK_BYTES
 
 #: Messages by name and type of the topic: stamp, ns, and serialized message, in order of the stamps.
 AddedTopics = Mapping[tuple[str, str], Sequence[tuple[int, bytes]]]
@@ -29,21 +28,9 @@ def add_topics(path: Path, added: AddedTopics) -> None:
     for (name, kind), content in added.items():
         number += 1
         topics.append(Topic(number, name, kind, TYPES.generate_msgdef(kind, ros_version=2)[0]))
-        messages.append([(round(float(np.interp(stamp, stamps, times))), number, data) for stamp, data in content])
-    recorded = ((time, topic.number, data) for topic, time, data in McapMessages(path))
+        messages.append([(number, round(float(np.interp(stamp, stamps, times))), data) for stamp, data in content])
+    recorded = ((topic.number, time, data) for topic, time, data in McapMessages(path))
     draft = path.with_suffix(".part")
     draft.unlink(missing_ok=True)  # do not follow a link
-    file, builder = McapFile(draft, topics), ChunkBuilder()
-    for time, channel, data in heapq.merge(recorded, *messages, key=lambda message: message[0]):
-        builder.add(channel, time, data)
-        if builder.size >= CHUNK_BYTES:
-            _write(file, builder)
-    _write(file, builder)
-    file.close()
+    write_messages(draft, topics, heapq.merge(recorded, *messages, key=lambda message: message[1]))
     draft.replace(path)
-
-
-def _write(file: McapFile, builder: ChunkBuilder) -> None:
-    chunk = builder.take()
-    if chunk is not None:
-        file.write(chunk)

@@ -361,14 +361,12 @@ class Recorder:
             self._controller.cycle_records = None
 
 
-def start_recorder(
-    settings: Settings, file: Path | None = None, *, patient: bool = False, name: str = ""
-) -> Recorder | None:
+def start_recorder(settings: Settings, file: Path | None = None, *, name: str = "") -> Recorder | None:
     """Start a recorder; return None if it is off, or cannot be started (logged)."""
     if file is None and not settings.recorder.seconds > 0.0:
         return None
     try:
-        return Recorder(settings, file, patient=patient, name=name)
+        return Recorder(settings, file, name=name)
     except OSError as error:  # too many processes
         _log.warning("nothing is recorded: the recorder cannot be started: %s", error.strerror or error)
         return None

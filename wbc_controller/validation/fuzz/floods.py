@@ -16,7 +16,6 @@ from wbc_controller.middleware.codec import encode, message
 from wbc_controller.middleware.setpoints import com_trajectory
 from wbc_controller.middleware.topics import Endpoint, counterpart
 from wbc_controller.middleware.transports.dds import DdsTransport
-from wbc_controller.recording.cycle_arrays import cycle_arrays
 from wbc_controller.recording.recording_file import Recording
 from wbc_controller.validation.fuzz import DOMAIN
 from wbc_controller.validation.fuzz.examples import valid_message
@@ -194,7 +193,7 @@ def _under_one_flood(
     if status != 0 or not nodes.record.exists():
         raise WbcError(f"the controller ended with exit status {status} after the flood {kind!r}")
     recorded = Recording(nodes.record)
-    record, gaps, period = cycle_arrays(recorded), _gaps(recorded), 1.0 / nodes.settings.control.rate
+    record, gaps, period = recorded.arrays(), _gaps(recorded), 1.0 / nodes.settings.control.rate
     return [_compared(kind, stop, record, gaps, period) for stop in stops]
 
 
