@@ -32,9 +32,9 @@ from wbc_controller.walking.terrain import Ground
 _RECORDS: Mapping[str, Callable[..., Any]] = {
     kind.__name__: kind
     for kind in (
-        *get_args(Change), Axis, ChangeSettings, Fault, Footstep, Goal, Ground, Infeasibility, Knot, Landing, NominalStep,
-        Prediction, Ramp, Reference, RobotState, SoftRamp, Stance, Step, StepTarget, SwingFoot, Tuning, TuningRamp,
-        Velocity,
+        *get_args(Change), Axis, ChangeSettings, Fault, Footstep, Goal, Ground, Infeasibility, Knot, Landing,
+        NominalStep, Prediction, Ramp, Reference, RobotState, SoftRamp, Stance, Step, StepTarget, SwingFoot, Tuning,
+        TuningRamp, Velocity,
     )
 }  # fmt: skip
 
