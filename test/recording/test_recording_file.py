@@ -17,10 +17,9 @@ from wbc_controller.errors import ConfigurationError
 from wbc_controller.middleware.codec import decode, encode, message
 from wbc_controller.middleware.odometry import odometry
 from wbc_controller.middleware.setpoints import wrench_stamped
-from wbc_controller.recording.added_topics import add_topics
 from wbc_controller.recording.cycle_layout import FORMAT, HEAD
 from wbc_controller.recording.mcap_file import McapMessages, write_messages
-from wbc_controller.recording.recording_file import Recording
+from wbc_controller.recording.recording_file import Recording, add_topics
 from wbc_controller.recording.replay.cycle_replay import Replay
 from wbc_controller.recording.report.run_from_recording import PHASES, make_run_data, truth_topics
 from wbc_controller.validation.fuzz.hostile_recordings import read_recording

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bisect
 import contextlib
+import heapq
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,10 +15,10 @@ import numpy as np
 
 from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.inverse_dynamics.references.changes import Change
-from wbc_controller.middleware.codec import decode
+from wbc_controller.middleware.codec import TYPES, decode
 from wbc_controller.recording.cycle_layout import FORMAT, HEAD, MODES, Slot, slot_slices, split
 from wbc_controller.recording.json_records import from_json, require_types
-from wbc_controller.recording.mcap_file import McapMessages, Topic
+from wbc_controller.recording.mcap_file import McapMessages, Topic, write_messages
 from wbc_controller.recording.recorder import OWN
 from wbc_controller.records import Array, ChangeSettings, Fault
 from wbc_controller.settings.config import Config
@@ -38,6 +39,8 @@ _BEGIN_OF_MEMORY = re.compile(r'\{"cycle":(\d{1,15}),')
 _MEMORY = {"cycle": int, "settings": str, "memory": Mapping[str, Any]}
 #: Errors of inconsistent values, such as arrays of other sizes.
 _MODIFIED = (ArithmeticError, AttributeError, LookupError, MemoryError, TypeError, ValueError)
+#: Messages by name and type of the topic: stamp, ns, and serialized message, in order of the stamps.
+AddedTopics = Mapping[tuple[str, str], Sequence[tuple[int, bytes]]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -266,6 +269,26 @@ class Recording:
                 found.append(RecordedFault(cycle, event["time"], fault))
             before = fault
         return found
+
+
+def add_topics(path: Path, added: AddedTopics) -> None:
+    """Add topics in place, each message at the cycle with its stamp.
+
+    Raises `ConfigurationError` if the file is not a recording, and `OSError` if it cannot be written.
+    """
+    recording = Recording(path)
+    stamps, times = np.array([(cycle.stamp, cycle.time) for cycle in recording.cycles()], dtype=np.float64).T
+    number = max(recording.topics)
+    topics, messages = list(recording.topics.values()), []
+    for (name, kind), content in added.items():
+        number += 1
+        topics.append(Topic(number, name, kind, TYPES.generate_msgdef(kind, ros_version=2)[0]))
+        messages.append([(number, round(float(np.interp(stamp, stamps, times))), data) for stamp, data in content])
+    recorded = ((topic.number, time, data) for topic, time, data in McapMessages(path))
+    draft = path.with_suffix(".part")
+    draft.unlink(missing_ok=True)  # do not follow a link
+    write_messages(draft, topics, heapq.merge(recorded, *messages, key=lambda message: message[1]))
+    draft.replace(path)
 
 
 def _checked_head(head: Array) -> int:

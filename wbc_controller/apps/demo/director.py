@@ -124,8 +124,12 @@ class Director:
             self._begin("let go")
             self._send("mock", "hold", "", message("std_msgs/msg/Bool", data=False))
             self._run(1.0)
-        self._move_to_standing()
-        self._stand(scenario.stand)
+        self._follow(((0.5, (0.0, 0.0, 0.0)),), self.com())
+        self._run(1.0)
+        self._begin("stand")
+        start = self.time
+        self._run(scenario.stand)
+        self.windows["stand"] = Window(start, self.time)
         for move in scenario.moves:
             self._move(move)
         for reach in scenario.reaches:
@@ -135,12 +139,16 @@ class Director:
         for walk in scenario.walks:
             self._walk(walk)
         if scenario.walks:
-            self._stop(scenario.stop)
+            self._begin("stop")
+            self._run(scenario.stop)  # the command times out
+            start = self.time
+            self._run(1.0)
+            self.windows["stop"] = Window(start, self.time)
             return  # the hoist would pull the robot back to its start
         self._begin("end")
         self._send("mock", "hold", "", message("std_msgs/msg/Bool", data=True))
         self._run(0.5)
-        self._command("deactivate")
+        self._send_text("command", "deactivate")
         self._let_pass(1.2)
 
     @property
@@ -160,15 +168,15 @@ class Director:
         # The first request may be lost during discovery, or arrive before the base estimate.
         end = monotonic() + _TIMEOUT
         while monotonic() < end:
-            self._command("activate")
+            self._send_text("command", "activate")
             for _ in range(50):
                 self._advance(self.arrived)
                 if self._mode().startswith("active"):
                     return
         raise DemoFailed(f"the controller did not become active; its state is {self._mode()!r}")
 
-    def _command(self, word: str) -> None:
-        self._send("controller", "command", "", message("std_msgs/msg/String", data=word))
+    def _send_text(self, key: str, text: str) -> None:
+        self._send("controller", key, "", message("std_msgs/msg/String", data=text))
 
     def _send(self, owner: str, key: str, subject: str, content: Any) -> None:
         self._publish[owner, key, subject](encode(content))
@@ -182,8 +190,12 @@ class Director:
         raise DemoFailed(f"timeout: no {awaited} within {_TIMEOUT:g} s")
 
     def _run(self, duration: float) -> None:
+        """Let time pass; raise `DemoFailed` unless the robot stands upright under control."""
         self._let_pass(duration)
-        self._check_upright()
+        if not self._mode().startswith("active"):
+            raise DemoFailed(f"the controller is no longer active; its state is {self._mode()!r}")
+        if self._model.floating_base and pin.XYZQUATToSE3(self.state()[:7]).rotation[2, 2] < 0.5:
+            raise DemoFailed("the robot fell")
 
     def _let_pass(self, duration: float) -> None:
         end = self.time + duration
@@ -193,13 +205,6 @@ class Director:
             silent = silent + 1 if self.time <= before else 0
             if silent > _TIMEOUT / 0.05:
                 raise DemoFailed(f"no joint state from the mock robot for {_TIMEOUT:g} s")
-
-    def _check_upright(self) -> None:
-        if not self._mode().startswith("active"):
-            raise DemoFailed(f"the controller is no longer active; its state is {self._mode()!r}")
-        q = self.state()
-        if self._model.floating_base and pin.XYZQUATToSE3(q[:7]).rotation[2, 2] < 0.5:
-            raise DemoFailed("the robot fell")
 
     def state(self) -> Array:
         """Return the newest configuration, (nq,)."""
@@ -214,10 +219,6 @@ class Director:
         """Return the newest centre of mass, (3,) in m."""
         return np.array(pin.centerOfMass(self._model.pinocchio, self._data, self.state()))
 
-    def _move_to_standing(self) -> None:
-        self._follow(((0.5, (0.0, 0.0, 0.0)),), self.com())
-        self._run(1.0)
-
     def _follow(self, points: Iterable[tuple[float, tuple[float, float, float]]], origin: Array) -> float:
         start = self.time + _START_DELAY
         knots = [Knot(start, origin, _AT_REST, _AT_REST)]
@@ -230,19 +231,10 @@ class Director:
         self._send("controller", "trajectory", self._scenario.com, content)
         return start
 
-    def _standing(self) -> Array:
-        trajectory = self.references[-1][1]
-        return self.com() if trajectory is None else trajectory.sample(self.time).position
-
-    def _stand(self, duration: float) -> None:
-        self._begin("stand")
-        start = self.time
-        self._run(duration)
-        self.windows["stand"] = Window(start, self.time)
-
     def _move(self, move: Move) -> None:
         self._begin(move.name)
-        start = self._follow(move.points, self._standing())
+        reference = self.references[-1][1]
+        start = self._follow(move.points, self.com() if reference is None else reference.sample(self.time).position)
         self._run(move.duration + _START_DELAY)
         self.windows[move.name] = Window(start, self.time)
         self._run(0.5)
@@ -254,18 +246,15 @@ class Director:
         pose = self._data.oMf[self._model.frame_id(self.frames[reach.task], f"tasks.{reach.task}.frame")]
         target = pose.translation + np.array(reach.offset)
         self.targets[reach.task] = target
-        self._update(f"{{tasks: {{{reach.task}: {{enabled: true}}}}}}")
+        self._send_text("update", f"{{tasks: {{{reach.task}: {{enabled: true}}}}}}")
         pose_value = np.concatenate([target, quaternion_of(pose.rotation)])
         content = setpoint_message("geometry_msgs/msg/PoseStamped", "frame_pose", pose_value)
         self._send("controller", "setpoint", reach.task, content)
         start = self.time
         self._run(reach.duration)
         self.windows[f"reach {reach.task}"] = Window(start, self.time)
-        self._update(f"{{tasks: {{{reach.task}: {{enabled: false}}}}}}")
+        self._send_text("update", f"{{tasks: {{{reach.task}: {{enabled: false}}}}}}")
         self._run(_SETTLING_TIME)
-
-    def _update(self, text: str) -> None:
-        self._send("controller", "update", "", message("std_msgs/msg/String", data=text))
 
     def _shove(self, shove: Shove) -> None:
         self._begin(shove.name)
@@ -284,11 +273,3 @@ class Director:
             self._send("controller", "cmd_vel", "", velocity_message(walk.velocity))
             self._run(_COMMAND_PERIOD)
         self.windows[walk.name] = Window(start + walk.acceleration, self.time)
-
-    def _stop(self, duration: float) -> None:
-        """Let the command time out until the robot stands."""
-        self._begin("stop")
-        self._run(duration)
-        start = self.time
-        self._run(1.0)
-        self.windows["stop"] = Window(start, self.time)

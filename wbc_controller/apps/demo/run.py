@@ -36,13 +36,11 @@ from wbc_controller.middleware.transports.transport import Transport
 from wbc_controller.nodes.clock import ManualClock
 from wbc_controller.nodes.controller_service import make_loop
 from wbc_controller.nodes.wiring import controller_endpoints
-from wbc_controller.recording.added_topics import add_topics
 from wbc_controller.recording.recorder import Recorder
-from wbc_controller.recording.recording_file import Recording
+from wbc_controller.recording.recording_file import Recording, add_topics
 from wbc_controller.recording.report.run_data import Result
 from wbc_controller.recording.report.run_from_recording import PHASES, make_run_data
 from wbc_controller.recording.report.run_report import write_run_report
-from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config, load
 from wbc_controller.simulation.mock_robot import MockRobot
 
@@ -56,14 +54,9 @@ _UserSession = tuple[Transport, Callable[[threading.Event], None]]
 class _DemoSetup:
     name: str
     config: Config
-    settings: Settings
     model: RobotModel
     scenario: Scenario
-    folder: Path
-
-    @property
-    def record(self) -> Path:
-        return self.folder / f"{self.name}.mcap"
+    record: Path  # file of the recording
 
 
 def run_demo(
@@ -85,11 +78,12 @@ def run_demo(
     if sensors is not None:
         config = config.replace({"estimation.base_state": "imu", "mock.sensors": sensors})
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / f"{Path(robot).stem}.mcap").unlink(missing_ok=True)
+    record = folder / f"{Path(robot).stem}.mcap"
+    record.unlink(missing_ok=True)
     model = make_model(config.settings)
     known = {**SCENARIOS, WALK: WALK_SCENARIO}
     scenario = known[robot] if robot in known else derived_scenario(config.settings, model)
-    stage = _DemoSetup(Path(robot).stem, config, config.settings, model, scenario, folder)
+    stage = _DemoSetup(record.stem, config, model, scenario, record)
     console = Console()
     how = "in lockstep, in one process" if lockstep else "two processes, DDS on the loopback interface"
     base = "base from odometry" if sensors is None else f"base estimated from {sensors} sensors"
@@ -98,7 +92,7 @@ def run_demo(
     play = _in_lockstep(stage) if lockstep else _in_real_time(stage, real_time_factor)
     failure = None
     with _progress(console, stage) as report_phase, play as (transport, advance):
-        director = Director(stage.settings, model, scenario, transport, advance, report_phase)
+        director = Director(config.settings, model, scenario, transport, advance, report_phase)
         try:
             director.play()
         except DemoFailed as error:
@@ -171,15 +165,12 @@ def _in_lockstep(stage: _DemoSetup) -> Iterator[_UserSession]:
     bus = MemoryBus()
     transport = MemoryTransport(bus)
     clock = ManualClock()
-    recorder = Recorder(stage.settings, stage.record, patient=True, name=stage.name)
-    robot = MockRobot(stage.model, stage.settings, MemoryTransport(bus))
-    loop = make_loop(
-        Controller(stage.settings, preflight=False, model=stage.model),
-        MemoryTransport(bus),
-        clock,
-        controller_endpoints(stage.settings, stage.model),
-        recorder=recorder,
-    )
+    settings = stage.config.settings
+    recorder = Recorder(settings, stage.record, patient=True, name=stage.name)
+    robot = MockRobot(stage.model, settings, MemoryTransport(bus))
+    controller = Controller(settings, preflight=False, model=stage.model)
+    topics = controller_endpoints(settings, stage.model)
+    loop = make_loop(controller, MemoryTransport(bus), clock, topics, recorder=recorder)
 
     def advance(arrived: threading.Event) -> None:
         clock.time = robot.stamp * 1.0e-9
@@ -215,7 +206,7 @@ def _conclude(console: Console, stage: _DemoSetup, director: Director, failure: 
         f"cycle time of the controller: median {np.median(times):.2f} ms, 99 % below {np.quantile(times, 0.99):.2f} ms "
         f"({len(times)} cycles)"
     )
-    path = stage.folder / f"{stage.name}.html"
+    path = stage.record.with_suffix(".html")
     write_run_report(replace(run, results=results), stage.model, path, kind="wbc_controller demo")
     console.print(f"recording: {stage.record}")
     console.print(f"report: {path}")
