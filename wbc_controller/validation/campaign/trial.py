@@ -82,8 +82,10 @@ def run_trial(
         prepare(trial.controller)
         with _frozen_objects():
             trial.run()
-        if place is not None:
-            trial.check_recording(place)
+        if place is not None and (deactivation := trial.monitor.deactivation) is not None and deactivation[2]:
+            error = place.error_of_fault(deactivation[1], deactivation[2])
+            if error:
+                trial.monitor.add_violation("recording", error)
     if logged:
         trial.monitor.add_violation("logged", logged[0])
     return trial.outcome(robot, seed, time.perf_counter() - began)
@@ -145,13 +147,6 @@ class _Trial(MonitoredRobot):
         finally:
             if self._recorder is not None:
                 self._recorder.close()
-
-    def check_recording(self, place: TrialRecordings) -> None:
-        deactivation = self.monitor.deactivation
-        if deactivation is not None and deactivation[2]:
-            error_of_fault = place.error_of_fault(deactivation[1], deactivation[2])
-            if error_of_fault:
-                self.monitor.add_violation("recording", error_of_fault)
 
     def _stand(self) -> None:
         for _ in range(_HOLD_PERIODS):

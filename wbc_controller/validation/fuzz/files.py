@@ -32,7 +32,7 @@ from wbc_controller.recording.mcap_file import write_messages
 from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.simulation.plant import Plant
 from wbc_controller.validation.fuzz.hostile_files import hostile_configuration, hostile_urdf
-from wbc_controller.validation.fuzz.hostile_recordings import hostile_recording, original, read_recording
+from wbc_controller.validation.fuzz.hostile_recordings import hostile_messages, original, read_recording
 from wbc_controller.validation.fuzz.strategies import draw_by_key
 
 _PROCESSOR_TIME_LIMIT = 5.0  # largest processor time of one case, s; a supplied robot requires 0.1 s
@@ -142,10 +142,10 @@ def make_case(kind: str, robot: str, seed: int, number: int, place: Path) -> Non
     """Write the files of one case of ``configurations``, ``urdf`` or ``recordings``."""
     place.mkdir(parents=True, exist_ok=True)
     if kind == "recordings":
-        topics, _ = original(robot)
-        drawn = draw_by_key(hostile_recording(robot), kind, seed, number)
-        messages = ((topic.number, time, payload) for topic, time, payload in drawn)
-        write_messages(place / "robot.mcap", topics.values(), messages)
+        topics, messages = original(robot)
+        drawn = draw_by_key(hostile_messages(messages), kind, seed, number)
+        changed = ((topic.number, time, payload) for topic, time, payload in drawn)
+        write_messages(place / "robot.mcap", topics.values(), changed)
         return
     configuration, urdf = _originals(robot)
     configuration = _URDF_KEY.sub(lambda found: f"{found.group(1)}{place / 'robot.urdf'}", configuration)

@@ -73,13 +73,9 @@ def original(robot: str) -> tuple[dict[int, Topic], Messages]:
     return file.topics, messages
 
 
-def hostile_recording(robot: str) -> SearchStrategy[Messages]:
-    """Return a strategy of the messages with hostile changes."""
-    return _hostile_messages(original(robot)[1])
-
-
 @st.composite
-def _hostile_messages(draw: DrawFn, messages: Messages) -> Messages:
+def hostile_messages(draw: DrawFn, messages: Messages) -> Messages:
+    """Draw messages with hostile changes."""
     result = list(messages)
     for _ in range(draw(st.sampled_from((1, 1, 1, 2, 3)))):
         kinds: dict[str, list[int]] = {}
