@@ -8,7 +8,6 @@ import sys
 
 import numpy as np
 
-from wbc_controller.recording.cycle_arrays import cycle_arrays
 from wbc_controller.recording.recording_file import Recording
 
 SCRIPT = """
@@ -45,7 +44,7 @@ def test_two_processes_send_the_same_torques_bit_for_bit(tmp_path):
         missed = [" ".join(row) for row in rows if row[-1] == "missed"]
         assert len(rows) >= 6
         assert missed == []
-    first, second = (cycle_arrays(Recording(folder / "go2.mcap")) for folder in folders)
+    first, second = (Recording(folder / "go2.mcap").arrays() for folder in folders)
     assert len(first["tau"]) > 2000
     assert np.abs(first["tau"]).max() > 1.0
     for name in ("stamp", "mode", "tau"):

@@ -9,7 +9,6 @@ import time
 import numpy as np
 import pytest
 
-from wbc_controller.recording.cycle_arrays import cycle_arrays
 from wbc_controller.recording.recording_file import Recording
 
 pytestmark = pytest.mark.live
@@ -38,7 +37,7 @@ def start(processes, dds_user, tmp_path):
 def recorded(user, processes):
     """Return the recorded commands of the controller; a busy machine drops some."""
     assert processes.stop(user.controller) == 0
-    return cycle_arrays(Recording(user.record))
+    return Recording(user.record).arrays()
 
 
 def assert_bounded(user, cycles):

@@ -18,7 +18,6 @@ from rosbags.rosbag2.storage_mcap import McapReader
 from wbc_controller.middleware.codec import encode
 from wbc_controller.middleware.topics import CONTROLLER_TOPICS, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
-from wbc_controller.recording.cycle_arrays import cycle_arrays
 from wbc_controller.recording.mcap_file import McapMessages
 from wbc_controller.recording.recorder import recording
 from wbc_controller.recording.recording_file import Recording
@@ -38,13 +37,13 @@ def test_a_recording_contains_inputs_commands_and_requests(record, tmp_path, mak
     run.go(20)
     found = run.finish(path)
     assert (found.first, found.last, found.count, found.damage) == (0, 52, 53, "")
-    table = cycle_arrays(found)
+    table = found.arrays()
     np.testing.assert_array_equal(table["tau"], bench.efforts())
     assert table["stamp"].tolist() == [each.stamp for each in bench.reports if each.command is not None]
     assert set(table["mode"]) == {"active"}
     for stage in ("read", "compute", "supervise", "write", "total"):
         assert np.isfinite(table[f"seconds/{stage}"]).all()
-    counts = {topic: count for topic, _, count in found.message_counts()}
+    counts = {topic.name: found.counts.get(number, 0) for number, topic in found.topics.items()}
     assert counts["/joint_states"] == counts["/odom"] == 53
     assert counts["/effort_controller/commands"] == len(table["tau"])
     (asked,) = [event for event in found.events.values() if "activate" in event.get("requests", ())]
@@ -256,7 +255,7 @@ def test_messages_of_a_flooded_topic_are_dropped_and_counted(record, tmp_path, m
     run.go(20)
     found = run.finish(tmp_path / "a.mcap")
     assert found.count == found.last + 1
-    counts = {topic: count for topic, _, count in found.message_counts()}
+    counts = {topic.name: found.counts.get(number, 0) for number, topic in found.topics.items()}
     (update,) = [topic for topic in counts if topic.endswith("/update")]
     left_out = sum(event.get("left out", {}).get(update, 0) for event in found.events.values())
     assert counts[update] + left_out == 800
@@ -288,7 +287,7 @@ def test_a_file_is_readable_after_a_kill(tmp_path, whom):
     assert found.last >= last - 1 - (500 if whom == "both" else 20)
     reader = McapReader(path)
     reader.open()
-    assert sum(1 for _ in reader.messages(reader.connections)) == sum(count for *_, count in found.message_counts())
+    assert sum(1 for _ in reader.messages(reader.connections)) == sum(found.counts.values())
     if whom == "controller":  # on a busy computer its end may fall into the recording of an earlier fault
         kept = [Recording(each).last for each in (tmp_path / "faults").glob("go2-*.mcap")]
         assert max(kept) >= last - 1 - 20

@@ -17,13 +17,17 @@ from wbc_controller.errors import ConfigurationError
 from wbc_controller.middleware.codec import decode, encode, message
 from wbc_controller.middleware.odometry import odometry
 from wbc_controller.middleware.setpoints import wrench_stamped
-from wbc_controller.recording.added_topics import add_topics
 from wbc_controller.recording.cycle_layout import FORMAT, HEAD
-from wbc_controller.recording.mcap_file import McapMessages
-from wbc_controller.recording.recording_file import Recording
+from wbc_controller.recording.mcap_file import McapMessages, write_messages
+from wbc_controller.recording.recording_file import Recording, add_topics
 from wbc_controller.recording.replay.cycle_replay import Replay
 from wbc_controller.recording.report.run_from_recording import PHASES, make_run_data, truth_topics
-from wbc_controller.validation.fuzz.hostile_recordings import read_recording, write_messages
+from wbc_controller.validation.fuzz.hostile_recordings import read_recording
+
+
+def write(path, file, messages):
+    """Write changed messages of a file."""
+    write_messages(path, file.topics.values(), ((topic.number, time, payload) for topic, time, payload in messages))
 
 
 @pytest.mark.parametrize("other", [3, FORMAT + 1])
@@ -59,7 +63,7 @@ def modified(path: Path, topic: str, change: Callable[[dict[str, Any]], None]) -
             payload = encode(message(place.type, data=json.dumps(content, separators=(",", ":"))))
         messages.append((place, time, payload))
     other = path.with_name("modified.mcap")
-    write_messages(other, file.topics, messages)
+    write(other, file, messages)
     return other
 
 
@@ -108,7 +112,7 @@ def test_a_cycle_with_numbers_out_of_their_ranges_is_refused(finished, name, val
     place = len(payload) - 8 * sum(slot.size for slot in finished.slots if slot.group == "cycle") + 8 * HEAD.index(name)
     messages[at] = topic, time, payload[:place] + np.float64(value).tobytes() + payload[place + 8 :]
     path = finished.path.with_name("modified.mcap")
-    write_messages(path, file.topics, messages)
+    write(path, file, messages)
     with pytest.raises(ConfigurationError, match=rf"modified\.mcap: a cycle has {name} = .*; valid: 0 to"):
         Recording(path)
 

@@ -81,11 +81,53 @@ def wrench_stamped(wrench: Array, frame: str, stamp: int = 0) -> Any:
     return message("geometry_msgs/msg/WrenchStamped", header=header(stamp, frame), wrench=parts)
 
 
-def velocity_message(velocity: Sequence[float]) -> Any:
+def velocity_message(velocity: Sequence[float] | Array) -> Any:
     """Make a geometry_msgs/Twist, m/s and rad/s."""
     forward, left, turning = velocity
     linear, angular = vector(np.array([forward, left, 0.0])), vector(np.array([0.0, 0.0, turning]))
     return message("geometry_msgs/msg/Twist", linear=linear, angular=angular)
+
+
+def com_trajectory(times: Sequence[float], positions: Array, *, task: str = "com", stamp: int = 0) -> Any:
+    """Make a trajectory of the centre of mass through points, (n, 3) in m; stamp of its start in ns, 0 for now."""
+    upright = message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
+    points = [
+        message(
+            "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint",
+            transforms=[message("geometry_msgs/msg/Transform", translation=vector(position), rotation=upright)],
+            velocities=[],
+            accelerations=[],
+            time_from_start=_duration(time),
+        )
+        for time, position in zip(times, positions, strict=True)
+    ]
+    return message(
+        "trajectory_msgs/msg/MultiDOFJointTrajectory", header=header(stamp, "world"), joint_names=[task], points=points
+    )
+
+
+def joint_trajectory(joints: Sequence[str], times: Sequence[float], positions: Array) -> Any:
+    """Make an immediate joint trajectory, (n, k) in rad."""
+    nothing = np.zeros(0)
+    points = [
+        message(
+            "trajectory_msgs/msg/JointTrajectoryPoint",
+            positions=position,
+            velocities=nothing,
+            accelerations=nothing,
+            effort=nothing,
+            time_from_start=_duration(time),
+        )
+        for time, position in zip(times, positions, strict=True)
+    ]
+    return message(
+        "trajectory_msgs/msg/JointTrajectory", header=header(0, "world"), joint_names=list(joints), points=points
+    )
+
+
+def _duration(seconds: float) -> Any:
+    whole, rest = divmod(round(seconds * 1e9), 1_000_000_000)
+    return message("builtin_interfaces/msg/Duration", sec=whole, nanosec=rest)
 
 
 def _xyz(kind: str, values: Array) -> Any:

@@ -157,6 +157,7 @@ CONTROLLER_TOPICS: tuple[Topic, ...] = (
 WALKING_KEYS = ("cmd_vel", "cmd_vel_stamped", "walk_goal", "walk_footsteps", "walk_footsteps_left")
 
 MOCK_NODE = "mock_robot"
+GUARD_NODE = "guard"
 
 MOCK_TOPICS: tuple[Topic, ...] = (
     Topic("effort", "effort_controller/commands", "std_msgs/msg/Float64MultiArray", _IN, STATE_IN,

@@ -28,7 +28,7 @@ from wbc_controller.estimation.joint_velocity import VelocityFilter
 from wbc_controller.middleware.codec import decode, diagnostics, encode, message, torques
 from wbc_controller.middleware.joint_states import JointStateReader
 from wbc_controller.middleware.log_limit import LogLimit
-from wbc_controller.middleware.topics import GUARD_TOPICS, Direction, Endpoint, endpoints
+from wbc_controller.middleware.topics import GUARD_NODE, GUARD_TOPICS, Direction, Endpoint, endpoints
 from wbc_controller.middleware.transports.graph_watch import GraphWatch, OtherPublishers
 from wbc_controller.middleware.transports.transport import Publish, Stream, Transport
 from wbc_controller.nodes.clock import Clock, MonotonicClock
@@ -37,7 +37,7 @@ from wbc_controller.records import Array, Mode
 from wbc_controller.safety.guard import Guard, GuardInputs, GuardLimits, GuardMode
 from wbc_controller.settings import Settings
 
-NODE_NAME = "guard"
+NODE_NAME = GUARD_NODE
 _LONGEST_REASON = 300  # of a refusal, characters
 
 #: Shortest time between two log lines, s.

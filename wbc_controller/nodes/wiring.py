@@ -7,7 +7,18 @@ from collections.abc import Mapping
 from wbc_controller import settings as schema
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.decoding import Vocabulary
-from wbc_controller.middleware.topics import CONTROLLER_TOPICS, WALKING_KEYS, Endpoint, endpoints
+from wbc_controller.middleware.topics import (
+    CONTROLLER_TOPICS,
+    ESTIMATOR_NODE,
+    ESTIMATOR_TOPICS,
+    GUARD_NODE,
+    GUARD_TOPICS,
+    MOCK_NODE,
+    MOCK_TOPICS,
+    WALKING_KEYS,
+    Endpoint,
+    endpoints,
+)
 from wbc_controller.settings import NODE_NAME, Settings
 
 
@@ -68,3 +79,29 @@ def controller_endpoints(
             remappings=remappings,
         )
     )
+
+
+def topics_of(
+    settings: Settings, namespace: str = "/", remappings: Mapping[str, str] | None = None
+) -> dict[tuple[str, str, str], Endpoint]:
+    """Return the topics of all nodes, by node, key and subject."""
+    kinds = {name: task.type for name, task in settings.tasks.items()}
+    tables = {
+        "controller": (CONTROLLER_TOPICS, NODE_NAME),
+        "mock": (MOCK_TOPICS, MOCK_NODE),
+        "guard": (GUARD_TOPICS, GUARD_NODE),
+        "estimator": (ESTIMATOR_TOPICS, ESTIMATOR_NODE),
+    }
+    return {
+        (owner, topic.key, topic.subject): topic
+        for owner, (table, node) in tables.items()
+        for topic in endpoints(
+            table,
+            node,
+            task_kinds=kinds,
+            contacts=settings.contacts,
+            frames=named_frames(settings),
+            namespace=namespace,
+            remappings=remappings,
+        )
+    }

@@ -15,18 +15,7 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from wbc_controller.inverse_dynamics.references.changes import (
-    EnableContact,
-    EnableTask,
-    SetExternalWrench,
-    SetSetpoint,
-    SetSlippingContacts,
-    SetTrajectory,
-    SetWeight,
-    Walk,
-    WalkFootsteps,
-    WalkTo,
-)
+from wbc_controller.inverse_dynamics.references.changes import Change
 from wbc_controller.inverse_dynamics.references.trajectories import Knot, Ramp, SoftRamp, Trajectory
 from wbc_controller.inverse_dynamics.references.tuning import TuningRamp
 from wbc_controller.records import ChangeSettings, Fault, Infeasibility, Mode, Prediction, Reference, RobotState, Tuning
@@ -43,10 +32,9 @@ from wbc_controller.walking.terrain import Ground
 _RECORDS: Mapping[str, Callable[..., Any]] = {
     kind.__name__: kind
     for kind in (
-        Axis, ChangeSettings, EnableContact, EnableTask, Fault, Footstep, Goal, Ground, Infeasibility, Knot, Landing,
-        NominalStep, Prediction, Ramp, Reference, RobotState, SetExternalWrench, SetSetpoint, SetSlippingContacts,
-        SetTrajectory, SetWeight, SoftRamp, Stance, Step, StepTarget, SwingFoot, Tuning, TuningRamp, Velocity, Walk,
-        WalkFootsteps, WalkTo,
+        *get_args(Change), Axis, ChangeSettings, Fault, Footstep, Goal, Ground, Infeasibility, Knot, Landing,
+        NominalStep, Prediction, Ramp, Reference, RobotState, SoftRamp, Stance, Step, StepTarget, SwingFoot, Tuning,
+        TuningRamp, Velocity,
     )
 }  # fmt: skip
 

@@ -37,7 +37,8 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 
 MAGIC = b"\x89MCAP0\r\n"
 _COMPRESSION_LEVEL = 1
-#: Largest expanded chunk, bytes (`writer.CHUNK_BYTES` plus a message), and ratio of all expanded chunks to the file.
+CHUNK_BYTES = 1 << 20  # size of a full chunk
+#: Largest expanded chunk, bytes (`CHUNK_BYTES` plus a message), and ratio of all expanded chunks to the file.
 _LARGEST_CHUNK, _LARGEST_RATIO = 64 << 20, 1000
 #: Errors of parser and decompressors on damaged data.
 _DAMAGE = (McapError, struct.error, zstandard.ZstdError, ValueError, KeyError, OverflowError, MemoryError, RuntimeError)
@@ -154,8 +155,10 @@ class McapFile:
         self._file: BinaryIO = path.open("wb" if exists(path) else "xb", buffering=0)
         self._append(MAGIC + _serialized(Header("ros2", "wbc_controller"), *self._definitions))
 
-    def write(self, chunk: PackedChunk) -> None:
-        """Append a chunk; after an `OSError` the earlier chunks remain."""
+    def write(self, chunk: PackedChunk | None) -> None:
+        """Append a chunk, if any; after an `OSError` the earlier chunks remain."""
+        if chunk is None:
+            return
         start = self.end
         self._append(chunk.data)
         offsets = {channel: start + offset for channel, offset in chunk.index.message_index_offsets.items()}
@@ -197,6 +200,17 @@ class McapFile:
                 self._file.seek(self.end)
                 self._file.write(_end_of_file(0))
             raise
+
+
+def write_messages(path: Path, topics: Iterable[Topic], messages: Iterable[tuple[int, int, bytes]]) -> None:
+    """Write a complete file; messages are channel, time in ns, and payload."""
+    file, builder = McapFile(path, topics), ChunkBuilder()
+    for channel, time, payload in messages:
+        builder.add(channel, time, payload)
+        if builder.size >= CHUNK_BYTES:
+            file.write(builder.take())
+    file.write(builder.take())
+    file.close()
 
 
 def _serialized(*records: McapRecord) -> bytes:

@@ -266,7 +266,11 @@ class Recorder:
         if trigger is not None:
             batch.append(trigger)
         if not self._process.send(b"".join(batch)):
-            self._count_dropped(self._number - number)
+            self._dropped_cycles += self._number - number
+            now = time.monotonic()
+            if now - self._warned_at >= _WARNING_PERIOD:
+                self._warned_at = now
+                _log.warning("the recorder is too slow: %d cycles were dropped", self._dropped_cycles)
             if not self._process.dead:  # repeat the trigger until the pipe has room
                 self._trigger = self._trigger or trigger
         elif self._dropped_cycles:
@@ -286,13 +290,6 @@ class Recorder:
         if changed is not None:
             batch.append(frame(self._references_topic, at, self._references_start + changed.tobytes()))
         self._number += 1
-
-    def _count_dropped(self, cycles: int) -> None:
-        self._dropped_cycles += cycles
-        now = time.monotonic()
-        if now - self._warned_at >= _WARNING_PERIOD:
-            self._warned_at = now
-            _log.warning("the recorder is too slow: %d cycles were dropped", self._dropped_cycles)
 
     def _add_event(self, taped: CycleRecord, report: CycleReport | None, at: int) -> bool:
         result, inputs = taped.result, taped.inputs
@@ -362,14 +359,12 @@ class Recorder:
             self._controller.cycle_records = None
 
 
-def start_recorder(
-    settings: Settings, file: Path | None = None, *, patient: bool = False, name: str = ""
-) -> Recorder | None:
+def start_recorder(settings: Settings, file: Path | None = None, *, name: str = "") -> Recorder | None:
     """Start a recorder; return None if it is off, or cannot be started (logged)."""
     if file is None and not settings.recorder.seconds > 0.0:
         return None
     try:
-        return Recorder(settings, file, patient=patient, name=name)
+        return Recorder(settings, file, name=name)
     except OSError as error:  # too many processes
         _log.warning("nothing is recorded: the recorder cannot be started: %s", error.strerror or error)
         return None

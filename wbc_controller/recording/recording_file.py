@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bisect
 import contextlib
+import heapq
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,10 +15,10 @@ import numpy as np
 
 from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.inverse_dynamics.references.changes import Change
-from wbc_controller.middleware.codec import decode
-from wbc_controller.recording.cycle_layout import FORMAT, HEAD, MODES, Slot, split
+from wbc_controller.middleware.codec import TYPES, decode
+from wbc_controller.recording.cycle_layout import FORMAT, HEAD, MODES, Slot, slot_slices, split
 from wbc_controller.recording.json_records import from_json, require_types
-from wbc_controller.recording.mcap_file import McapMessages, Topic
+from wbc_controller.recording.mcap_file import McapMessages, Topic, write_messages
 from wbc_controller.recording.recorder import OWN
 from wbc_controller.records import Array, ChangeSettings, Fault
 from wbc_controller.settings.config import Config
@@ -39,6 +40,8 @@ _BEGIN_OF_MEMORY = re.compile(r'\{"cycle":(\d{1,15}),')
 _MEMORY = {"cycle": int, "settings": str, "memory": Mapping[str, Any]}
 #: Errors of inconsistent values, such as arrays of other sizes.
 _MODIFIED = (ArithmeticError, AttributeError, LookupError, MemoryError, TypeError, ValueError)
+#: Messages by name and type of the topic: stamp, ns, and serialized message, in order of the stamps.
+AddedTopics = Mapping[tuple[str, str], Sequence[tuple[int, bytes]]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,8 +183,8 @@ class Recording:
         tree = read_parameters(text, source)
         return Config(parse_settings(tree, source), source, self.config.urdf if urdf is None else urdf)
 
-    def cycles(self, first: int = 0) -> Iterator[RecordedCycle]:
-        """Yield the cycles from a number on."""
+    def cycles(self) -> Iterator[RecordedCycle]:
+        """Yield the complete cycles."""
         groups = self._groups
         sizes = {name: sum(slot.size for slot in slots) for name, slots in groups.items()}
         *_, end = [name for name in groups if name != "references"]
@@ -206,10 +209,40 @@ class Recording:
                     waiting = None
                 found = {}
             found |= split(groups[kind], row)
-            if kind == end and len(found) == complete and int(found["number"][0]) >= first:
+            if kind == end and len(found) == complete:
                 waiting = RecordedCycle(int(found["number"][0]), time, found, references)
         if waiting is not None:
             yield waiting
+
+    def arrays(self) -> dict[str, Array]:
+        """Return the cycles with a sent command as arrays by slot, with the references.
+
+        Numbers are (n,), vectors (n, k), absent values NaN; ``stamp`` and ``time`` are in ns, ``mode`` contains names.
+        Empty without commands.
+        """
+        rows, stamps, times = [], [], []
+        absent = np.full(sum(slot.size for slot in self.slots if slot.group == "references"), np.nan)
+        for cycle in self.cycles():
+            if not cycle.scalar("has_command") or np.isnan(cycle.scalar("seconds/total")):  # not sent
+                continue
+            rows.append(np.concatenate([*cycle.values.values(), *(cycle.references.values() or [absent])]))
+            stamps.append(cycle.stamp)
+            times.append(cycle.time)
+        if not rows:
+            return {}
+        table = np.array(rows)
+        arrays: dict[str, Array] = {}
+        for slot, place in slot_slices(self.slots):
+            single = slot.size == 1 and (slot.group == "cycle" or slot.name.startswith(("weight/", "contact/")))
+            if slot.name not in arrays:  # `references` repeats ``number``
+                arrays[slot.name] = table[:, place.start] if single else table[:, place]
+        return {
+            **arrays,
+            "number": arrays["number"].astype(np.int64),
+            "stamp": np.array(stamps),
+            "time": np.array(times),
+            "mode": np.array([MODES[int(mode)].value for mode in arrays["mode"]]),
+        }
 
     def memory_before(self, cycle: int) -> int | None:
         """Return the last recorded memory up to a cycle, or None."""
@@ -238,10 +271,25 @@ class Recording:
             before = fault
         return found
 
-    def message_counts(self) -> Sequence[tuple[str, str, int]]:
-        """Return name, type and number of messages of the used topics."""
-        return [(topic.name, topic.type, self.counts[number]) for number, topic in self.topics.items()
-                if number in self.counts]  # fmt: skip
+
+def add_topics(path: Path, added: AddedTopics) -> None:
+    """Add topics in place, each message at the cycle with its stamp.
+
+    Raises `ConfigurationError` if the file is not a recording, and `OSError` if it cannot be written.
+    """
+    recording = Recording(path)
+    stamps, times = np.array([(cycle.stamp, cycle.time) for cycle in recording.cycles()], dtype=np.float64).T
+    number = max(recording.topics)
+    topics, messages = list(recording.topics.values()), []
+    for (name, kind), content in added.items():
+        number += 1
+        topics.append(Topic(number, name, kind, TYPES.generate_msgdef(kind, ros_version=2)[0]))
+        messages.append([(number, round(float(np.interp(stamp, stamps, times))), data) for stamp, data in content])
+    recorded = ((topic.number, time, data) for topic, time, data in McapMessages(path))
+    draft = path.with_suffix(".part")
+    draft.unlink(missing_ok=True)  # do not follow a link
+    write_messages(draft, topics, heapq.merge(recorded, *messages, key=lambda message: message[1]))
+    draft.replace(path)
 
 
 def _checked_head(head: Array) -> int:

@@ -21,12 +21,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from wbc_controller.recording.mcap_file import ChunkBuilder, McapFile, PackedChunk, Topic, exists
+from wbc_controller.recording.mcap_file import CHUNK_BYTES, ChunkBuilder, McapFile, PackedChunk, Topic, exists
 
 FRAME = struct.Struct("<IHq")  # length of the content, code or number of the topic, time in ns
 #: Codes of other frames: topics, a message at the start of every file, a reason to write the last seconds, and the end.
 TOPICS, PINNED, TRIGGER, END = range(0xFF00, 0xFF04)
-CHUNK_SECONDS, CHUNK_BYTES = 0.4, 1 << 20  # largest duration, s, and size of a chunk
+CHUNK_SECONDS = 0.4  # largest duration of a chunk, s
 _POLL = 0.02  # of the pipe, s
 _RING_BYTES, _WAITING_BYTES = 64 << 20, 64 << 20  # limits of the last seconds, and of the queue of the disk
 _FILE_AFTER_FAULT, _LONGEST = 2.0, 60.0  # duration of a file after the last fault, and in total, s
@@ -54,9 +54,7 @@ class FileSink:
             if self._file is None:
                 self._file = McapFile(self.path, topics)
             if not self._begun:
-                pinned = begin(chunk.index.message_start_time)
-                if pinned is not None:
-                    self._file.write(pinned)
+                self._file.write(begin(chunk.index.message_start_time))
                 self._begun = True
             self._file.write(chunk)
         except OSError as error:

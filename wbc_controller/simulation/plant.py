@@ -272,11 +272,6 @@ class Plant:
         """Return the names of links that touch the floor without a contact."""
         return frozenset(self.model.body(body).name for body in self.contact_forces.bodies_without_contact(self.data))
 
-    def penetration(self) -> float:
-        """Return the largest penetration of the floor, m."""
-        depths = [-float(self.data.contact[index].dist) for index in range(self.data.ncon)]
-        return max([0.0, *depths])
-
     def apply(self, tau: npt.ArrayLike) -> None:
         """Set the torques of the actuators, (na,) in N·m, clamped to the effort limits."""
         torques = np.asarray(tau, dtype=np.float64)

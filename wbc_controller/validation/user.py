@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.middleware.codec import encode, header, message, stamp
-from wbc_controller.middleware.odometry import vector
+from wbc_controller.middleware.codec import encode, message
+from wbc_controller.middleware.setpoints import com_trajectory, joint_trajectory
 from wbc_controller.middleware.topics import Direction, Endpoint, counterpart
 from wbc_controller.middleware.transports.transport import Transport
 from wbc_controller.records import Array
@@ -68,12 +68,6 @@ class User:
         ]
 
 
-def twist(velocity: Array) -> Any:
-    """Return a geometry_msgs/Twist, from (3,) in m/s and rad/s."""
-    linear, angular = np.array([velocity[0], velocity[1], 0.0]), np.array([0.0, 0.0, velocity[2]])
-    return message("geometry_msgs/msg/Twist", linear=vector(linear), angular=vector(angular))
-
-
 def reliable_counterpart(topic: Endpoint) -> Endpoint:
     """Return the counterpart of a topic, with an unlimited queue."""
     return dataclasses.replace(counterpart(topic), qos=dataclasses.replace(topic.qos, depth=1000))
@@ -82,45 +76,3 @@ def reliable_counterpart(topic: Endpoint) -> Endpoint:
 def activation_commands(mode: str) -> tuple[str, ...]:
     """Return the commands that activate a controller in a mode, also after a fault."""
     return ("activate",) if mode.startswith("inactive") else ("reset", "activate")
-
-
-def com_trajectory(times: Sequence[float], positions: Array) -> Any:
-    """Return an immediate trajectory through points, (n, 3) in m."""
-    upright = message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
-    points = [
-        message(
-            "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint",
-            transforms=[message("geometry_msgs/msg/Transform", translation=vector(position), rotation=upright)],
-            velocities=[],
-            accelerations=[],
-            time_from_start=_duration(time),
-        )
-        for time, position in zip(times, positions, strict=True)
-    ]
-    return message(
-        "trajectory_msgs/msg/MultiDOFJointTrajectory", header=header(0, "world"), joint_names=["com"], points=points
-    )
-
-
-def joint_trajectory(joints: Sequence[str], times: Sequence[float], positions: Array) -> Any:
-    """Return an immediate joint trajectory, (n, k) in rad."""
-    nothing = np.zeros(0)
-    points = [
-        message(
-            "trajectory_msgs/msg/JointTrajectoryPoint",
-            positions=position,
-            velocities=nothing,
-            accelerations=nothing,
-            effort=nothing,
-            time_from_start=_duration(time),
-        )
-        for time, position in zip(times, positions, strict=True)
-    ]
-    return message(
-        "trajectory_msgs/msg/JointTrajectory", header=header(0, "world"), joint_names=list(joints), points=points
-    )
-
-
-def _duration(seconds: float) -> Any:
-    time = stamp(round(seconds * 1e9))
-    return message("builtin_interfaces/msg/Duration", sec=time.sec, nanosec=time.nanosec)

@@ -36,7 +36,7 @@ def play(make):
     def play(modes):
         count = 0
 
-        def advance(log):
+        def advance(arrived):
             nonlocal count
             count += 1
             if "active" in modes.values() and count > max(modes):
@@ -45,9 +45,7 @@ def play(make):
             if count in modes:
                 say["state"](encode(make.string(modes[count])))
 
-        Director(model, {}, "", ours, mock, MemoryTransport(bus), (), advance, lambda phase: None).play(
-            SCENARIOS["go2"]
-        )
+        Director(settings, model, SCENARIOS["go2"], MemoryTransport(bus), advance, lambda phase: None).play()
 
     return play
 

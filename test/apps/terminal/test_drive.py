@@ -16,10 +16,10 @@ from domains import own_domain
 from waiting import until
 
 from wbc_controller.apps.terminal.keyboard import Drive
-from wbc_controller.apps.terminal.session import topics_of
 from wbc_controller.cli import main
 from wbc_controller.middleware.codec import decode, diagnostics, encode, message
 from wbc_controller.middleware.transports.dds import DdsTransport
+from wbc_controller.nodes.wiring import topics_of
 from wbc_controller.settings.files import find_configuration, load_settings
 
 DOMAIN = own_domain()

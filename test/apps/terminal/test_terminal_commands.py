@@ -8,13 +8,13 @@ import pytest
 from click.testing import CliRunner
 
 from wbc_controller.apps.terminal.printing import as_text
-from wbc_controller.apps.terminal.session import topics_of
 from wbc_controller.apps.terminal.shell_completion import next_words
 from wbc_controller.apps.terminal.terminal_commands import find_topic
 from wbc_controller.cli import main
 from wbc_controller.errors import InputRefused
 from wbc_controller.middleware.codec import diagnostics
 from wbc_controller.middleware.topics import Direction
+from wbc_controller.nodes.wiring import topics_of
 from wbc_controller.settings.files import find_configuration, load_settings
 
 G1 = load_settings(find_configuration("g1"))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from wbc_controller.simulation.faults import delivery
+from wbc_controller.simulation.faults.catalogue import kinds_of
 
 
 @pytest.mark.parametrize(
@@ -33,7 +34,7 @@ def test_messages_arrive_as_the_fault_says(bench, kind, given, arrivals):
 
 
 def test_the_table_of_kinds_has_no_other():
-    assert {kind.kind() for kind in delivery.KINDS} == {
+    assert {kind.kind() for kind in kinds_of(delivery)} == {
         "message_delay", "message_growing_delay", "message_jitter", "message_loss", "message_dropout",
         "message_duplication", "message_reordering", "message_replay", "message_queue", "command_loss", "command_delay",
         "command_twice",

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from wbc_controller.simulation.faults import actuators, world
+from wbc_controller.simulation.faults.catalogue import kinds_of
 from wbc_controller.simulation.mechanism import FLOOR
 
 ACTUATOR = "FL_calf_joint"
@@ -25,7 +26,7 @@ def torques(bench, kind, periods=1, **given):
 
 def test_every_kind_has_a_test_here():
     text = Path(__file__).read_text(encoding="utf-8")
-    for kind in (*actuators.KINDS, *world.KINDS):
+    for kind in (*kinds_of(actuators), *kinds_of(world)):
         assert f'"{kind.kind()}"' in text
 
 

@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 from wbc_controller.simulation.faults import base_sensors, joint_sensors, stamps
+from wbc_controller.simulation.faults.catalogue import kinds_of
 from wbc_controller.simulation.measurement import STREAMS
 
 JOINT = "FL_calf_joint"
@@ -68,7 +69,7 @@ CHANGES = {
 
 def test_the_table_below_has_every_fault_of_a_sensor():
     rooms = (joint_sensors, base_sensors, stamps)
-    assert set(CHANGES) == {kind.kind() for room in rooms for kind in room.KINDS}
+    assert set(CHANGES) == {kind.kind() for room in rooms for kind in kinds_of(room)}
 
 
 @pytest.mark.parametrize("kind", CHANGES)

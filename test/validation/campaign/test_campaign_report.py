@@ -11,7 +11,6 @@ from rich.console import Console
 from scipy import stats
 
 from wbc_controller.validation.campaign.campaign_report import (
-    _SEVERITY,
     repeat_command,
     rows_of,
     summary,
@@ -19,7 +18,6 @@ from wbc_controller.validation.campaign.campaign_report import (
     worst_trial,
     write_report,
 )
-from wbc_controller.validation.campaign.outcome import ALL_VIOLATIONS
 
 DETECTED = {"expected": "detect", "deadline": 0.054, "result": "damped", "code": "STALE_INPUT"}
 OUTCOMES = [
@@ -52,7 +50,6 @@ def test_worst_trial_has_a_command_for_repetition():
     assert worst_trial(OUTCOMES) is OUTCOMES[-1]
     assert worst_trial(OUTCOMES[:-2]) is None
     assert repeat_command(OUTCOMES[-1]) == "wbc faults g1 --kinds message_dropout --seed 7 --out repeated"
-    assert set(_SEVERITY) == set(ALL_VIOLATIONS)
 
 
 def test_table_shows_complete_rows():

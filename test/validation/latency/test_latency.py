@@ -16,8 +16,7 @@ from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTranspo
 from wbc_controller.settings import RealtimeSettings
 from wbc_controller.simulation.mock_robot import MockRobot
 from wbc_controller.validation.latency import latency
-from wbc_controller.validation.latency.latency import Latency, measure_latency
-from wbc_controller.validation.latency.latency_report import figures, lines
+from wbc_controller.validation.latency.latency import Latency, figures, lines, measure_latency
 from wbc_controller.validation.latency.meter import RoundTrips
 
 FOUND = Latency(

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Container, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 from time import monotonic
 from typing import Any
 
@@ -16,15 +17,17 @@ from wbc_controller.errors import WbcError
 from wbc_controller.inverse_dynamics.references.trajectories import Knot, Trajectory
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
-from wbc_controller.middleware.codec import decode, encode, header, message, stamp
+from wbc_controller.middleware.codec import decode, encode, message
 from wbc_controller.middleware.joint_states import JointStateReader
-from wbc_controller.middleware.odometry import vector
-from wbc_controller.middleware.setpoints import setpoint_message, wrench_stamped
+from wbc_controller.middleware.setpoints import com_trajectory, setpoint_message, velocity_message, wrench_stamped
 from wbc_controller.middleware.stamps import header_stamp, header_time
 from wbc_controller.middleware.states import OdometryReader
-from wbc_controller.middleware.topics import Direction, Endpoint, counterpart
+from wbc_controller.middleware.topics import Direction, counterpart
 from wbc_controller.middleware.transports.transport import Publish, Transport
+from wbc_controller.nodes.wiring import topics_of
+from wbc_controller.recording.report.run_from_recording import truth_topics
 from wbc_controller.records import Array
+from wbc_controller.settings import Settings
 
 _TIMEOUT = 20.0  # wall time, s
 _START_DELAY = 0.1  # before the start of a trajectory, s
@@ -32,6 +35,14 @@ _SETTLING_TIME = 1.5  # s
 _COMMAND_PERIOD = 0.1  # between two velocity commands, s
 
 _AT_REST = np.zeros(3)
+#: Published and received topics by node and key; the joint states give the time.
+_SENT = (
+    *(("controller", key) for key in ("command", "setpoint", "trajectory", "update", "cmd_vel")),
+    ("mock", "push"),
+    ("mock", "hold"),
+)
+_STATE = ("mock", "joint_states")
+_HEARD = (_STATE, ("mock", "odom"), ("controller", "state"))
 
 
 class DemoFailed(WbcError):
@@ -46,103 +57,65 @@ class Window:
     end: float
 
 
-class Log:
-    """Messages of a demo; the transport's thread fills it."""
-
-    def __init__(self) -> None:
-        #: Recorded messages by name and type of the topic: stamp in ns, and payload.
-        self.recorded: dict[tuple[str, str], list[tuple[int, bytes]]] = {}
-        self.arrived = threading.Event()
-        self._newest: dict[tuple[str, str, str], bytes] = {}
-        self._types: dict[tuple[str, str, str], str] = {}
-
-    def listen(self, owner: str, endpoint: Endpoint, transport: Transport, *, keep: bool) -> None:
-        """Subscribe to a topic published by `owner`; with `keep` record all its messages, which must have a header."""
-        key = (owner, endpoint.key, endpoint.subject)
-        self._types[key] = endpoint.type
-        recorded = self.recorded.setdefault((endpoint.name, endpoint.type), []) if keep else None
-
-        def receive(payload: bytes) -> None:
-            self._newest[key] = payload
-            if recorded is not None:
-                recorded.append((header_stamp(payload), payload))
-            if endpoint.key == "joint_states":
-                self.arrived.set()
-
-        transport.subscribe(counterpart(endpoint), receive)
-
-    def newest_payload(self, owner: str, key: str) -> bytes:
-        """Return the newest payload of a topic."""
-        return self._newest[owner, key, ""]
-
-    def newest_message(self, owner: str, key: str, subject: str = "") -> Any | None:
-        """Return the newest message, or None before the first."""
-        place = (owner, key, subject)
-        payload = self._newest.get(place)
-        return None if payload is None else decode(payload, self._types[place])
-
-    @property
-    def time(self) -> float:
-        """Simulated time of the newest joint state, s; initially 0."""
-        payload = self._newest.get(("mock", "joint_states", ""))
-        return 0.0 if payload is None else header_time(payload)
-
-
 class Director:
-    """Executes a scenario."""
+    """Executes a scenario.
+
+    Attributes:
+        frames: frame of each frame task.
+        recorded: messages of `truth_topics` by name and type of the topic: stamp in ns, and payload.
+        arrived: set by each joint state, on the transport's thread.
+    """
 
     def __init__(
         self,
+        settings: Settings,
         model: RobotModel,
-        frames: Mapping[str, str],
-        com: str,
-        controller: Iterable[Endpoint],
-        mock: Iterable[Endpoint],
+        scenario: Scenario,
         transport: Transport,
-        recorded: Container[str],
-        advance: Callable[[Log], None],
+        advance: Callable[[threading.Event], None],
         report_phase: Callable[[str], None],
     ) -> None:
-        """Open the counterparts of all topics of both nodes.
+        """Open the topics of controller and mock robot.
 
         Args:
-            frames: frame of each frame task.
-            com: name of the centre-of-mass task; empty without one.
-            recorded: names of the recorded topics.
-            advance: waits for a new state; in lockstep it executes one step.
+            advance: waits for a new state, as of `arrived`; in lockstep it executes one step.
             report_phase: receives the name of each phase.
         """
-        self.log = Log()
+        self.recorded: dict[tuple[str, str], list[tuple[int, bytes]]] = {}
+        self.arrived = threading.Event()
         self.phases: list[tuple[float, str]] = []  # simulated time, s, and name
         self.windows: dict[str, Window] = {}
         #: Start, s, and trajectory of the centre of mass; None while the robot walks.
         self.references: list[tuple[float, Trajectory | None]] = []
         self.targets: dict[str, Array] = {}  # by task, (3,) in m
-        self._model = model
-        self.frames = frames
-        self._com = com
+        self.frames = {name: task.frame for name, task in settings.tasks.items() if hasattr(task, "frame")}
+        self._model, self._scenario = model, scenario
         self._data = model.pinocchio.createData()
         self._joint_reader = JointStateReader(model.joints, "position")
         self._base_reader = OdometryReader(model.base_link)
-        self._advance = advance
-        self._report_phase = report_phase
+        self._advance, self._report_phase = advance, report_phase
+        self._newest: dict[tuple[str, str], bytes] = {}  # payload by node and key
         self._publish: dict[tuple[str, str, str], Publish] = {}
-        self._types: dict[tuple[str, str, str], str] = {}
-        for owner, endpoints in (("controller", controller), ("mock", mock)):
-            for endpoint in endpoints:
-                if endpoint.direction is Direction.OUT:
-                    self.log.listen(owner, endpoint, transport, keep=endpoint.name in recorded)
-                elif endpoint.key in ("command", "setpoint", "trajectory", "update", "push", "hold", "cmd_vel"):
-                    key = (owner, endpoint.key, endpoint.subject)
-                    self._publish[key] = transport.advertise(counterpart(endpoint))
-                    self._types[key] = endpoint.type
+        truth = {topic.name for topic in truth_topics(settings)}
+        for (node, key, subject), topic in topics_of(settings).items():
+            if topic.direction is Direction.OUT and (topic.name in truth or (node, key) in _HEARD):
+                messages = self.recorded.setdefault((topic.name, topic.type), []) if topic.name in truth else None
+                transport.subscribe(counterpart(topic), partial(self._receive, (node, key), messages))
+            elif topic.direction is Direction.IN and (node, key) in _SENT:
+                self._publish[node, key, subject] = transport.advertise(counterpart(topic))
 
-    def play(self, scenario: Scenario) -> None:
-        """Execute a scenario; raise `DemoFailed` if the demo cannot continue."""
+    def _receive(self, place: tuple[str, str], messages: list[tuple[int, bytes]] | None, payload: bytes) -> None:
+        self._newest[place] = payload
+        if messages is not None:
+            messages.append((header_stamp(payload), payload))
+        if place == _STATE:
+            self.arrived.set()
+
+    def play(self) -> None:
+        """Execute the scenario; raise `DemoFailed` if the demo cannot continue."""
+        scenario = self._scenario
         self._begin("start")
-        self._wait_for(
-            "joint state of the mock robot", lambda: self.log.newest_message("mock", "joint_states") is not None
-        )
+        self._wait_for("joint state of the mock robot", lambda: _STATE in self._newest)
         self._wait_for("state of the controller", lambda: self._mode() != "")
         self._let_pass(_SETTLING_TIME)  # the base estimator initializes at rest
         self._activate()
@@ -151,51 +124,59 @@ class Director:
             self._begin("let go")
             self._send("mock", "hold", "", message("std_msgs/msg/Bool", data=False))
             self._run(1.0)
-        self._move_to_standing()
-        self._stand(scenario.stand)
+        self._follow(((0.5, (0.0, 0.0, 0.0)),), self.com())
+        self._run(1.0)
+        self._begin("stand")
+        start = self.time
+        self._run(scenario.stand)
+        self.windows["stand"] = Window(start, self.time)
         for move in scenario.moves:
             self._move(move)
         for reach in scenario.reaches:
             self._reach(reach)
         for shove in scenario.shoves:
-            self._shove(shove, scenario.recovery)
+            self._shove(shove)
         for walk in scenario.walks:
             self._walk(walk)
         if scenario.walks:
-            self._stop(scenario.stop)
+            self._begin("stop")
+            self._run(scenario.stop)  # the command times out
+            start = self.time
+            self._run(1.0)
+            self.windows["stop"] = Window(start, self.time)
             return  # the hoist would pull the robot back to its start
         self._begin("end")
         self._send("mock", "hold", "", message("std_msgs/msg/Bool", data=True))
         self._run(0.5)
-        self._command("deactivate")
+        self._send_text("command", "deactivate")
         self._let_pass(1.2)
 
     @property
     def time(self) -> float:
-        """Simulated time, s."""
-        return self.log.time
+        """Simulated time of the newest joint state, s; initially 0."""
+        return header_time(self._newest[_STATE]) if _STATE in self._newest else 0.0
 
     def _begin(self, phase: str) -> None:
         self.phases.append((self.time, phase))
         self._report_phase(phase)
 
     def _mode(self) -> str:
-        state = self.log.newest_message("controller", "state")
-        return "" if state is None else str(state.data)
+        payload = self._newest.get(("controller", "state"))
+        return "" if payload is None else str(decode(payload, "std_msgs/msg/String").data)
 
     def _activate(self) -> None:
         # The first request may be lost during discovery, or arrive before the base estimate.
         end = monotonic() + _TIMEOUT
         while monotonic() < end:
-            self._command("activate")
+            self._send_text("command", "activate")
             for _ in range(50):
-                self._advance(self.log)
+                self._advance(self.arrived)
                 if self._mode().startswith("active"):
                     return
         raise DemoFailed(f"the controller did not become active; its state is {self._mode()!r}")
 
-    def _command(self, word: str) -> None:
-        self._send("controller", "command", "", message("std_msgs/msg/String", data=word))
+    def _send_text(self, key: str, text: str) -> None:
+        self._send("controller", key, "", message("std_msgs/msg/String", data=text))
 
     def _send(self, owner: str, key: str, subject: str, content: Any) -> None:
         self._publish[owner, key, subject](encode(content))
@@ -205,75 +186,55 @@ class Director:
         while monotonic() < end:
             if condition():
                 return
-            self._advance(self.log)
+            self._advance(self.arrived)
         raise DemoFailed(f"timeout: no {awaited} within {_TIMEOUT:g} s")
 
     def _run(self, duration: float) -> None:
+        """Let time pass; raise `DemoFailed` unless the robot stands upright under control."""
         self._let_pass(duration)
-        self._check_upright()
+        if not self._mode().startswith("active"):
+            raise DemoFailed(f"the controller is no longer active; its state is {self._mode()!r}")
+        if self._model.floating_base and pin.XYZQUATToSE3(self.state()[:7]).rotation[2, 2] < 0.5:
+            raise DemoFailed("the robot fell")
 
     def _let_pass(self, duration: float) -> None:
         end = self.time + duration
         silent = 0
         while (before := self.time) < end - 1.0e-9:
-            self._advance(self.log)
+            self._advance(self.arrived)
             silent = silent + 1 if self.time <= before else 0
             if silent > _TIMEOUT / 0.05:
                 raise DemoFailed(f"no joint state from the mock robot for {_TIMEOUT:g} s")
-
-    def _check_upright(self) -> None:
-        if not self._mode().startswith("active"):
-            raise DemoFailed(f"the controller is no longer active; its state is {self._mode()!r}")
-        q = self.state()
-        if self._model.floating_base and pin.XYZQUATToSE3(q[:7]).rotation[2, 2] < 0.5:
-            raise DemoFailed("the robot fell")
 
     def state(self) -> Array:
         """Return the newest configuration, (nq,)."""
         model = self._model
         base: tuple[Array, ...] = ()
         if model.floating_base:
-            base = self._base_reader.read(self.log.newest_payload("mock", "odom"))[1:]
-        position = self._joint_reader.read(self.log.newest_payload("mock", "joint_states")).position
+            base = self._base_reader.read(self._newest["mock", "odom"])[1:]
+        position = self._joint_reader.read(self._newest[_STATE]).position
         return model.state(position, np.zeros(model.nj), *base)[0]
 
     def com(self) -> Array:
         """Return the newest centre of mass, (3,) in m."""
         return np.array(pin.centerOfMass(self._model.pinocchio, self._data, self.state()))
 
-    def _move_to_standing(self) -> None:
-        self._follow(((0.5, (0.0, 0.0, 0.0)),), self.com())
-        self._run(1.0)
-
     def _follow(self, points: Iterable[tuple[float, tuple[float, float, float]]], origin: Array) -> float:
         start = self.time + _START_DELAY
         knots = [Knot(start, origin, _AT_REST, _AT_REST)]
         knots += [Knot(start + time, origin + np.array(offset), _AT_REST, _AT_REST) for time, offset in points]
         self.references.append((start, Trajectory(knots)))
-        if not self._com:
+        if not self._scenario.com:
             return start
-        content = message(
-            "trajectory_msgs/msg/MultiDOFJointTrajectory",
-            header=header(round(start * 1e9), "world"),
-            joint_names=[self._com],
-            points=[_point(knot.time - start, knot.position) for knot in knots],
-        )
-        self._send("controller", "trajectory", self._com, content)
+        times, positions = [knot.time - start for knot in knots], np.array([knot.position for knot in knots])
+        content = com_trajectory(times, positions, task=self._scenario.com, stamp=round(start * 1e9))
+        self._send("controller", "trajectory", self._scenario.com, content)
         return start
-
-    def _standing(self) -> Array:
-        trajectory = self.references[-1][1]
-        return self.com() if trajectory is None else trajectory.sample(self.time).position
-
-    def _stand(self, duration: float) -> None:
-        self._begin("stand")
-        start = self.time
-        self._run(duration)
-        self.windows["stand"] = Window(start, self.time)
 
     def _move(self, move: Move) -> None:
         self._begin(move.name)
-        start = self._follow(move.points, self._standing())
+        reference = self.references[-1][1]
+        start = self._follow(move.points, self.com() if reference is None else reference.sample(self.time).position)
         self._run(move.duration + _START_DELAY)
         self.windows[move.name] = Window(start, self.time)
         self._run(0.5)
@@ -285,54 +246,30 @@ class Director:
         pose = self._data.oMf[self._model.frame_id(self.frames[reach.task], f"tasks.{reach.task}.frame")]
         target = pose.translation + np.array(reach.offset)
         self.targets[reach.task] = target
-        self._update(f"{{tasks: {{{reach.task}: {{enabled: true}}}}}}")
+        self._send_text("update", f"{{tasks: {{{reach.task}: {{enabled: true}}}}}}")
         pose_value = np.concatenate([target, quaternion_of(pose.rotation)])
         content = setpoint_message("geometry_msgs/msg/PoseStamped", "frame_pose", pose_value)
         self._send("controller", "setpoint", reach.task, content)
         start = self.time
         self._run(reach.duration)
         self.windows[f"reach {reach.task}"] = Window(start, self.time)
-        self._update(f"{{tasks: {{{reach.task}: {{enabled: false}}}}}}")
+        self._send_text("update", f"{{tasks: {{{reach.task}: {{enabled: false}}}}}}")
         self._run(_SETTLING_TIME)
 
-    def _update(self, text: str) -> None:
-        self._send("controller", "update", "", message("std_msgs/msg/String", data=text))
-
-    def _shove(self, shove: Shove, recovery: float) -> None:
+    def _shove(self, shove: Shove) -> None:
         self._begin(shove.name)
         start = self.time
         force = np.array(shove.impulse) / 0.1
         content = wrench_stamped(np.concatenate([force, np.zeros(3)]), shove.frame or self._model.base_link)
         self._send("mock", "push", "", content)
-        self._run(recovery + 0.5)
+        self._run(self._scenario.recovery + 0.5)
         self.windows[shove.name] = Window(start, self.time)
 
     def _walk(self, walk: Walk) -> None:
         self._begin(walk.name)
-        start, (forward, left, turning) = self.time, walk.velocity
+        start = self.time
         self.references.append((start, None))
-        linear, angular = vector(np.array([forward, left, 0.0])), vector(np.array([0.0, 0.0, turning]))
         while self.time < start + walk.duration:
-            self._send("controller", "cmd_vel", "", message("geometry_msgs/msg/Twist", linear=linear, angular=angular))
+            self._send("controller", "cmd_vel", "", velocity_message(walk.velocity))
             self._run(_COMMAND_PERIOD)
         self.windows[walk.name] = Window(start + walk.acceleration, self.time)
-
-    def _stop(self, duration: float) -> None:
-        """Let the command time out until the robot stands."""
-        self._begin("stop")
-        self._run(duration)
-        start = self.time
-        self._run(1.0)
-        self.windows["stop"] = Window(start, self.time)
-
-
-def _point(time: float, position: Array) -> Any:
-    upright = message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
-    seconds = stamp(round(time * 1e9))
-    return message(
-        "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint",
-        transforms=[message("geometry_msgs/msg/Transform", translation=vector(position), rotation=upright)],
-        velocities=[],
-        accelerations=[],
-        time_from_start=message("builtin_interfaces/msg/Duration", sec=seconds.sec, nanosec=seconds.nanosec),
-    )

@@ -53,7 +53,7 @@ class Hand:
         model, posture = self._model, np.array(self._model.posture)
         lower = np.minimum(model.position_lower + margin, posture)
         upper = np.maximum(model.position_upper - margin, posture)
-        reached = 0.0
+        effort, reached = max(_MAX_EFFORT, self._effort(np.array(model.posture))), 0.0
         for step in range(1, _STEPS + 1):
             goal = self.position + step / _STEPS * motion
             for _ in range(_ITERATIONS):
@@ -64,15 +64,11 @@ class Hand:
                 rows = np.vstack([J, _MOTION_WEIGHT * np.eye(len(self._joint_indices))])
                 right_side = np.concatenate([error[: len(J)], np.zeros(len(self._joint_indices))])
                 posture[self._joint_indices] += np.linalg.lstsq(rows, right_side, rcond=None)[0]
-            if np.abs(error).max() > _MAX_ERROR or not self._is_feasible(posture, lower, upper):
+            within = np.all((lower <= posture) & (posture <= upper))
+            if not (within and np.abs(error).max() <= _MAX_ERROR and self._effort(posture) <= effort):
                 break
             reached = step / _STEPS
         return reached * motion
-
-    def _is_feasible(self, posture: Array, lower: Array, upper: Array) -> bool:
-        model = self._model
-        within = np.all((lower <= posture) & (posture <= upper))
-        return bool(within and self._effort(posture) <= max(_MAX_EFFORT, self._effort(np.array(model.posture))))
 
     def _effort(self, posture: Array) -> float:
         """Return the largest share of an effort limit that gravity takes."""

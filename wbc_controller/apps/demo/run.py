@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -20,7 +21,7 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 from rich.table import Table
 
 from wbc_controller.apps.demo.derived_scenario import derived_scenario
-from wbc_controller.apps.demo.director import DemoFailed, Director, Log
+from wbc_controller.apps.demo.director import DemoFailed, Director
 from wbc_controller.apps.demo.scenario import SCENARIOS, WALK, WALK_ROBOT, WALK_SCENARIO, Scenario
 from wbc_controller.apps.demo.verdict import distances_to_targets, judge, passed, reference_of
 from wbc_controller.controller.build.robot import make_model
@@ -30,40 +31,32 @@ from wbc_controller.controller.cycle import ControlCycle
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.codec import encode, message
-from wbc_controller.middleware.topics import MOCK_NODE, MOCK_TOPICS, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.middleware.transports.transport import Transport
 from wbc_controller.nodes.clock import ManualClock
 from wbc_controller.nodes.controller_service import make_loop
 from wbc_controller.nodes.wiring import controller_endpoints
-from wbc_controller.recording.added_topics import add_topics
 from wbc_controller.recording.recorder import Recorder
-from wbc_controller.recording.recording_file import Recording
+from wbc_controller.recording.recording_file import Recording, add_topics
 from wbc_controller.recording.report.run_data import Result
-from wbc_controller.recording.report.run_from_recording import PHASES, make_run_data, truth_topics
+from wbc_controller.recording.report.run_from_recording import PHASES, make_run_data
 from wbc_controller.recording.report.run_report import write_run_report
-from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config, load
 from wbc_controller.simulation.mock_robot import MockRobot
 
 _FIRST_DOMAIN = 100  # 100 to 199 by process ID, for concurrent demos
 
 
-_UserSession = tuple[Transport, Callable[[Log], None]]
+_UserSession = tuple[Transport, Callable[[threading.Event], None]]
 
 
 @dataclass(frozen=True, slots=True)
 class _DemoSetup:
     name: str
     config: Config
-    settings: Settings
     model: RobotModel
     scenario: Scenario
-    folder: Path
-
-    @property
-    def record(self) -> Path:
-        return self.folder / f"{self.name}.mcap"
+    record: Path  # file of the recording
 
 
 def run_demo(
@@ -85,11 +78,12 @@ def run_demo(
     if sensors is not None:
         config = config.replace({"estimation.base_state": "imu", "mock.sensors": sensors})
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / f"{Path(robot).stem}.mcap").unlink(missing_ok=True)
+    record = folder / f"{Path(robot).stem}.mcap"
+    record.unlink(missing_ok=True)
     model = make_model(config.settings)
     known = {**SCENARIOS, WALK: WALK_SCENARIO}
     scenario = known[robot] if robot in known else derived_scenario(config.settings, model)
-    stage = _DemoSetup(Path(robot).stem, config, config.settings, model, scenario, folder)
+    stage = _DemoSetup(record.stem, config, model, scenario, record)
     console = Console()
     how = "in lockstep, in one process" if lockstep else "two processes, DDS on the loopback interface"
     base = "base from odometry" if sensors is None else f"base estimated from {sensors} sensors"
@@ -98,30 +92,12 @@ def run_demo(
     play = _in_lockstep(stage) if lockstep else _in_real_time(stage, real_time_factor)
     failure = None
     with _progress(console, stage) as report_phase, play as (transport, advance):
-        director = _direct(stage, transport, advance, report_phase)
+        director = Director(config.settings, model, scenario, transport, advance, report_phase)
         try:
-            director.play(scenario)
+            director.play()
         except DemoFailed as error:
             failure = str(error)
     return _conclude(console, stage, director, failure)
-
-
-def _direct(
-    stage: _DemoSetup, transport: Transport, advance: Callable[[Log], None], report_phase: Callable[[str], None]
-) -> Director:
-    settings = stage.settings
-    frames = {name: task.frame for name, task in settings.tasks.items() if hasattr(task, "frame")}
-    return Director(
-        stage.model,
-        frames,
-        stage.scenario.com,
-        controller_endpoints(settings, stage.model),
-        endpoints(MOCK_TOPICS, MOCK_NODE, contacts=settings.contacts),
-        transport,
-        {topic.name for topic in truth_topics(settings)},
-        advance,
-        report_phase,
-    )
 
 
 @contextmanager
@@ -176,12 +152,12 @@ def _in_real_time(stage: _DemoSetup, real_time_factor: float) -> Iterator[_UserS
             transport.close()
 
 
-def _wait_for_state(processes: Mapping[str, subprocess.Popen[bytes]], log: Log) -> None:
-    if not log.arrived.wait(0.05):
+def _wait_for_state(processes: Mapping[str, subprocess.Popen[bytes]], arrived: threading.Event) -> None:
+    if not arrived.wait(0.05):
         for name, process in processes.items():
             if process.poll() is not None:
                 raise DemoFailed(f"the process `wbc {name}` ended with exit status {process.returncode}")
-    log.arrived.clear()
+    arrived.clear()
 
 
 @contextmanager
@@ -189,17 +165,14 @@ def _in_lockstep(stage: _DemoSetup) -> Iterator[_UserSession]:
     bus = MemoryBus()
     transport = MemoryTransport(bus)
     clock = ManualClock()
-    recorder = Recorder(stage.settings, stage.record, patient=True, name=stage.name)
-    robot = MockRobot(stage.model, stage.settings, MemoryTransport(bus))
-    loop = make_loop(
-        Controller(stage.settings, preflight=False, model=stage.model),
-        MemoryTransport(bus),
-        clock,
-        controller_endpoints(stage.settings, stage.model),
-        recorder=recorder,
-    )
+    settings = stage.config.settings
+    recorder = Recorder(settings, stage.record, patient=True, name=stage.name)
+    robot = MockRobot(stage.model, settings, MemoryTransport(bus))
+    controller = Controller(settings, preflight=False, model=stage.model)
+    topics = controller_endpoints(settings, stage.model)
+    loop = make_loop(controller, MemoryTransport(bus), clock, topics, recorder=recorder)
 
-    def advance(log: Log) -> None:
+    def advance(arrived: threading.Event) -> None:
         clock.time = robot.stamp * 1.0e-9
         robot.publish()
         loop.cycle()
@@ -215,7 +188,7 @@ def _conclude(console: Console, stage: _DemoSetup, director: Director, failure: 
     phases = [(round(1.0e9 * time), encode(message("std_msgs/msg/String", data=name)))
               for time, name in director.phases]  # fmt: skip
     try:
-        add_topics(stage.record, {**director.log.recorded, (PHASES, "std_msgs/msg/String"): phases})
+        add_topics(stage.record, {**director.recorded, (PHASES, "std_msgs/msg/String"): phases})
         recording = Recording(stage.record)
         run = make_run_data(recording, ControlCycle(recording.config, preflight=False), largest=recording.count)
     except ConfigurationError as error:
@@ -233,7 +206,7 @@ def _conclude(console: Console, stage: _DemoSetup, director: Director, failure: 
         f"cycle time of the controller: median {np.median(times):.2f} ms, 99 % below {np.quantile(times, 0.99):.2f} ms "
         f"({len(times)} cycles)"
     )
-    path = stage.folder / f"{stage.name}.html"
+    path = stage.record.with_suffix(".html")
     write_run_report(replace(run, results=results), stage.model, path, kind="wbc_controller demo")
     console.print(f"recording: {stage.record}")
     console.print(f"report: {path}")

@@ -88,10 +88,15 @@ def judge(
             *(move.name for move in scenario.moves),
             *(f"reach {reach.task}" for reach in scenario.reaches),
         ]
-        results.append(_audited(np.concatenate([within(name, run.audit["warnings"]) for name in calm])))
+        warnings = np.concatenate([within(name, run.audit["warnings"]) for name in calm])
+        measured = f"{np.count_nonzero(warnings)} of {len(warnings)} samples" if len(warnings) else "not reached"
+        good = len(warnings) > 0 and not warnings.any()
+        results.append(Result("model audit: false warnings", "none", measured, good))
     share = np.abs(run.tau) / run.effort_limits
     sent = share[~np.isnan(share).all(axis=1)]  # without the samples before the first command
-    results.append(_torques(sent))
+    measured = f"{100.0 * np.max(sent):.1f} %" if len(sent) else "no command"
+    good = len(sent) > 0 and bool(np.max(sent) <= 1.0)
+    results.append(Result("largest torque / limit", "at most 100 %", measured, good))
     return tuple(results)
 
 
@@ -124,18 +129,6 @@ def _share(name: str, values: Array, limit: float) -> Result:
     measured = f"{100.0 * np.max(values):.3f} % deviation" if len(values) else "not reached"
     good = len(values) > 0 and bool(np.max(values) <= limit)
     return Result(name, f"weight ± {100.0 * limit:g} %", measured, good)
-
-
-def _audited(warnings: Array) -> Result:
-    measured = f"{int(np.count_nonzero(warnings))} of {len(warnings)} samples" if len(warnings) else "not reached"
-    good = len(warnings) > 0 and not np.any(warnings != 0)
-    return Result("model audit: false warnings", "none", measured, good)
-
-
-def _torques(share: Array) -> Result:
-    measured = f"{100.0 * np.max(share):.1f} %" if len(share) else "no command"
-    good = len(share) > 0 and bool(np.max(share) <= 1.0)
-    return Result("largest torque / limit", "at most 100 %", measured, good)
 
 
 def passed(results: Sequence[Result]) -> bool:

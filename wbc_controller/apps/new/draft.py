@@ -55,7 +55,10 @@ def new_configuration(
     model = body.model
     kind = _put_base(source, base, found, draft)
     if kind == "fixed":
-        _put_arm(draft, source, body, postures)
+        fixed = _model(draft, source, floating=False)
+        posture = put_fixed(fixed, postures, draft)
+        tuning.put_limits(fixed, draft)
+        tuning.put_arm_tasks(model, body.arms, posture, draft)
     else:
         _put_legged(draft, model, body, found, postures)
         tuning.put_walking(source.text, draft)
@@ -144,13 +147,6 @@ def _put_base(source: UrdfSource, base: Base | None, feet: Sequence[Foot], draft
     return "fixed"
 
 
-def _put_arm(draft: Draft, source: UrdfSource, body: Body, postures: dict[str, dict[str, float]]) -> None:
-    model = _model(draft, source, floating=False)
-    posture = put_fixed(model, postures, draft)
-    tuning.put_limits(model, draft)
-    tuning.put_arm_tasks(body.model, body.arms, posture, draft)
-
-
 def _put_legged(
     draft: Draft, model: RobotModel, body: Body, feet: Sequence[Foot], postures: dict[str, dict[str, float]]
 ) -> None:
@@ -168,14 +164,10 @@ def _put_legged(
                        "wheels.", "missing")  # fmt: skip
     tuning.put_limits(model, draft)
     tuning.put_damping(model, height, draft)
-    _put_imu(model, draft)
+    frames = [frame for frame in model.pinocchio.frames if frame.parentJoint == 1 and frame.type == pin.BODY]
+    imus = [str(frame.name) for frame in frames if "imu" in str(frame.name).lower()]
+    if imus:
+        draft.put("estimation.imu_frame", imus[-1], "From its name.", "guess")
     if feet:
         tuning.put_contacts(model, feet, draft)
     tuning.put_standing_tasks(model, body.arms, feet, height, draft)
-
-
-def _put_imu(model: RobotModel, draft: Draft) -> None:
-    frames = [frame for frame in model.pinocchio.frames if frame.parentJoint == 1 and frame.type == pin.BODY]
-    links = [str(frame.name) for frame in frames if "imu" in str(frame.name).lower()]
-    if links:
-        draft.put("estimation.imu_frame", links[-1], "From its name.", "guess")

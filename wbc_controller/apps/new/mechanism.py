@@ -111,7 +111,10 @@ def choose_joints(source: UrdfSource, draft: Draft, carrying: Sequence[str] = ()
             other.append(name)
         elif not (ranges[name][0] < ranges[name][1]):
             stiff.append(name)
-        elif _moved_mass(model, joint.id) < _FINGER_SHARE * mass and not _supports_links(model, joint.id, carrying):
+        elif sum(model.inertias[i].mass for i in model.subtrees[joint.id]) < _FINGER_SHARE * mass and not any(
+            joint.id in list(model.supports[model.frames[model.getFrameId(link, pin.BODY)].parentJoint])
+            for link in carrying
+        ):
             light.append(name)
         else:
             joints.append(name)
@@ -141,16 +144,6 @@ def choose_joints(source: UrdfSource, draft: Draft, carrying: Sequence[str] = ()
     limits.put(draft, joints)
 
 
-def _supports_links(model: pin.Model, joint: int, links: Sequence[str]) -> bool:
-    return any(
-        joint in list(model.supports[model.frames[model.getFrameId(link, pin.BODY)].parentJoint]) for link in links
-    )
-
-
-def _moved_mass(model: pin.Model, joint: int) -> float:
-    return float(sum(model.inertias[i].mass for i in model.subtrees[joint]))
-
-
 def read_postures(srdf: str) -> dict[str, dict[str, float]]:
     """Read the postures of an SRDF, joint positions in rad by name of the ``<group_state>``, in order of preference.
 
@@ -177,11 +170,6 @@ def read_postures(srdf: str) -> dict[str, dict[str, float]]:
 
 def _rank(name: str) -> int:
     return next((i for i, word in enumerate(_POSTURES) if word in name.lower()), len(_POSTURES))
-
-
-def clamped_posture(joints: Sequence[str], lower: Array, upper: Array, positions: Mapping[str, float]) -> Array:
-    """Return joint positions, (nj,), from positions by name, default zero, clamped to the limits."""
-    return np.clip([positions.get(name, 0.0) for name in joints], lower, upper)
 
 
 def usable_ranges(model: RobotModel) -> tuple[Array, Array]:

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.apps.new.foot_shape import Foot
-from wbc_controller.apps.new.mechanism import clamped_posture, usable_ranges
+from wbc_controller.apps.new.mechanism import usable_ranges
 from wbc_controller.apps.new.notes import Draft
 from wbc_controller.apps.new.standing_posture import FeetPlacement, Legs
 from wbc_controller.controller.check.preflight import support_margin
@@ -33,7 +33,10 @@ def srdf_posture(model: RobotModel, postures: Postures) -> tuple[str, Array]:
     name = next(iter(postures), "")
     lower, upper = model.position_lower, model.position_upper
     limit_margin = np.minimum(_SRDF_MARGIN, 0.1 * (upper - lower))
-    return name, clamped_posture(model.joints, lower + limit_margin, upper - limit_margin, postures.get(name, {}))
+    positions = postures.get(name, {})
+    return name, np.clip(
+        [positions.get(joint, 0.0) for joint in model.joints], lower + limit_margin, upper - limit_margin
+    )
 
 
 def put_standing(model: RobotModel, feet: Sequence[Foot], postures: Postures, draft: Draft) -> Array:

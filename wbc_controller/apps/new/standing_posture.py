@@ -58,6 +58,7 @@ class Legs:
         """Prepare the search near a reference, (nj,) in rad; `keep_feet` keeps its foot positions and base height."""
         self.model, self.feet, self.reference, self._keep_feet = model, feet, np.array(reference), keep_feet
         self._data = model.pinocchio.createData()
+        self._axes, self._places = self._zero_kinematics()
         self._legs = self._find_legs()
         self._mirrored = self._find_mirrored()
         free = [leg for i, leg in enumerate(self._legs) if i not in self._mirrored]
@@ -86,7 +87,7 @@ class Legs:
 
     def _find_mirrored(self) -> dict[int, tuple[int, Array]]:
         """Return the mirrored left leg of each right leg, and the signs of its joint positions, (k,)."""
-        axes, places = self._zero_kinematics()
+        axes, places = self._axes, self._places
         found: dict[int, tuple[int, Array]] = {}
         flip = np.array([1.0, -1.0, 1.0])
         for i, left in enumerate(self._legs):
@@ -103,6 +104,7 @@ class Legs:
         return found
 
     def _zero_kinematics(self) -> tuple[dict[int, Array], dict[int, Array]]:
+        """Return axes and positions of the joints at zero, (3,) each in the world, by joint."""
         model, data = self.model.pinocchio, self._data
         pin.computeJointJacobians(model, data, pin.neutral(model))
         joints = range(2, model.njoints)
@@ -117,16 +119,11 @@ class Legs:
         targets = np.array(start.middles[:, :2])
         if self._keep_feet:
             return targets
-        axes, places = self._zero_kinematics()
         for i, leg in enumerate(self._legs):
-            hip = next((j for j in leg.joints if abs(axes[j][1]) > _LATERAL), None)
+            hip = next((j for j in leg.joints if abs(self._axes[j][1]) > _LATERAL), None)
             if hip is not None:
-                targets[i, 0] = places[hip][0]
+                targets[i, 0] = self._places[hip][0]
         return targets
-
-    def _hip_height(self) -> float:
-        places = self._zero_kinematics()[1]
-        return max(0.0, float(np.mean([places[leg.joints[0]][2] for leg in self._legs if leg.joints] or [0.0])))
 
     def place_feet(self, posture: Array) -> FeetPlacement:
         """Return the feet in a posture, (nj,) in rad."""
@@ -161,7 +158,8 @@ class Legs:
             if not heights:
                 return None
             flat = all(foot.kind == "surface" for foot in self.feet)
-            hips = self._hip_height()
+            hips = float(np.mean([self._places[leg.joints[0]][2] for leg in self._legs if leg.joints] or [0.0]))
+            hips = max(0.0, hips)
             height = (_BENT if flat else _BENT_POINT) * (max(heights) + hips) - hips
         found = [posture for start in starts if (posture := self._search(start, height)) is not None]
         return min(found, key=lambda posture: self._cost(posture[self._columns]), default=None)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import viser
 
 from wbc_controller.apps.page.request_sender import RequestSender
 from wbc_controller.apps.page.snapshot import Robot, Snapshot
-from wbc_controller.apps.page.walk_controls import WalkControls
-from wbc_controller.settings import Settings
+from wbc_controller.apps.terminal.request_parser import Request
+from wbc_controller.middleware.setpoints import velocity_message
+from wbc_controller.settings import Settings, WalkingSettings
 
 _OVERRIDE_TIME = 2.0  # after user input, without updates from the controller, s
 _SLIDER_RANGE = 4.0  # maximum of a slider, as a multiple of the configured value
@@ -24,6 +25,10 @@ _FAULTS: tuple[tuple[str, float, float, str, Callable[[float], str]], ...] = (
 )  # fmt: skip
 _MAX_FRICTION = 0.5  # maximum of the slider of `slippery_floor`
 _DURATION = 3600.0  # s
+#: Messages per second of a held button.
+_WALK_RATE = 10.0
+#: Label, first value, and default maximum of each slider, m/s or rad/s.
+_SLIDERS = (("Forward [m/s]", 0.2, 0.5), ("To the left [m/s]", 0.0, 0.3), ("Turn left [rad/s]", 0.0, 0.5))
 
 
 class Controls:
@@ -37,7 +42,7 @@ class Controls:
         self._contacts: dict[str, Any] = {}
         self._add_mode_buttons()
         if robot.settings.walking is not None:
-            WalkControls(server, robot.settings.walking, sender)
+            _WalkControls(server, robot.settings.walking, sender)
         self._mock = self._gui.add_folder("Simulated robot", visible=False)
         with self._mock:
             self._add_hoist_buttons()
@@ -147,3 +152,28 @@ class Controls:
             and control.value != value
         ):
             control.value = value
+
+
+class _WalkControls:
+    """Folder `Walking`. A released button and a closed page send nothing: the robot stops by its timeout."""
+
+    def __init__(self, server: viser.ViserServer, settings: WalkingSettings, sender: RequestSender) -> None:
+        self._sender = sender
+        gui, largest = server.gui, (settings.max_speed, settings.max_side_speed, settings.max_turn_rate)
+        with gui.add_folder("Walking"):
+            walk = gui.add_button("Walk", color="green", hint="Hold to walk at this velocity; release to stop.")
+            stand = gui.add_button("Stand", color="gray", hint="Stop after the next steps.")
+            self._sliders: list[Any] = []
+            for (label, first, default), limit in zip(_SLIDERS, largest, strict=True):
+                most = default if limit is None else limit
+                self._sliders.append(gui.add_slider(label, -most, most, 0.01, min(first, most)))
+        walk.on_hold(self._held, callback_hz=_WALK_RATE)
+        stand.on_click(lambda event: sender.request(_walk_request((0.0, 0.0, 0.0), "the robot stops walking")))
+
+    async def _held(self, event: Any) -> None:
+        velocity = [slider.value for slider in self._sliders]
+        self._sender.drag("walk", event.client_id, _walk_request(velocity, "walk"))
+
+
+def _walk_request(velocity: Sequence[float], summary: str) -> Request:
+    return Request("controller", "cmd_vel", "", summary, lambda _: velocity_message(velocity))

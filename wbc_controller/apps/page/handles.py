@@ -26,33 +26,15 @@ _DISABLED_OPACITY = 0.35
 _HOLD_TIME = 0.3  # after a setpoint ramp, s
 
 
-class Handles:
-    """Handles, shared by all pages."""
-
-    def __init__(self, server: viser.ViserServer, robot: Robot, sender: RequestSender) -> None:
-        self._handles = {
-            name: _Handle(server, robot, name, sender)
-            for name, task in robot.settings.tasks.items()
-            if task.type in _KINDS
-        }
-
-    def show(self, snapshot: Snapshot) -> None:
-        """Move the handles, except dragged ones, to the references, or the values of disabled tasks."""
-        for handle in self._handles.values():
-            handle.show(snapshot)
-
-    def show_rings(self, shown: bool) -> None:
-        """Show or hide the rings."""
-        for handle in self._handles.values():
-            handle.show_rings(shown)
-
-    def end_drags(self, client: int) -> None:
-        """End the drags of a closed page."""
-        for handle in self._handles.values():
-            handle.end_drags(client)
+def make_handles(server: viser.ViserServer, robot: Robot, sender: RequestSender) -> list[Handle]:
+    """Return the handles of all tasks, shared by all pages."""
+    tasks = robot.settings.tasks
+    return [Handle(server, robot, name, sender) for name, task in tasks.items() if task.type in _KINDS]
 
 
-class _Handle:
+class Handle:
+    """Handle of one task."""
+
     def __init__(self, server: viser.ViserServer, robot: Robot, task: str, sender: RequestSender) -> None:
         self._name, self._robot, self._sender = task, robot, sender
         self._kind = robot.settings.tasks[task].type
@@ -101,14 +83,17 @@ class _Handle:
         return [self._name, "to", *values.split(", ")]
 
     def end_drags(self, client: int) -> None:
+        """End the drag of a closed page."""
         if self._dragging == client:
             self._dragging = None
 
     def show_rings(self, shown: bool) -> None:
+        """Show or hide the rings."""
         self._rings_shown = shown
         self._gizmo.disable_rotations = not (shown and self._can_rotate)
 
     def show(self, snapshot: Snapshot) -> None:
+        """Move the handle, unless dragged, to the reference, or the value of a disabled task."""
         shown = snapshot.following and (self._can_move or self._rings_shown)
         self._gizmo.visible = self._label.visible = shown
         if not shown:

@@ -17,7 +17,7 @@ from wbc_controller.apps.page import panels
 from wbc_controller.apps.page.camera import CameraFollower, camera
 from wbc_controller.apps.page.controls import Controls
 from wbc_controller.apps.page.drawing import GROUPS, Drawing
-from wbc_controller.apps.page.handles import Handles
+from wbc_controller.apps.page.handles import make_handles
 from wbc_controller.apps.page.link_pushes import KEY, LinkPushes
 from wbc_controller.apps.page.meshes import Mesh
 from wbc_controller.apps.page.playback import TimeLine
@@ -59,7 +59,7 @@ class Page:
         self.shown, self._stamp = 0, -1
         self.server, self._robot, self._source = server, robot, source
         self._is_mock: Callable[[], bool] | None = None
-        self._time_line: TimeLine | None = None
+        self.time_line: TimeLine | None = None  # of a recording
         self._requests: collections.deque[tuple[str, bool]] = collections.deque(maxlen=_MAX_REQUESTS)
         self._requests_changed = False
         self._history: collections.deque[tuple[float, float, float, float]] = collections.deque(
@@ -103,26 +103,28 @@ class Page:
         self._is_mock = is_mock
         gui = self.server.gui
         self._controls = Controls(self.server, self._robot, sender)
-        self._handles = Handles(self.server, self._robot, sender)
+        self._handles = make_handles(self.server, self._robot, sender)
         self._pushes = LinkPushes(self.server, self._robot, self.drawing, sender)
         with gui.add_folder("Handles"):
             gui.add_html(_HELP)
             rings = gui.add_checkbox(
                 "Rotation rings", False, hint="Show rings on the handles of poses and orientations."
             )
-            rings.on_update(lambda event: self._handles.show_rings(rings.value))
+
+            @rings.on_update
+            async def _(event: Any) -> None:
+                for handle in self._handles:
+                    handle.show_rings(rings.value)
+
         with gui.add_folder("Requests"):
             self._request_list = gui.add_html(panels.request_list(()))
 
         @self.server.on_client_disconnect
         async def _(client: Any) -> None:
             sender.drop_drags(client.client_id)
-            self._handles.end_drags(client.client_id)
             self._pushes.end_drags(client.client_id)
-
-    def show_time_line(self, time_line: TimeLine) -> None:
-        """Add the time line, before `run`."""
-        self._time_line = time_line
+            for handle in self._handles:
+                handle.end_drags(client.client_id)
 
     def add_view_options(self) -> None:
         """Add the switches of the scene, below the controls."""
@@ -137,7 +139,7 @@ class Page:
             translucent.on_update(lambda event: self.drawing.set_translucent(translucent.value))
             shadows = gui.add_checkbox("Shadows", False, hint="Shadows and reflections; requires a GPU.")
             shadows.on_update(lambda event: self.drawing.set_shadows(shadows.value))
-        if self._is_mock is None and self._time_line is None:
+        if self._is_mock is None and self.time_line is None:
             gui.add_html('<div style="font-size:12px;padding:4px 10px;opacity:.7">This page is read-only. '
                          "Start it with --command to send requests.</div>")  # fmt: skip
 
@@ -175,9 +177,10 @@ class Page:
         if self._robot.model.floating_base:
             self._follower.follow(self.server.get_clients(), snapshot.q[:2])
         if self._is_mock is not None:
-            self._handles.show(snapshot)
-        if self._time_line is not None:
-            self._time_line.show()
+            for handle in self._handles:
+                handle.show(snapshot)
+        if self.time_line is not None:
+            self.time_line.show()
         if count % _PANELS == 0:
             for refusal in self._source.read_status():
                 self.report("refused", refusal)

@@ -80,7 +80,7 @@ def serve_recording(path: Path, stop: threading.Event, *, host: str, port: int) 
     click.echo(f"{path}: {recorded.count} cycles of {recorded.about['robot']}")
     playback = Playback(recorded, robot)
     with _page(robot, playback, host, port) as (page, found):
-        page.show_time_line(TimeLine(page.server, playback))
+        page.time_line = TimeLine(page.server, playback)
         page.add_view_options()
         click.echo(f"page: {found}")
         page.run(stop)

@@ -60,10 +60,10 @@ class Gate:
     other interfaces every request needs the token.
     """
 
-    def __init__(self, host: str, token: str = "") -> None:
-        """Set the rules; addresses beyond the loopback get a random token by default."""
+    def __init__(self, host: str) -> None:
+        """Set the rules; addresses beyond the loopback get a random token."""
         self.loopback = _is_loopback(host)
-        self.token = token or ("" if self.loopback else secrets.token_urlsafe(24))  # empty if none is required
+        self.token = "" if self.loopback else secrets.token_urlsafe(24)  # empty if none is required
         self.port = 0
 
     def refusal(self, request: Request) -> str:

@@ -15,22 +15,9 @@ from wbc_controller.errors import WbcError
 from wbc_controller.middleware.codec import decode, encode
 from wbc_controller.middleware.setpoints import velocity_message
 from wbc_controller.middleware.stamps import header_time
-from wbc_controller.middleware.topics import (
-    CONTROLLER_TOPICS,
-    ESTIMATOR_NODE,
-    ESTIMATOR_TOPICS,
-    GUARD_TOPICS,
-    MOCK_NODE,
-    MOCK_TOPICS,
-    STATE_IN,
-    Direction,
-    Endpoint,
-    counterpart,
-    endpoints,
-)
+from wbc_controller.middleware.topics import STATE_IN, Direction, Endpoint, counterpart
 from wbc_controller.middleware.transports.dds import DdsPublication, DdsTransport
-from wbc_controller.nodes.guard_service import NODE_NAME as GUARD_NODE
-from wbc_controller.nodes.wiring import named_frames
+from wbc_controller.nodes.wiring import topics_of
 from wbc_controller.settings import NODE_NAME, Settings
 
 _NODE = "wbc_user"
@@ -50,32 +37,6 @@ class Answer:
 
     done: bool  # False after a refusal
     text: str
-
-
-def topics_of(
-    settings: Settings, namespace: str = "/", remappings: Mapping[str, str] | None = None
-) -> dict[tuple[str, str, str], Endpoint]:
-    """Return the topics of all nodes."""
-    kinds = {name: task.type for name, task in settings.tasks.items()}
-    tables = {
-        "controller": (CONTROLLER_TOPICS, NODE_NAME),
-        "mock": (MOCK_TOPICS, MOCK_NODE),
-        "guard": (GUARD_TOPICS, GUARD_NODE),
-        "estimator": (ESTIMATOR_TOPICS, ESTIMATOR_NODE),
-    }
-    return {
-        (owner, topic.key, topic.subject): topic
-        for owner, (table, node) in tables.items()
-        for topic in endpoints(
-            table,
-            node,
-            task_kinds=kinds,
-            contacts=settings.contacts,
-            frames=named_frames(settings),
-            namespace=namespace,
-            remappings=remappings,
-        )
-    }
 
 
 class Session:
@@ -139,12 +100,6 @@ class Session:
         """Return the newest message; None before the first."""
         payloads = self._messages[node, key, subject]
         return decode(payloads[-1], self.topics[node, key, subject].type) if payloads else None
-
-    def take(self, node: str, key: str, subject: str = "") -> Iterator[Any]:
-        """Yield and remove the stored messages, oldest first."""
-        payloads = self._messages[node, key, subject]
-        while payloads:
-            yield decode(payloads.popleft(), self.topics[node, key, subject].type)
 
     def wait_for_message(self, node: str, key: str, subject: str = "") -> Any:
         """Return the newest message, or wait for the first; raise `NoAnswer` without any."""
@@ -214,21 +169,17 @@ class Session:
         newest, stop = self.poll("controller", "diagnostics"), self.open("controller", "cmd_vel")
         deadline, stopping = time.monotonic() + _STATUS_PATIENCE, False
         while time.monotonic() < deadline:
-            values = self._values_in(newest())
-            if not values:
+            payload = newest()
+            statuses = self._statuses_in(payload) if payload is not None else []
+            if not statuses:
                 time.sleep(0.02)
                 continue
+            values = {value.key: value.value for value in statuses[-1].values}
             if values.get("mode") != "active" or values.get("walking/phase", "stand") == "stand":
                 return
             if not stopping:
                 deadline, stopping = time.monotonic() + _STAND_PATIENCE, True
             stop(encode(velocity_message((0.0, 0.0, 0.0))))
-
-    def _values_in(self, payload: bytes | None) -> dict[str, str]:
-        """Return the values of the controller's status in diagnostics, or nothing."""
-        array = [] if payload is None else decode(payload, self.topics["controller", "diagnostics", ""].type).status
-        own = [status.values for status in array if status.name == self._status_name]
-        return {value.key: value.value for value in own[-1]} if own else {}
 
     def _emergency_stop(self, request: Request) -> Answer:
         self._deliver(request)
@@ -307,8 +258,13 @@ class Session:
 
     def statuses(self) -> Iterator[Any]:
         """Yield and remove the controller's statuses, oldest first."""
-        for array in self.take("controller", "diagnostics"):
-            yield from (status for status in array.status if status.name == self._status_name)
+        payloads = self._messages["controller", "diagnostics", ""]
+        while payloads:
+            yield from self._statuses_in(payloads.popleft())
+
+    def _statuses_in(self, payload: bytes) -> list[Any]:
+        array = decode(payload, "diagnostic_msgs/msg/DiagnosticArray")
+        return [status for status in array.status if status.name == self._status_name]
 
     def follow(self, topic: Endpoint) -> Callable[[float], list[Any]]:
         """Subscribe; return a function that waits up to a time, s, and returns the new messages."""

@@ -32,7 +32,7 @@ def complete_topics(ctx: click.Context, param: click.Parameter, incomplete: str)
     settings = _settings(ctx)
     if settings is None:
         return []
-    from wbc_controller.apps.terminal.session import topics_of
+    from wbc_controller.nodes.wiring import topics_of
 
     names = sorted({topic.name for topic in topics_of(settings).values()})
     return [CompletionItem(name) for name in names if name.startswith(incomplete)]

@@ -7,6 +7,7 @@ import math
 import sys
 import time
 from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -23,6 +24,9 @@ from wbc_controller.errors import InputRefused, valid_choices
 from wbc_controller.middleware.topics import Direction, Endpoint
 from wbc_controller.settings import Settings
 
+if TYPE_CHECKING:
+    from wbc_controller.apps.terminal.session import Session
+
 REFUSED, NO_ANSWER = 1, 3  # further exit statuses: request refused, and no answer
 _REFRESH = 0.5  # s
 
@@ -36,11 +40,13 @@ _session_options = with_options(
 
 
 @contextlib.contextmanager
-def _exit_without_answer() -> Iterator[None]:
-    from wbc_controller.apps.terminal.session import NoAnswer
+def _connect(settings: Settings, connection: Mapping[str, Any]) -> Iterator[Session]:
+    """Connect to the nodes; without an answer exit."""
+    from wbc_controller.apps.terminal.session import NoAnswer, Session
 
     try:
-        yield
+        with Session(settings, **connection) as session:
+            yield session
     except NoAnswer as error:
         click.echo(str(error), err=True)
         sys.exit(NO_ANSWER)
@@ -49,7 +55,7 @@ def _exit_without_answer() -> Iterator[None]:
 @click.command(context_settings={"ignore_unknown_options": True})
 @_session_options
 @click.argument("words", nargs=-1, required=True, shell_complete=complete_words)
-def send(config: str, words: tuple[str, ...], namespace: str, remappings: Mapping[str, str], patience: float) -> None:
+def send(config: str, words: tuple[str, ...], **connection: Any) -> None:
     """Send a request to the running nodes of a robot, and print its outcome.
 
     \b
@@ -70,17 +76,13 @@ def send(config: str, words: tuple[str, ...], namespace: str, remappings: Mappin
     Exit status: 0 accepted, 1 refused, 2 invalid, 3 no answer from a node.
     """  # noqa: D301 - click's mark of lines that it must not join
     from wbc_controller.apps.terminal.request_parser import parse_request
-    from wbc_controller.apps.terminal.session import Session
 
     settings = load_named(config)
     requests = [parse_request(each, settings) for each in _split_requests(words)]
     for request in requests:
         if request.frame and settings.robot.urdf:
             _check_frame(settings, request.frame)
-    with (
-        Session(settings, namespace=namespace, remappings=remappings, patience=patience) as session,
-        _exit_without_answer(),
-    ):
+    with _connect(settings, connection) as session:
         for request in requests:
             answer = session.execute(request)
             click.echo(answer.text, err=not answer.done)
@@ -94,16 +96,13 @@ def send(config: str, words: tuple[str, ...], namespace: str, remappings: Mappin
               help="First speed, m/s.")  # fmt: skip
 @click.option("--turn-rate", default=0.3, show_default=True, type=click.FloatRange(0.0, 5.0, min_open=True),
               help="First turning rate, rad/s.")  # fmt: skip
-def drive(
-    config: str, namespace: str, remappings: Mapping[str, str], patience: float, speed: float, turn_rate: float
-) -> None:
+def drive(config: str, speed: float, turn_rate: float, **connection: Any) -> None:
     """Drive a walking robot by keyboard. A velocity stays until the next key.
 
     The controller limits it to the speeds of the section `walking`. The robot stops when this command ends, at the
     latest after `walking.command_timeout`.
     """
     from wbc_controller.apps.terminal.keyboard import KEYS, Drive, publish_velocities, single_keys
-    from wbc_controller.apps.terminal.session import Session
     from wbc_controller.nodes.signals import exit_by_signals
 
     settings = load_named(config)
@@ -112,11 +111,7 @@ def drive(
     if not sys.stdin.isatty():
         raise InputRefused("standard input is not a terminal, from which the keys are read; start this in a terminal")
     exit_by_signals()
-    with (
-        Session(settings, namespace=namespace, remappings=remappings, patience=patience) as session,
-        _exit_without_answer(),
-        contextlib.suppress(KeyboardInterrupt),
-    ):
+    with _connect(settings, connection) as session, contextlib.suppress(KeyboardInterrupt):
         session.wait_for_controller()
         click.echo(KEYS)
         with single_keys(sys.stdin.fileno()):
@@ -127,16 +122,14 @@ def drive(
 @_session_options
 @click.argument("topic", shell_complete=complete_topics)
 @click.option("--once", is_flag=True, help="Exit after the first message.")
-def echo(config: str, topic: str, once: bool, namespace: str, remappings: Mapping[str, str], patience: float) -> None:
+def echo(config: str, topic: str, once: bool, **connection: Any) -> None:
     """Print the messages on a topic: `~/state`, `com/reference`, `joint_states`, … (`wbc topics` lists them)."""
     from wbc_controller.apps.terminal.printing import as_text
-    from wbc_controller.apps.terminal.session import Session, topics_of
 
-    settings = load_named(config)
-    found = find_topic(topic, topics_of(settings, namespace, remappings))
-    with Session(settings, namespace=namespace, remappings=remappings, patience=patience) as session:
+    with _connect(load_named(config), connection) as session:
+        found = find_topic(topic, session.topics)
         messages = session.follow(found)
-        deadline = time.monotonic() + patience
+        deadline = time.monotonic() + connection["patience"]
         while True:
             for content in messages(0.1):
                 click.echo(as_text(content))
@@ -155,24 +148,19 @@ def echo(config: str, topic: str, once: bool, namespace: str, remappings: Mappin
 @click.command()
 @_session_options
 @click.option("--once", is_flag=True, help="Print the status once and exit.")
-def status(config: str, once: bool, namespace: str, remappings: Mapping[str, str], patience: float) -> None:
+def status(config: str, once: bool, **connection: Any) -> None:
     """Show the state of a robot: mode, rates, ages, tasks, binding constraints, and the audit."""
     from rich.console import Console, RenderableType
     from rich.live import Live
 
     from wbc_controller.apps.terminal.robot_status import StatusListener
-    from wbc_controller.apps.terminal.session import Session
     from wbc_controller.apps.terminal.status_view import status_view
 
     settings = load_named(config)
     console = Console()
     if not console.is_terminal:
         console.width = 140
-    with (
-        Session(settings, namespace=namespace, remappings=remappings, patience=patience) as session,
-        _exit_without_answer(),
-        contextlib.suppress(KeyboardInterrupt),
-    ):
+    with _connect(settings, connection) as session, contextlib.suppress(KeyboardInterrupt):
         session.find_controller()
         listener = StatusListener(session, settings)
 

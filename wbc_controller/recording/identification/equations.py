@@ -60,7 +60,7 @@ def select_samples(
     """Select and smooth samples with an active controller and constant contacts.
 
     Args:
-        recorded: arrays of the cycles (`recording.cycle_arrays`).
+        recorded: arrays of the cycles (`Recording.arrays`).
         width: smoothing window, s.
 
     Raises:

@@ -12,7 +12,6 @@ from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.visualization.tables import Table, as_text
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.recording.cycle_arrays import cycle_arrays
 from wbc_controller.recording.identification.equations import WIDTH, equations, select_samples
 from wbc_controller.recording.identification.fit import UNSURE, Fit, fit
 from wbc_controller.recording.recording_file import Recording
@@ -22,7 +21,7 @@ from wbc_controller.settings import Settings
 
 def identify(settings: Settings, path: Path) -> tuple[Fit, RobotModel]:
     """Fit masses, armature and frictions to a recording of this robot; raises `ConfigurationError` otherwise."""
-    recorded = cycle_arrays(Recording(path))
+    recorded = Recording(path).arrays()
     try:
         return fit_cycles(settings, recorded)
     except ConfigurationError as error:

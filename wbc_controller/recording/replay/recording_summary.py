@@ -10,18 +10,7 @@ import numpy as np
 
 from wbc_controller.controller.cycle import ControlCycle
 from wbc_controller.controller.visualization.tables import Table, as_text
-from wbc_controller.inverse_dynamics.references.changes import (
-    EnableContact,
-    EnableTask,
-    SetExternalWrench,
-    SetSetpoint,
-    SetSlippingContacts,
-    SetTrajectory,
-    SetWeight,
-    Walk,
-    WalkFootsteps,
-    WalkTo,
-)
+from wbc_controller.inverse_dynamics.references import changes
 from wbc_controller.recording.cycle_layout import AGES, MODES
 from wbc_controller.recording.recorder import software_versions
 from wbc_controller.recording.recording_file import Recording
@@ -143,27 +132,27 @@ def _event_texts(event: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 def describe_change(change: object) -> str:
     """Describe a change."""
-    if isinstance(change, SetSetpoint):
+    if isinstance(change, changes.SetSetpoint):
         where = f" in {change.frame}" if change.frame else ""
         return f"setpoint of {change.task}: {np.array2string(change.position, precision=3, threshold=8)}{where}"
-    if isinstance(change, SetTrajectory):
+    if isinstance(change, changes.SetTrajectory):
         return f"trajectory of {change.task}: {len(change.points)} points"
-    if isinstance(change, SetWeight):
+    if isinstance(change, changes.SetWeight):
         return f"weight of {change.task}: {change.weight:g}"
-    if isinstance(change, EnableTask):
+    if isinstance(change, changes.EnableTask):
         return f"task {change.task} {'on' if change.enabled else 'off'}"
-    if isinstance(change, EnableContact):
+    if isinstance(change, changes.EnableContact):
         return f"contact {change.contact} {'on' if change.enabled else 'off'}"
-    if isinstance(change, SetSlippingContacts):
+    if isinstance(change, changes.SetSlippingContacts):
         return f"slipping contacts: {', '.join(change.contacts) or 'none'}"
-    if isinstance(change, SetExternalWrench):
+    if isinstance(change, changes.SetExternalWrench):
         return f"external wrench at {change.frame}: {np.array2string(change.wrench, precision=3)}"
-    if isinstance(change, Walk):
+    if isinstance(change, changes.Walk):
         v = change.velocity
         return "walking stops" if v is None else f"walk at {v[0]:g}, {v[1]:g} m/s and {v[2]:g} rad/s"
-    if isinstance(change, WalkTo):
+    if isinstance(change, changes.WalkTo):
         x, y, heading = change.pose
         return f"walk to {x:g}, {y:g} m and {heading:g} rad"
-    if isinstance(change, WalkFootsteps):
+    if isinstance(change, changes.WalkFootsteps):
         return f"walk by {len(change.poses)} footsteps"
     return f"settings: {dict(change.settings)}" if isinstance(change, ChangeSettings) else str(change)

@@ -18,7 +18,6 @@ from wbc_controller.middleware.codec import decode
 from wbc_controller.middleware.stamps import header_time
 from wbc_controller.middleware.states import OdometryReader
 from wbc_controller.middleware.topics import MOCK_NODE, MOCK_TOPICS, Endpoint, endpoints
-from wbc_controller.recording.cycle_arrays import cycle_arrays
 from wbc_controller.recording.cycle_layout import cycle_slots, reference_slots
 from wbc_controller.recording.recording_file import Recording
 from wbc_controller.recording.report.run_data import Phase, RunData, collect_supports
@@ -54,7 +53,7 @@ def make_run_data(recording: Recording, controller: ControlCycle, *, largest: in
     """
     slots = cycle_slots(controller.model, controller.contacts)
     recording.require_slots(slots + reference_slots(controller.tasks, controller.contacts))
-    table = cycle_arrays(recording)
+    table = recording.arrays()
     if not table or not np.isfinite(table["q"]).all(axis=1).any():
         raise ConfigurationError(f"recording {recording.path}: nothing to report: no command was sent")
     stride = -(-len(table["number"]) // largest)

@@ -9,7 +9,6 @@ from wbc_controller.records import Array
 from wbc_controller.simulation.faults.fault import (
     ActuatorFault,
     Effect,
-    Fault,
     FaultContext,
     JointFault,
     TorqueFault,
@@ -141,9 +140,3 @@ def _scaled(tau: Array, actuator: int, factor: float) -> Array:
     changed: Array = tau.copy()
     changed[actuator] *= factor
     return changed
-
-
-KINDS: tuple[type[Fault], ...] = (
-    ActuatorDead, ActuatorReversed, ActuatorGain, ActuatorWeak, ActuatorBias, ActuatorNoise, ActuatorLag, ActuatorDelay,
-    JointFriction, JointLocked,
-)  # fmt: skip

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of, rotation_of
 from wbc_controller.records import Array
-from wbc_controller.simulation.faults.fault import Fault, FaultContext, MeasurementFault, low_pass, number, ramp_share
+from wbc_controller.simulation.faults.fault import FaultContext, MeasurementFault, low_pass, number, ramp_share
 from wbc_controller.simulation.measurement import Measurement
 
 
@@ -211,10 +211,3 @@ class ImuShock(_BaseSensor):
 def _turn(pose: Array, rotation: Array) -> None:
     """Rotate the orientation of a pose, (7,), by a rotation vector in world axes, (3,) in rad."""
     pose[3:] = quaternion_of(pin.exp3(rotation) @ rotation_of(pose[3:]))
-
-
-KINDS: tuple[type[Fault], ...] = (
-    OdomNoise, OdomVelocityNoise, OdomDrift, OdomTurnDrift, OdomJump, OdomTurnJump, OdomTilt, OdomFrozen, OdomLag,
-    OdomSlow, OdomBadQuaternion, OdomNotANumber, OdomAbsurd, OdomWrongFrame, ImuNoise, ImuBias,
-    ImuShock,
-)  # fmt: skip

@@ -2,6 +2,7 @@
 
 import reprlib
 from collections.abc import Mapping
+from types import ModuleType
 from typing import Any, Literal, get_args, get_origin
 
 import numpy as np
@@ -13,11 +14,18 @@ from wbc_controller.settings.files import read_yaml
 from wbc_controller.simulation.faults import actuators, base_sensors, delivery, joint_sensors, stamps, world
 from wbc_controller.simulation.faults.fault import Fault
 
+
+def kinds_of(module: ModuleType) -> list[type[Fault]]:
+    """Return the kinds of fault of a module in their order: its classes without underscore."""
+    classes = [each for each in vars(module).values() if isinstance(each, type) and issubclass(each, Fault)]
+    return [each for each in classes if each.__module__ == module.__name__ and each.__name__[0] != "_"]
+
+
 #: Kinds of fault by name.
 KINDS: Mapping[str, type[Fault]] = {
     kind.kind(): kind
-    for room in (joint_sensors, base_sensors, delivery, stamps, actuators, world)
-    for kind in room.KINDS
+    for module in (joint_sensors, base_sensors, delivery, stamps, actuators, world)
+    for kind in kinds_of(module)
 }
 #: Ratio of a range's ends above which its logarithm is drawn.
 _WIDE = 15.0

@@ -163,9 +163,3 @@ class CommandTwice(_CommandFault):
 
 def _delayed(message: QueuedMessage, seconds: float) -> QueuedMessage:
     return message._replace(due=message.due + seconds)
-
-
-KINDS: tuple[type[Fault], ...] = (
-    MessageDelay, MessageGrowingDelay, MessageJitter, MessageLoss, MessageDropout, MessageDuplication,
-    MessageReordering, MessageReplay, MessageQueue, CommandLoss, CommandDelay, CommandTwice,
-)  # fmt: skip

@@ -1,13 +1,12 @@
 """Faults of the joint sensors."""
 
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 
 from wbc_controller.records import Array
 from wbc_controller.simulation.faults.fault import (
-    Fault,
     FaultContext,
     JointFault,
     MeasurementFault,
@@ -68,35 +67,16 @@ class JointQuantization(_AllJoints):
         measured.position = np.round(measured.position / self.step) * self.step
 
 
-class VelocityLag(_AllJoints):
-    """First-order low-pass on all joint velocities."""
+class JointLag(_AllJoints):
+    """First-order low-pass on all joint positions and velocities."""
 
+    filtered: ClassVar[tuple[str, ...]] = ("position", "velocity")
     time_constant: float = number(0.005, 0.001, 0.1, "s", "time constant")
 
     def _distort(self, measured: Measurement, context: FaultContext, state: dict[str, Array]) -> None:
-        measured.velocity = low_pass(context, self.time_constant, state, "velocity", measured.velocity)
-
-
-class JointLag(VelocityLag):
-    """First-order low-pass on all joint positions and velocities."""
-
-    def _distort(self, measured: Measurement, context: FaultContext, state: dict[str, Array]) -> None:
-        super()._distort(measured, context, state)
-        measured.position = low_pass(context, self.time_constant, state, "position", measured.position)
-
-
-class VelocitySign(_OneJoint):
-    """The velocity of a joint has the wrong sign."""
-
-    def _distort(self, measured: Measurement, context: FaultContext, state: int) -> None:
-        measured.velocity[state] *= -1.0
-
-
-class VelocityDead(_AllJoints):
-    """All joint velocities are zero."""
-
-    def _distort(self, measured: Measurement, context: FaultContext, state: Any) -> None:
-        measured.velocity[:] = 0.0
+        for quantity in self.filtered:
+            values = low_pass(context, self.time_constant, state, quantity, getattr(measured, quantity))
+            setattr(measured, quantity, values)
 
 
 class JointSpike(_OneJoint):
@@ -182,8 +162,21 @@ class JointsSwapped(_OneJoint):
             values[state] = values[state[::-1]]
 
 
-KINDS: tuple[type[Fault], ...] = (
-    JointNoise, JointBias, JointScale, JointQuantization, JointLag, JointSpike, JointJump, JointFrozen,
-    JointStatesFrozen, JointNotANumber, JointAbsurd, JointMissing, JointsSwapped, VelocityLag, VelocitySign,
-    VelocityDead,
-)  # fmt: skip
+class VelocityLag(JointLag):
+    """First-order low-pass on all joint velocities."""
+
+    filtered = ("velocity",)
+
+
+class VelocitySign(_OneJoint):
+    """The velocity of a joint has the wrong sign."""
+
+    def _distort(self, measured: Measurement, context: FaultContext, state: int) -> None:
+        measured.velocity[state] *= -1.0
+
+
+class VelocityDead(_AllJoints):
+    """All joint velocities are zero."""
+
+    def _distort(self, measured: Measurement, context: FaultContext, state: Any) -> None:
+        measured.velocity[:] = 0.0

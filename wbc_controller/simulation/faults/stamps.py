@@ -4,7 +4,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from wbc_controller.simulation.faults.fault import Fault, FaultContext, MeasurementFault, number
+from wbc_controller.simulation.faults.fault import FaultContext, MeasurementFault, number
 from wbc_controller.simulation.measurement import Measurement
 
 #: Largest ROS stamp, ns, and smallest stamp of the mock robot.
@@ -15,7 +15,8 @@ class _TimeFault(MeasurementFault):
     place = "stamps and clock"
 
     def _streams(self) -> tuple[str, ...]:
-        raise NotImplementedError
+        stream = getattr(self, "stream", "clock")
+        return ("joint_states", "odom") if stream == "both" else (stream,)
 
     def _distort(self, measured: Measurement, context: FaultContext, state: Any) -> None:
         for stream in self._streams():
@@ -28,14 +29,6 @@ class _TimeFault(MeasurementFault):
 
 class _StampFault(_TimeFault):
     stream: Literal["joint_states", "odom", "both"] = Field("both", description="affected stream")
-
-    def _streams(self) -> tuple[str, ...]:
-        return ("joint_states", "odom") if self.stream == "both" else (self.stream,)
-
-
-class _ClockFault(_TimeFault):
-    def _streams(self) -> tuple[str, ...]:
-        return ("clock",)
 
 
 class _Frozen(_TimeFault):
@@ -83,7 +76,7 @@ class StampDrift(_StampFault):
         return self.rate * elapsed
 
 
-class ClockJump(_ClockFault):
+class ClockJump(_TimeFault):
     """The time on /clock jumps until the end; stamps do not."""
 
     by: float = number(-1.0, -10.0, 10.0, "s", "advance")
@@ -92,19 +85,14 @@ class ClockJump(_ClockFault):
         return self.by
 
 
-class ClockFrozen(_Frozen, _ClockFault):
+class ClockFrozen(_Frozen):
     """The time on /clock is constant while the robot continues."""
 
 
-class ClockDrift(_ClockFault):
+class ClockDrift(_TimeFault):
     """The time on /clock runs too fast or too slowly."""
 
     rate: float = number(0.01, -0.5, 0.5, "s/s", "clock rate error")
 
     def _ahead(self, elapsed: float) -> float:
         return self.rate * elapsed
-
-
-KINDS: tuple[type[Fault], ...] = (
-    StampZero, StampFrozen, StampBack, StampAhead, StampDrift, ClockJump, ClockFrozen, ClockDrift,
-)  # fmt: skip

@@ -223,8 +223,3 @@ def _movable_floor(plant: Plant) -> Any:
     floor = plant.model.geom(FLOOR)
     plant.model.geom_sameframe[floor.id] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
     return floor
-
-
-KINDS: tuple[type[Fault], ...] = (
-    Payload, MassError, CenterOfMassError, SlipperyFloor, SoftFloor, FloorDrop, FloorHole, FloorTilt, Push, Kick,
-)  # fmt: skip

@@ -8,7 +8,7 @@ import numpy as np
 
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.nodes.signals import exit_by_signals
-from wbc_controller.validation.accuracy.parallel import common_options, run_parallel
+from wbc_controller.validation.accuracy.parallel import common_options, print_header, print_row, run_parallel
 from wbc_controller.validation.accuracy.walking_commands import COMMANDS as WALKING
 
 #: Acceptance of standing on `good`: roll and pitch in °, height in m, velocity in m/s, drift in m per minute.
@@ -42,8 +42,8 @@ def standing(robots: tuple[str, ...], sensors: str, jobs: int, seeds: int, secon
         "largest. NEES: share of time within the 95 % bounds, and mean (ideal: 1); first for tilt and velocity, then "
         "for the drifting heading and position\n"
     )
-    click.echo("| | roll, pitch RMS | height RMS | velocity RMS | drift per minute | NEES | NEES, drifting | fell |")
-    click.echo("|---|---|---|---|---|---|---|---|")
+    columns = ("height RMS", "velocity RMS", "drift per minute", "NEES", "NEES, drifting", "fell")
+    print_header("", "roll, pitch RMS", *columns)
     good = True
     for robot in robots or ("g1", "talos", "go2"):
         found = run_parallel(stand, [(robot, sensors, seed, seconds) for seed in range(seeds)], jobs)
@@ -56,10 +56,10 @@ def standing(robots: tuple[str, ...], sensors: str, jobs: int, seeds: int, secon
         fell = sum(bool(each.ended) for each in found)
         within = np.degrees(tilt) < TILT and height < HEIGHT and velocity < VELOCITY and drift < DRIFT
         good = good and not fell and (sensors != "good" or bool(within))
-        click.echo(
-            f"| {robot} | {np.degrees(tilt):.3f}° ({np.degrees(steepest):.3f}°) | {1e3 * height:.2f} mm | "
-            f"{1e3 * velocity:.1f} mm/s | {1e3 * drift:.1f} mm | {100.0 * observable[0]:.0f} %, {observable[1]:.2f} | "
-            f"{100.0 * drifting[0]:.0f} %, {drifting[1]:.2f} | {fell} |"
+        nees = [f"{100.0 * share:.0f} %, {mean:.2f}" for share, mean in (observable, drifting)]
+        tilts = f"{np.degrees(tilt):.3f}° ({np.degrees(steepest):.3f}°)"
+        print_row(
+            robot, tilts, f"{1e3 * height:.2f} mm", f"{1e3 * velocity:.1f} mm/s", f"{1e3 * drift:.1f} mm", *nees, fell
         )
         for each in found:
             if each.ended:
@@ -92,7 +92,7 @@ def flaws(
         measure_flaw, [(k, f.name, sensors, disturbance, known_friction) for f in chosen for k in kinds], jobs
     )
     click.echo(f"sensors {sensors}, estimation.disturbance {disturbance}; mm in sway, squat; torque above 8 Hz\n")
-    click.echo(f"| Flaw | {' | '.join(kinds)} |\n|---|{'---|' * len(kinds)}")
+    print_header("Flaw", *kinds)
     for i, flaw in enumerate(chosen):
         cells = [
             f"ends: {result.ended.split(':')[0]}"
@@ -100,7 +100,7 @@ def flaws(
             else f"{1e3 * result.sway:.1f}, {1e3 * result.squat:.1f}; {100.0 * result.chatter:.1f} %"
             for result in results[i * len(kinds) : (i + 1) * len(kinds)]
         ]
-        click.echo(f"| {flaw.name} | {' | '.join(cells)} |")
+        print_row(flaw.name, *cells)
     sys.exit(1 if any(result.ended for result in results) else 0)
 
 
@@ -121,24 +121,16 @@ def mishaps(robots: tuple[str, ...], sensors: str, jobs: int, seeds: int, force_
     calls = [(kind, each.name, sensors, s, force_sensors) for kind in kinds for each in MISHAPS for s in range(seeds)]
     found = run_parallel(run_mishap, calls, jobs)
     click.echo(f"sensors {sensors}{', with true contact forces' if force_sensors else ''}\n")
-    click.echo(
-        "| Robot | Mishap | outcome | velocity error | above 0.2 m/s without a fault | active again | left out |"
-    )
-    click.echo("|---|---|---|---|---|---|---|")
+    columns = ("velocity error", "above 0.2 m/s without a fault", "active again", "left out")
+    print_header("Robot", "Mishap", "outcome", *columns)
     for (kind, name, *_), each in zip(calls, found, strict=True):
         outcome = "**silently wrong**" if each.silently_wrong else "ends" if each.ended else "continues"
         outcome = "; ".join([outcome, *(sentence.partition(" (")[0] for sentence in each.fault_texts)])
-        recovery = (
-            f"{each.recovery:.2f} s"
-            if math.isfinite(each.recovery)
-            else "–"
-            if math.isnan(each.recovery)
-            else "**refused**"
-        )
-        click.echo(
-            f"| {kind} | {name} | {outcome} | {each.error:.3f} m/s | {1e3 * each.undetected:.0f} ms | {recovery} | "
-            f"{', '.join(each.left_out) or '–'} |"
-        )
+        recovery = "–" if math.isnan(each.recovery) else "**refused**"
+        if math.isfinite(each.recovery):
+            recovery = f"{each.recovery:.2f} s"
+        undetected, left_out = f"{1e3 * each.undetected:.0f} ms", ", ".join(each.left_out) or "–"
+        print_row(kind, name, outcome, f"{each.error:.3f} m/s", undetected, recovery, left_out)
     sys.exit(0 if all(each.good for each in found) else 1)
 
 

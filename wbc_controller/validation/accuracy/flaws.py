@@ -94,7 +94,6 @@ def measure_flaw(
     sensors: str = "good",
     disturbance: str = "imu",
     known_friction: bool = False,
-    changes: Mapping[str, Any] = MappingProxyType({}),
 ) -> FlawErrors:
     """Compare the true centre of mass with the references of a sway and a squat.
 
@@ -102,7 +101,7 @@ def measure_flaw(
     """
     flaw = next(flaw for flaw in FLAWS if flaw.name == name)
     known = {"estimation.base_state": "imu", "mock.sensors": sensors, "estimation.disturbance": disturbance}
-    config = load(robot).replace({**known, **flaw.changes, **changes})
+    config = load(robot).replace({**known, **flaw.changes})
     if known_friction:
         dry = config.settings.mock.joint_friction
         config = config.replace({"robot.friction": {joint: {"dry": dry} for joint in config.settings.robot.joints}})

@@ -1,4 +1,4 @@
-"""Common options, and parallel execution."""
+"""Common options, parallel execution, and tables."""
 
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeVar, get_args
@@ -30,3 +30,14 @@ def run_parallel(function: Callable[..., T], calls: Iterable[Sequence[Any]], job
 
     found: list[T] = joblib.Parallel(n_jobs=jobs)(joblib.delayed(function)(*call) for call in calls)
     return found
+
+
+def print_header(*columns: str) -> None:
+    """Print the head of a Markdown table."""
+    print_row(*columns)
+    click.echo("|" + "---|" * len(columns))
+
+
+def print_row(*cells: object) -> None:
+    """Print a row of a Markdown table."""
+    click.echo(f"| {' | '.join(map(str, cells))} |")

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from wbc_controller.errors import ConfigurationError, WbcError
+from wbc_controller.middleware.setpoints import velocity_message
 from wbc_controller.recording.report.base_motion import heading, mean_velocity
 from wbc_controller.records import Array
 from wbc_controller.settings.service import SensorQuality
 from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 from wbc_controller.validation.accuracy.standing import sensor_settings
 from wbc_controller.validation.accuracy.walk_figures import WalkFigures, WalkMeter
-from wbc_controller.validation.user import twist
 from wbc_controller.walking.footsteps import BACKWARD, Velocity
 from wbc_controller.walking.walker import Walker
 
@@ -84,7 +84,7 @@ class WalkTrial(EstimationTrial):
             if self.time - sent >= _EVERY:
                 sent, wanted = self.time, velocity(self.time - begin)
                 if wanted is not None:
-                    self.user.send("cmd_vel", twist(wanted))
+                    self.user.send("cmd_vel", velocity_message(wanted))
             self.meter.update()
             each()
 

@@ -38,7 +38,7 @@ HARMLESS = Expectation(frozenset())
 EITHER = Expectation(BALANCE)
 STALE_OR_BALANCE = Expectation(STALE | BALANCE)
 
-_Rule = Callable[[Any, "RuleContext"], Expectation]  # returns the expected outcome of a fault
+_Rule = Callable[[Any, "RuleContext"], Expectation]  # returns the expected outcome of a fault by its parameters
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,8 @@ def expect(fault: Fault, settings: Settings) -> Expectation:
     """Return the expected outcome of a fault."""
     period = 1.0 / settings.control.rate
     context = RuleContext(settings, 2.0 * period, settings.safety.state_timeout)
-    return RULES[fault.kind()](fault, context)
+    rule = RULES[fault.kind()]
+    return rule if isinstance(rule, Expectation) else rule(fault, context)
 
 
 def _ramped(value: float, ramp: float, lasts: float, threshold: float) -> bool:
@@ -136,6 +137,10 @@ def _harmless_for_imu(rule: _Rule) -> _Rule:
     return lambda fault, context: HARMLESS if fault.stream == "imu" else rule(fault, context)
 
 
+def _stale_or_balance(fault: Any, context: RuleContext) -> Expectation:
+    return STALE_OR_BALANCE
+
+
 def _refused_for(key: str) -> _Rule:
     """Messages are refused for the time in a parameter, at most for the duration."""
     return lambda fault, context: context.expect_stale(min(getattr(fault, key), fault.duration))
@@ -145,10 +150,6 @@ def _harmless_below(limits: Mapping[str, float], otherwise: Expectation = EITHER
     return lambda fault, context: (
         HARMLESS if all(abs(getattr(fault, key)) <= limit for key, limit in limits.items()) else otherwise
     )
-
-
-def _always(expectation: Expectation) -> _Rule:
-    return lambda fault, context: expectation
 
 
 def _jump(key: str, threshold: str, share: float = 1.0) -> _Rule:
@@ -188,30 +189,39 @@ _FAR_AHEAD = 0.26  # advance of a refused stamp, s (middleware/stamps.py)
 _SLOW_DRIFT = 0.01  # m/s or rad/s
 _ALONG = float(np.sqrt(0.5))  # smallest share of a horizontal direction along an axis
 
-_EITHER_RULE, _HARMLESS_RULE = _always(EITHER), _always(HARMLESS)
+
+def _absurd(fault: Any, context: RuleContext) -> Expectation:
+    return context.expect_detection(True, context.sequence)
 
 
 def _estop(fault: Any, context: RuleContext) -> Expectation:
     return Expectation(frozenset({"ESTOP"}), context.cycle)
 
 
-RULES: Mapping[str, _Rule] = {
+_EITHER = (
+    "joint_scale", "joint_lag", "joint_frozen", "joints_swapped", "velocity_sign", "velocity_dead", "command_delay",
+    "actuator_dead", "actuator_reversed", "actuator_gain", "actuator_weak", "actuator_delay", "joint_friction",
+    "joint_locked", "payload", "slippery_floor", "soft_floor", "floor_drop", "floor_hole", "far_setpoint",
+    "step_setpoint", "contact_off", "conflicting_updates",
+)  # fmt: skip
+_HARMLESS = (
+    "imu_noise", "imu_bias", "imu_shock", "message_duplication", "command_twice", "garbage", "unknown_words",
+    "request_flood", "long_trajectory", "huge_message",
+)  # fmt: skip
+#: Expected outcome of each kind of fault, or its rule.
+RULES: Mapping[str, Expectation | _Rule] = {
+    **dict.fromkeys(_EITHER, EITHER),
+    **dict.fromkeys(_HARMLESS, HARMLESS),
     "joint_noise": _harmless_below({"sigma": 1e-4, "velocity_sigma": 1e-3}),
     "joint_bias": _ramp("bias", "joint_mismatch"),
-    "joint_scale": _EITHER_RULE,
     "joint_quantization": _harmless_below({"step": 2e-4}),
-    "joint_lag": _EITHER_RULE,
     "joint_spike": _spike,
     "joint_jump": _jump("size", "joint_mismatch"),
-    "joint_frozen": _EITHER_RULE,
     "joint_states_frozen": _frozen,
     "joint_not_a_number": _share_refused,
-    "joint_absurd": lambda fault, context: context.expect_detection(True, context.sequence),
+    "joint_absurd": _absurd,
     "joint_missing": _missing_stream,
-    "joints_swapped": _EITHER_RULE,
     "velocity_lag": _harmless_below({"time_constant": 0.002}),
-    "velocity_sign": _EITHER_RULE,
-    "velocity_dead": _EITHER_RULE,
     "odom_noise": _harmless_below({"sigma": 1e-4, "turn_sigma": 1e-4}),
     "odom_velocity_noise": _harmless_below({"sigma": 1e-3}),
     "odom_drift": _drift("speed", "base_mismatch", _ALONG),
@@ -224,25 +234,19 @@ RULES: Mapping[str, _Rule] = {
     "odom_slow": _refused_for("period"),
     "odom_bad_quaternion": _missing_stream,
     "odom_not_a_number": _share_refused,
-    "odom_absurd": lambda fault, context: context.expect_detection(True, context.sequence),
+    "odom_absurd": _absurd,
     "odom_wrong_frame": _missing_stream,
-    "imu_noise": _HARMLESS_RULE,
-    "imu_bias": _HARMLESS_RULE,
-    "imu_shock": _HARMLESS_RULE,
     "message_delay": _harmless_for_imu(_refused_for("delay")),
     "message_growing_delay": _harmless_for_imu(_growing_delay),
-    "message_jitter": _harmless_for_imu(_always(STALE_OR_BALANCE)),
+    "message_jitter": _harmless_for_imu(_stale_or_balance),
     "message_loss": _message_loss,
     "message_dropout": _missing_stream,
-    "message_duplication": _HARMLESS_RULE,
-    "message_reordering": _harmless_for_imu(_always(STALE_OR_BALANCE)),
+    "message_reordering": _harmless_for_imu(_stale_or_balance),
     "message_replay": _harmless_for_imu(
         lambda fault, context: context.expect_stale(fault.duration - fault.length, fault.length)
     ),
     "message_queue": _missing_stream,
     "command_loss": _harmless_below({"share": 0.02}),
-    "command_delay": _EITHER_RULE,
-    "command_twice": _HARMLESS_RULE,
     "stamp_zero": _missing_stream,
     "stamp_frozen": _missing_stream,
     "stamp_back": _refused_for("by"),
@@ -252,36 +256,15 @@ RULES: Mapping[str, _Rule] = {
     "clock_frozen": lambda fault, context: context.expect_detection(
         fault.duration > context.timeout + context.cycle, context.timeout, STALE | CLOCK
     ),
-    "clock_drift": _always(Expectation(STALE | CLOCK | BALANCE)),
-    "actuator_dead": _EITHER_RULE,
-    "actuator_reversed": _EITHER_RULE,
-    "actuator_gain": _EITHER_RULE,
-    "actuator_weak": _EITHER_RULE,
+    "clock_drift": Expectation(STALE | CLOCK | BALANCE),
     "actuator_bias": _harmless_below({"share": 0.005}),
     "actuator_noise": _harmless_below({"share": 0.002}),
     "actuator_lag": _harmless_below({"time_constant": 0.001}),
-    "actuator_delay": _EITHER_RULE,
-    "joint_friction": _EITHER_RULE,
-    "joint_locked": _EITHER_RULE,
-    "payload": _EITHER_RULE,
     "mass_error": _harmless_below({"share": 0.02}),
     "center_of_mass_error": _harmless_below({"offset": 0.005}),
-    "slippery_floor": _EITHER_RULE,
-    "soft_floor": _EITHER_RULE,
-    "floor_drop": _EITHER_RULE,
-    "floor_hole": _EITHER_RULE,
     "floor_tilt": _harmless_below({"angle": 0.01}),
     "push": _harmless_below({"share": 0.01}),
     "kick": _harmless_below({"speed": 0.03}),
-    "garbage": _HARMLESS_RULE,
-    "unknown_words": _HARMLESS_RULE,
-    "request_flood": _HARMLESS_RULE,
-    "far_setpoint": _EITHER_RULE,
-    "step_setpoint": _EITHER_RULE,
-    "long_trajectory": _HARMLESS_RULE,
-    "huge_message": _HARMLESS_RULE,
     "estop": _estop,
     "estop_in_flood": _estop,
-    "contact_off": _EITHER_RULE,
-    "conflicting_updates": _EITHER_RULE,
 }

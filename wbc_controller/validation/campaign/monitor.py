@@ -19,17 +19,6 @@ _IN_CONTROL = (Mode.ACTIVE, Mode.HOLDING)  # modes with torques from a solution
 #: Latency that looks like a slow clock without synchronized clocks (docs/safety.md, the age of a state): share of the
 #: elapsed time, and maximum between two messages, s.
 _SLOW_CLOCK, _GAP = 0.5, 0.025
-#: Violations of `OutputMonitor`.
-VIOLATIONS: Mapping[str, str] = {
-    "unreadable": "an unreadable torque message, or one of another size",
-    "not_finite": "a torque of NaN or infinity",
-    "over_limit": "a torque above its effort limit",
-    "over_rate": "a torque rate above limits.torque_rate",
-    "stale": "torques or damping from a state with a true age above safety.state_timeout",
-    "internal_error": "the fault INTERNAL_ERROR",
-    "stall": f"processor time of the loop above {1e3 * STALL:.0f} ms in one cycle",
-    "logged": "an exception in the log",
-}
 
 
 class OutputMonitor:

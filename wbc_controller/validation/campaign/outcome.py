@@ -4,18 +4,25 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from wbc_controller.validation.campaign.monitor import VIOLATIONS
+from wbc_controller.validation.campaign.monitor import STALL
 
 MAX_FALLEN_TIME = 0.2  # with an active controller, s
-#: Violations of the monitor and of the outcome.
-ALL_VIOLATIONS: Mapping[str, str] = {
-    **VIOLATIONS,
-    "start": "the robot did not stand at the beginning of the fault",
-    "early": "the controller left its active mode before the fault",
+#: Violations by decreasing severity.
+VIOLATIONS: Mapping[str, str] = {
+    "not_finite": "a torque of NaN or infinity",
+    "unreadable": "an unreadable torque message, or one of another size",
+    "over_limit": "a torque above its effort limit",
+    "over_rate": "a torque rate above limits.torque_rate",
+    "stale": "torques or damping from a state with a true age above safety.state_timeout",
+    "internal_error": "the fault INTERNAL_ERROR",
+    "logged": "an exception in the log",
+    "stall": f"processor time of the loop above {1e3 * STALL:.0f} ms in one cycle",
+    "fell": f"the robot lay on the ground for {MAX_FALLEN_TIME:g} s with an active controller",
     "undetected": "a fault with a deadline was not detected in time",
     "wrong_reason": "damping for an invalid reason, or despite a harmless fault",
-    "fell": f"the robot lay on the ground for {MAX_FALLEN_TIME:g} s with an active controller",
     "recording": "the recording of the fault does not name it, or its replay differs",
+    "early": "the controller left its active mode before the fault",
+    "start": "the robot did not stand at the beginning of the fault",
     "diverged": "the physics of the mock robot diverged; the trial is invalid",
 }
 
@@ -38,5 +45,5 @@ class Outcome:
     longest: float  # longest processor time of a cycle, s
     simulated: float  # s
     wall: float  # s
-    violations: Mapping[str, str]  # texts by name, as in `ALL_VIOLATIONS`
+    violations: Mapping[str, str]  # texts by name, as in `VIOLATIONS`
     walking: bool = False  # True if the robot walked

@@ -1,16 +1,17 @@
 """Faults of requests by other programs."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
 from wbc_controller.middleware.codec import message
+from wbc_controller.middleware.setpoints import com_trajectory
 from wbc_controller.records import Array
 from wbc_controller.simulation.faults.fault import Fault, number
-from wbc_controller.validation.user import User, com_trajectory
+from wbc_controller.validation.user import User
 
 #: Topics for which random bytes would be a valid request.
 _ANY_BYTES = ("weight", "task_enable", "contact_enable")
@@ -41,26 +42,23 @@ class RequestFault(Fault):
 
     place = "user"
 
+    #: Send in the first period only; else in each period, or each `every`.
+    once: ClassVar[bool] = False
+
     def step(self, state: RequestFaultState, com: Array) -> None:
         """Execute one period; `com`: present centre of mass, (3,) in m."""
         if state.com is None:
             state.com = com.copy()
-        if state.periods % self.interval() == 0:
-            self.send(state, com)
+        if state.periods == 0 or (not self.once and state.periods % getattr(self, "every", 1) == 0):
+            self._send(state, com)
         state.periods += 1
 
-    def interval(self) -> float:
-        """Return the periods between messages; infinite for one message."""
-        return getattr(self, "every", 1)
-
-    def send(self, state: RequestFaultState, com: Array) -> None:
-        """Send the messages of one period."""
+    def _send(self, state: RequestFaultState, com: Array) -> None:
         raise NotImplementedError
 
 
 class _OneTimeFault(RequestFault):
-    def interval(self) -> float:
-        return math.inf
+    once = True
 
 
 class Garbage(RequestFault):
@@ -69,21 +67,19 @@ class Garbage(RequestFault):
     messages: int = number(5, 1, 20, "messages", "in each control period")
     longest: int = number(200, 4, 5000, "bytes", "of a message")
 
-    def send(self, state: RequestFaultState, com: Array) -> None:
-        """Send random bytes after a valid encapsulation header."""
+    def _send(self, state: RequestFaultState, com: Array) -> None:
         keys = [(key, subject) for key, subject in state.user.requests if key not in _ANY_BYTES]
         for _ in range(self.messages):
             key, subject = keys[int(state.rng.integers(len(keys)))]
             body = state.rng.bytes(int(state.rng.integers(1, self.longest)))
-            if b"estop" not in body:
+            if b"estop" not in body:  # after a valid encapsulation header
                 state.user.send_bytes(key, b"\x00\x01\x00\x00" + body, subject)
 
 
 class UnknownWords(RequestFault):
     """Unknown commands on the topic of commands."""
 
-    def send(self, state: RequestFaultState, com: Array) -> None:
-        """See `RequestFault`."""
+    def _send(self, state: RequestFaultState, com: Array) -> None:
         words = ("", "ACTIVATE", "e-stop", "resett", "start", "\n", "активировать", "a" * 1000)
         state.send_text("command", str(state.rng.choice(words)))
 
@@ -93,8 +89,7 @@ class RequestFlood(RequestFault):
 
     messages: int = number(20, 1, 200, "messages", "in each control period")
 
-    def send(self, state: RequestFaultState, com: Array) -> None:
-        """See `RequestFault`."""
+    def _send(self, state: RequestFaultState, com: Array) -> None:
         state.send_text("command", "activate", self.messages)
 
 
@@ -103,8 +98,7 @@ class FarSetpoint(_OneTimeFault):
 
     distance: float = number(0.5, 0.05, 5.0, "m", "in a random direction")
 
-    def send(self, state: RequestFaultState, com: Array) -> None:
-        """See `RequestFault`."""
+    def _send(self, state: RequestFaultState, com: Array) -> None:
         direction = state.rng.normal(size=3)
         state.move([0.5], com[None, :] + self.distance * direction / np.linalg.norm(direction))
 
@@ -115,8 +109,7 @@ class StepSetpoint(RequestFault):
     distance: float = number(0.05, 0.005, 0.5, "m", "to a random side")
     every: int = number(10, 1, 100, "periods", "between setpoints")
 
-    def send(self, state: RequestFaultState, com: Array) -> None:
-        """See `RequestFault`."""
+    def _send(self, state: RequestFaultState, com: Array) -> None:
         state.move([0.2], com[None, :] + self.distance * state.rng.uniform(-1.0, 1.0, 3))
 
 
@@ -126,8 +119,7 @@ class LongTrajectory(RequestFault):
     points: int = number(1000, 100, 4900, "points", "of each trajectory")
     every: int = number(20, 5, 100, "periods", "between trajectories")
 
-    def send(self, state: RequestFaultState, com: Array) -> None:
-        """See `RequestFault`."""
+    def _send(self, state: RequestFaultState, com: Array) -> None:
         start = com if state.com is None else state.com
         state.move(np.linspace(0.1, 10.0, self.points).tolist(), np.tile(start, (self.points, 1)))
 
@@ -137,8 +129,7 @@ class HugeMessage(_OneTimeFault):
 
     size: int = number(4_000_000, 300_000, 10_000_000, "bytes", "of each message")
 
-    def send(self, state: RequestFaultState, com: Array) -> None:
-        """See `RequestFault`."""
+    def _send(self, state: RequestFaultState, com: Array) -> None:
         state.send_text("command", "a" * self.size)
         state.send_text("update", "{tasks: [" + "1," * (self.size // 2) + "]}")
 
@@ -146,8 +137,7 @@ class HugeMessage(_OneTimeFault):
 class Estop(_OneTimeFault):
     """One emergency stop."""
 
-    def send(self, state: RequestFaultState, com: Array) -> None:
-        """See `RequestFault`."""
+    def _send(self, state: RequestFaultState, com: Array) -> None:
         state.send_text("command", "estop")
 
 
@@ -156,8 +146,7 @@ class EstopInFlood(RequestFault):
 
     messages: int = number(100, 1, 500, "messages", "before it, in the same control period")
 
-    def send(self, state: RequestFaultState, com: Array) -> None:
-        """See `RequestFault`."""
+    def _send(self, state: RequestFaultState, com: Array) -> None:
         state.send_text("command", "activate", self.messages)
         state.send_text("command", "estop")
 
@@ -167,8 +156,7 @@ class ContactOff(_OneTimeFault):
 
     contact: str = Field("", description="name of the contact; empty for one at random")
 
-    def send(self, state: RequestFaultState, com: Array) -> None:
-        """See `RequestFault`."""
+    def _send(self, state: RequestFaultState, com: Array) -> None:
         names = list(state.user.settings.contacts)
         name = self.contact or names[int(state.rng.integers(len(names)))]
         state.user.send("contact_enable", message("std_msgs/msg/Bool", data=False), name)
@@ -179,8 +167,7 @@ class ConflictingUpdates(RequestFault):
 
     every: int = number(5, 1, 50, "periods", "between updates")
 
-    def send(self, state: RequestFaultState, com: Array) -> None:
-        """See `RequestFault`."""
+    def _send(self, state: RequestFaultState, com: Array) -> None:
         tasks, rng = state.user.settings.tasks, state.rng
         name = list(tasks)[int(rng.integers(len(tasks)))]
         weight, factor = tasks[name].weight, float(np.exp(rng.uniform(-1.0, 1.0)))

@@ -4,9 +4,8 @@ import dataclasses
 import hashlib
 import json
 import math
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.settings.files import find_configuration
@@ -53,7 +52,8 @@ class Results:
     def add(self, outcome: Outcome) -> None:
         """Append an outcome immediately."""
         content = {"version": self._version(outcome.robot), **dataclasses.asdict(outcome)}
-        self._file.write(json.dumps(_without_infinities(content), ensure_ascii=False) + "\n")
+        infinite = {key: repr(x) for key, x in content.items() if isinstance(x, float) and not math.isfinite(x)}
+        self._file.write(json.dumps(content | infinite, ensure_ascii=False) + "\n")
         self._file.flush()
         self._store(outcome)
 
@@ -102,22 +102,12 @@ def version_of(robot: str) -> str:
     """Return a hash of this package's code and of a robot's configuration, if its file exists."""
     digest = hashlib.sha256()
     package = Path(__file__).resolve().parents[2]
-    for path in _sources(package):
-        digest.update(path.relative_to(package).as_posix().encode() + b"\0" + path.read_bytes())
+    shown = {Path(__file__).with_name(f"{name}.py") for name in ("results", "campaign_report", "run")}
+    for path in sorted(package.rglob("*.py")):
+        if path not in shown and path.parent.name != "demo":
+            digest.update(path.relative_to(package).as_posix().encode() + b"\0" + path.read_bytes())
     try:
         digest.update(find_configuration(robot).read_bytes())
     except ConfigurationError:
         digest.update(b"no such configuration")
     return digest.hexdigest()[:16]
-
-
-def _sources(package: Path) -> Iterator[Path]:
-    shown = {Path(__file__).with_name(f"{name}.py") for name in ("results", "campaign_report", "campaign_plots", "run")}
-    return (path for path in sorted(package.rglob("*.py")) if path not in shown and path.parent.name != "demo")
-
-
-def _without_infinities(content: dict[str, Any]) -> dict[str, Any]:
-    return {
-        key: repr(value) if isinstance(value, float) and not math.isfinite(value) else value
-        for key, value in content.items()
-    }

@@ -77,7 +77,9 @@ def run_campaign(
             for outcome in run(missing):
                 results.add(outcome)
                 done(outcome)
-        _repeat_stalls(results, requested, trial)
+        for key in requested:
+            if "stall" in results.outcomes[key].violations and key not in results.repeated:
+                results.add(_in_new_process(key, trial))
     except KeyboardInterrupt:
         interrupted = True
         console.print(f"interrupted; the same command resumes the campaign in {results.path}")
@@ -98,12 +100,6 @@ def run_campaign(
         console.print(f"worst trial: {bad.robot}, {bad.kind}, seed {bad.seed}: {names}", markup=False)
         console.print(f"repeat with: {repeat_command(bad)}", markup=False)
     return bad is None and not interrupted
-
-
-def _repeat_stalls(results: Results, requested: Sequence[TrialKey], trial: Callable[..., Outcome]) -> None:
-    for key in requested:
-        if "stall" in results.outcomes[key].violations and key not in results.repeated:
-            results.add(_in_new_process(key, trial))
 
 
 def _in_new_process(key: TrialKey, trial: Callable[..., Outcome]) -> Outcome:

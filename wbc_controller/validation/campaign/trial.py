@@ -15,26 +15,20 @@ from typing import Any
 
 import numpy as np
 
-from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.controller import Controller
 from wbc_controller.errors import ConfigurationError, WbcError, valid_choices
-from wbc_controller.middleware.topics import counterpart
-from wbc_controller.middleware.transports.memory import MemoryTransport
-from wbc_controller.nodes.wiring import controller_endpoints
+from wbc_controller.middleware.setpoints import velocity_message
 from wbc_controller.recording.recorder import Recorder
 from wbc_controller.records import Mode
 from wbc_controller.settings.config import load
 from wbc_controller.simulation.faults.catalogue import KINDS, draw
 from wbc_controller.simulation.faults.fault import Fault
 from wbc_controller.validation.campaign.expectations import Expectation, expect
-from wbc_controller.validation.campaign.fall import TrueFall
-from wbc_controller.validation.campaign.monitor import OutputMonitor
+from wbc_controller.validation.campaign.monitored_robot import MonitoredRobot
 from wbc_controller.validation.campaign.outcome import MAX_FALLEN_TIME, Outcome
 from wbc_controller.validation.campaign.recordings import TrialRecordings
 from wbc_controller.validation.campaign.request_faults import REQUEST_KINDS, RequestFault, RequestFaultState
 from wbc_controller.validation.error_log import logged_errors
-from wbc_controller.validation.lockstep import Lockstep
-from wbc_controller.validation.user import twist
 from wbc_controller.walking.gait import Phase
 
 ALL_KINDS: Mapping[str, type[Fault]] = {**KINDS, **REQUEST_KINDS}
@@ -88,14 +82,16 @@ def run_trial(
         prepare(trial.controller)
         with _frozen_objects():
             trial.run()
-        if place is not None:
-            trial.check_recording(place)
+        if place is not None and (deactivation := trial.monitor.deactivation) is not None and deactivation[2]:
+            error = place.error_of_fault(deactivation[1], deactivation[2])
+            if error:
+                trial.monitor.add_violation("recording", error)
     if logged:
         trial.monitor.add_violation("logged", logged[0])
     return trial.outcome(robot, seed, time.perf_counter() - began)
 
 
-class _Trial(Lockstep):
+class _Trial(MonitoredRobot):
     def __init__(
         self,
         robot: str,
@@ -115,28 +111,20 @@ class _Trial(Lockstep):
             "control.trigger": "joint_states",
         }
         settings = load(robot).replace(changes).settings
-        model = make_model(settings)
-        streams = ("joint_states", "odom") if model.floating_base else ("joint_states",)
-        names = {topic.key: topic.name for topic in controller_endpoints(settings, model) if topic.key in streams}
-        self.monitor = OutputMonitor(model, settings, names, stamps_lie=fault.place == "stamps and clock")
         self._recorder = None if place is None else Recorder(settings, patient=True, name=place.name)
         self._read = 0.0
         super().__init__(
             settings,
-            model=model,
+            lambda report: setattr(self, "_read", report.stage_seconds["read"]),
+            stamps_lie=fault.place == "stamps and clock",
             use_sim_time=fault.kind() in _BY_CLOCK,
             timer=time.thread_time,
-            observers=(self.monitor.cycle, lambda report: setattr(self, "_read", report.stage_seconds["read"])),
             recorder=self._recorder,
         )
-        self.mock.sent = self.monitor.sent
-        effort = next(topic for topic in self.topics if topic.key == "effort")
-        MemoryTransport(self.bus).subscribe(counterpart(effort), self.monitor.torques)
         if walking and self.controller.walker is None:
             raise ConfigurationError(f"{robot} cannot walk: its configuration has no section 'walking'")
         self._walking, self._commanded = walking, math.inf  # time of the next velocity, s
         self._fault, self._expected = fault, expect(fault, settings)
-        self._fall = TrueFall(model, self.mock.plant)
         self._request_state = RequestFaultState(self.user, rng)
         self._began = math.inf  # start of the fault on the monitor's time
         self._moved = 0.0
@@ -144,7 +132,7 @@ class _Trial(Lockstep):
     def run(self) -> None:
         try:
             self._stand()
-            if self.monitor.mode is not Mode.ACTIVE or self._fall.has_fallen():
+            if self.monitor.mode is not Mode.ACTIVE or self.fall.has_fallen():
                 self.monitor.add_violation("start", f"mode {self.monitor.mode}")
                 return
             self._walk() if self._walking else self.user.move(self.com())
@@ -159,13 +147,6 @@ class _Trial(Lockstep):
         finally:
             if self._recorder is not None:
                 self._recorder.close()
-
-    def check_recording(self, place: TrialRecordings) -> None:
-        deactivation = self.monitor.deactivation
-        if deactivation is not None and deactivation[2]:
-            error_of_fault = place.error_of_fault(deactivation[1], deactivation[2])
-            if error_of_fault:
-                self.monitor.add_violation("recording", error_of_fault)
 
     def _stand(self) -> None:
         for _ in range(_HOLD_PERIODS):
@@ -197,7 +178,7 @@ class _Trial(Lockstep):
                 if now < begins:
                     origin = com
                 self._moved = max(self._moved, float(np.linalg.norm(com - origin)))
-                if not self._fall.has_fallen():
+                if not self.fall.has_fallen():
                     fallen_since = math.inf
                 elif self.monitor.deactivation is None:
                     fallen_since = min(fallen_since, now)
@@ -212,10 +193,9 @@ class _Trial(Lockstep):
             self._cycle()
 
     def _cycle(self) -> None:
-        self.monitor.now = 1.0e-9 * self.mock.stamp
         if self.mock.plant.time >= self._commanded:
             self._commanded += _COMMAND_PERIOD
-            self.user.send("cmd_vel", twist(np.array([WALK_SPEED, 0.0, 0.0])))
+            self.user.send("cmd_vel", velocity_message((WALK_SPEED, 0.0, 0.0)))
         self.publish_state()
         before = time.thread_time()
         if self.loop.run_due(self.monitor.now, self.controller.period) and self.monitor.now >= self._began:

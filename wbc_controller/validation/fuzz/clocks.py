@@ -4,27 +4,21 @@ docs/robustness.md describes trials and requirements.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from wbc_controller.controller.build.robot import make_model
 from wbc_controller.errors import WbcError
-from wbc_controller.middleware.topics import counterpart
-from wbc_controller.middleware.transports.memory import MemoryTransport
-from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.records import Mode
 from wbc_controller.settings.config import load
 from wbc_controller.simulation.faults.catalogue import KINDS, draw
 from wbc_controller.simulation.faults.fault import Fault, FaultContext, MeasurementFault, number
 from wbc_controller.simulation.measurement import Measurement
-from wbc_controller.validation.campaign.fall import TrueFall
-from wbc_controller.validation.campaign.monitor import OutputMonitor
+from wbc_controller.validation.campaign.monitored_robot import MonitoredRobot
 from wbc_controller.validation.campaign.outcome import MAX_FALLEN_TIME
 from wbc_controller.validation.error_log import logged_errors
-from wbc_controller.validation.lockstep import Lockstep
 
 CLOCKS = ("simulated", "synchronized", "own")  # clocks of the controller
 _DURATION, _HANGING_PERIODS = 1.2, 10  # s, and periods on the hoist before
@@ -56,28 +50,15 @@ class ClockTrial:
     result: str = "survived"  # `survived`, `refused`, or the code of the fault that ended the control
     why: str = ""  # violated invariant, or empty
 
-    def line(self) -> str:
-        """The trial in one line."""
+    @property
+    def failed(self) -> bool:
+        """True if an invariant was violated."""
+        return bool(self.why)
+
+    def __str__(self) -> str:
         late = ", late" if self.late else ""
         why = f"; {self.why}" if self.why else ""
         return f"{self.robot}, trial {self.number}: {self.clock} clock, {self.faults}{late}: {self.result}{why}"
-
-
-def fuzz_clocks(
-    robots: Sequence[str],
-    count: int,
-    seed: int,
-    *,
-    first: int = 0,
-    progress: Callable[[ClockTrial], None] = lambda trial: None,
-) -> list[ClockTrial]:
-    """Run trials with each robot."""
-    trials = []
-    for robot in robots:
-        for each in range(first, first + count):
-            trials.append(run_trial(robot, seed, each))
-            progress(trials[-1])
-    return trials
 
 
 def run_trial(robot: str, seed: int, number: int) -> ClockTrial:
@@ -111,7 +92,7 @@ def run_trial(robot: str, seed: int, number: int) -> ClockTrial:
     return trial
 
 
-class _Standing(Lockstep):
+class _Standing(MonitoredRobot):
     def __init__(self, trial: ClockTrial, faults: Sequence[Fault], before: bool, rng: np.random.Generator) -> None:
         changes = {
             "safety.activation_ramp": 0.0,
@@ -119,18 +100,9 @@ class _Standing(Lockstep):
             "control.markers_rate": 0.0,
         }
         settings = load(trial.robot).replace(changes).settings
-        model = make_model(settings)
-        names = {t.key: t.name for t in controller_endpoints(settings, model) if t.key in ("joint_states", "odom")}
-        self._monitor = OutputMonitor(model, settings, names, stamps_lie=True)
-        super().__init__(
-            settings, model=model, use_sim_time=trial.clock == "simulated", observers=(self._monitor.cycle,)
-        )
-        self.mock.sent = self._monitor.sent
-        (effort,) = [topic for topic in self.topics if topic.key == "effort"]
-        MemoryTransport(self.bus).subscribe(counterpart(effort), self._monitor.torques)
+        super().__init__(settings, stamps_lie=True, use_sim_time=trial.clock == "simulated")
         self._trial, self._faults, self._before, self._rng = trial, faults, before, rng
         self._paused_until, self._pauses_at = 0.0, math.inf
-        self._fall = TrueFall(model, self.mock.plant)
 
     def run(self) -> None:
         if self._before:
@@ -141,7 +113,7 @@ class _Standing(Lockstep):
             self.user.send_text("command", "activate")
             for _ in range(_PERIODS_BETWEEN_ATTEMPTS):
                 self._period()
-            if self._monitor.mode is Mode.ACTIVE:
+            if self.monitor.mode is Mode.ACTIVE:
                 break
         else:
             self._trial.result = "refused"
@@ -155,28 +127,27 @@ class _Standing(Lockstep):
         if self._trial.late:
             self._pauses_at = self.time
         end, fallen_since = self.time + _DURATION, math.inf
-        while self.time < end and self._monitor.deactivation is None:
+        while self.time < end and self.monitor.deactivation is None:
             self._period()
-            fallen_since = min(fallen_since, self.time) if self._fall.has_fallen() else math.inf
+            fallen_since = min(fallen_since, self.time) if self.fall.has_fallen() else math.inf
             if self.time - fallen_since > MAX_FALLEN_TIME:
                 self._trial.why = "the robot fell without a fault"
                 return None
         return self._judge()
 
     def _period(self) -> None:
-        self._monitor.now = 1.0e-9 * self.mock.stamp
         self.publish_state()
         if self.time >= self._pauses_at:
             self._paused_until = self.time + _between(self._rng, _PAUSE_DURATION)
             self._pauses_at = self._paused_until + _between(self._rng, _TIME_BETWEEN_PAUSES)
         if self.time >= self._paused_until:
-            self.loop.run_due(self._monitor.now, self.controller.period)
+            self.loop.run_due(self.monitor.now, self.controller.period)
         self.mock.advance()
 
     def _judge(self) -> None:
-        if self._monitor.deactivation is not None:
-            self._trial.result = self._monitor.deactivation[1]
-        violations = dict(self._monitor.violations)
+        if self.monitor.deactivation is not None:
+            self._trial.result = self.monitor.deactivation[1]
+        violations = dict(self.monitor.violations)
         if any(fault.place == "stamps and clock" for fault in self._faults):
             violations.pop("stale", None)
         if violations:
@@ -193,4 +164,4 @@ def summary(trials: Sequence[ClockTrial]) -> Iterator[str]:
     for robot, clock in dict.fromkeys((trial.robot, trial.clock) for trial in trials):
         own = [trial.result for trial in trials if (trial.robot, trial.clock) == (robot, clock)]
         yield f"{robot:10} {clock:13} " + ", ".join(f"{own.count(each)} {each}" for each in sorted(set(own)))
-    yield from (trial.line() for trial in trials if trial.why)
+    yield from (str(trial) for trial in trials if trial.why)

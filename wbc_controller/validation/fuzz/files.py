@@ -28,20 +28,17 @@ from wbc_controller.controller.build.robot_description import describe, read_urd
 from wbc_controller.controller.check.preflight import check
 from wbc_controller.controller.controller import Controller
 from wbc_controller.errors import ConfigurationError, InputRefused, WbcError
+from wbc_controller.recording.mcap_file import write_messages
 from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.simulation.plant import Plant
 from wbc_controller.validation.fuzz.hostile_files import hostile_configuration, hostile_urdf
-from wbc_controller.validation.fuzz.hostile_recordings import (
-    hostile_recording,
-    original,
-    read_recording,
-    write_messages,
-)
+from wbc_controller.validation.fuzz.hostile_recordings import hostile_messages, original, read_recording
 from wbc_controller.validation.fuzz.strategies import draw_by_key
 
 _PROCESSOR_TIME_LIMIT = 5.0  # largest processor time of one case, s; a supplied robot requires 0.1 s
 _CASE_TIMEOUT, _START_TIMEOUT = 60.0, 300.0  # wall time limits of a case and of the start, s
 _MEMORY = 8 << 30  # bytes
+_MOST_FAILURES = 20
 _READY = "ready"
 _URDF_KEY = re.compile(r"(?m)^(\s*urdf:\s*).*$")  # line of the configuration with the URDF
 
@@ -64,12 +61,11 @@ def fuzz_files(
     folder: Path,
     *,
     first: int = 0,
-    most_failures: int = 20,
     progress: Callable[[FilesOutcome, int], None] = lambda outcome, number: None,
 ) -> FilesOutcome:
     """Read hostile ``configurations``, ``urdf`` or ``recordings`` of the robots in turn, in a child process."""
     outcome, due, began = FilesOutcome(), first, time.monotonic()
-    while due < first + count and len(outcome.failures) < most_failures:
+    while due < first + count and len(outcome.failures) < _MOST_FAILURES:
         ours, theirs = multiprocessing.get_context("spawn").Pipe()
         child = multiprocessing.get_context("spawn").Process(
             target=_work, args=(theirs, _reader, kind, robots, seed, due, first + count, folder), daemon=True
@@ -87,7 +83,7 @@ def fuzz_files(
                     outcome.failures[place] = result
                 outcome.seconds = time.monotonic() - began
                 progress(outcome, number)
-                if len(outcome.failures) >= most_failures:
+                if len(outcome.failures) >= _MOST_FAILURES:
                     break
         finally:
             child.kill()
@@ -146,8 +142,10 @@ def make_case(kind: str, robot: str, seed: int, number: int, place: Path) -> Non
     """Write the files of one case of ``configurations``, ``urdf`` or ``recordings``."""
     place.mkdir(parents=True, exist_ok=True)
     if kind == "recordings":
-        topics, _ = original(robot)
-        write_messages(place / "robot.mcap", topics, draw_by_key(hostile_recording(robot), kind, seed, number))
+        topics, messages = original(robot)
+        drawn = draw_by_key(hostile_messages(messages), kind, seed, number)
+        changed = ((topic.number, time, payload) for topic, time, payload in drawn)
+        write_messages(place / "robot.mcap", topics.values(), changed)
         return
     configuration, urdf = _originals(robot)
     configuration = _URDF_KEY.sub(lambda found: f"{found.group(1)}{place / 'robot.urdf'}", configuration)

@@ -3,7 +3,7 @@
 import math
 import multiprocessing
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice, pairwise
 from pathlib import Path
@@ -13,15 +13,14 @@ import numpy as np
 
 from wbc_controller.errors import ConfigurationError, WbcError, valid_choices
 from wbc_controller.middleware.codec import encode, message
+from wbc_controller.middleware.setpoints import com_trajectory
 from wbc_controller.middleware.topics import Endpoint, counterpart
 from wbc_controller.middleware.transports.dds import DdsTransport
-from wbc_controller.recording.cycle_arrays import cycle_arrays
 from wbc_controller.recording.recording_file import Recording
 from wbc_controller.validation.fuzz import DOMAIN
 from wbc_controller.validation.fuzz.examples import valid_message
 from wbc_controller.validation.fuzz.lateness import MACHINE
 from wbc_controller.validation.fuzz.robot_processes import RobotProcesses
-from wbc_controller.validation.user import com_trajectory
 
 _RATE, _SLOW_RATE = 10_000.0, 20.0  # messages per second; second value for large messages
 _DISCOVERY_TIME = 0.2  # s
@@ -103,6 +102,11 @@ class StopTrial:
         """True if no cycle exceeded `STALL`, plus the lateness of the machine."""
         return self.slowest <= STALL + 2.0 * self.stop.late
 
+    @property
+    def failed(self) -> bool:
+        """True if the stop was late, or a cycle too long."""
+        return not (self.obeyed and self.steady)
+
 
 def flood(kind: str, topic: Endpoint, payload: bytes, domain: int, running: Any, count: Any) -> None:
     """Send a message while an event is set; a negative count ends the process."""
@@ -134,20 +138,30 @@ def flood_trials(
     kinds: Sequence[str] = tuple(FLOODS),
     domain: int = DOMAIN,
     seed: int = 0,
-    progress: Callable[[StopTrial], None] = lambda trial: None,
-) -> list[StopTrial]:
+) -> Iterator[StopTrial]:
     """Flood each kind of input of a running controller, and stop it; raise `WbcError` if a process fails."""
     for kind in kinds:
         if kind not in FLOODS:
             raise ConfigurationError(f"unknown flood {kind!r}; {valid_choices(kind, FLOODS)}")
-    rng, done = np.random.default_rng(seed), []
+    rng = np.random.default_rng(seed)
     with RobotProcesses(robot, folder, domain, _CHANGES) as nodes:
         nodes.start("mock")
         for kind in kinds:
-            for trial in _under_one_flood(nodes, kind, trials, rng, domain):
-                done.append(trial)
-                progress(trial)
-    return done
+            yield from _under_one_flood(nodes, kind, trials, rng, domain)
+
+
+def summary(trials: Sequence[StopTrial]) -> Iterator[str]:
+    """Yield a line for each kind of flood."""
+    for kind in dict.fromkeys(trial.flood for trial in trials):
+        own = [trial for trial in trials if trial.flood == kind]
+        rates, cycles = [trial.rate for trial in own], max(trial.cycles for trial in own)
+        delay, slowest = 1e3 * max(trial.stop.delay for trial in own), 1e3 * max(trial.slowest for trial in own)
+        yield (
+            f"{kind:14} at {min(rates):.0f} to {max(rates):.0f} messages/s: obeyed within {CYCLES} cycles in "
+            f"{sum(t.obeyed for t in own)} of {len(own)} (max. {cycles}), zero torques within {delay:.1f} ms; "
+            f"slowest cycle {slowest:.1f} ms, steady in {sum(t.steady for t in own)}; losses reported in "
+            f"{sum(t.stop.losses_reported for t in own)}"
+        )
 
 
 def _under_one_flood(
@@ -179,7 +193,7 @@ def _under_one_flood(
     if status != 0 or not nodes.record.exists():
         raise WbcError(f"the controller ended with exit status {status} after the flood {kind!r}")
     recorded = Recording(nodes.record)
-    record, gaps, period = cycle_arrays(recorded), _gaps(recorded), 1.0 / nodes.settings.control.rate
+    record, gaps, period = recorded.arrays(), _gaps(recorded), 1.0 / nodes.settings.control.rate
     return [_compared(kind, stop, record, gaps, period) for stop in stops]
 
 

@@ -4,9 +4,9 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import click
 
@@ -16,6 +16,14 @@ from wbc_controller.validation.fuzz import DOMAIN
 F = TypeVar("F", bound=Callable[..., Any])
 
 _EVERY = 10.0  # time between two progress lines, s
+
+
+class _Trial(Protocol):
+    @property
+    def failed(self) -> bool: ...
+
+
+T = TypeVar("T", bound=_Trial)
 
 
 @click.group()
@@ -41,16 +49,21 @@ def _options(*options: Callable[[Any], Any]) -> Callable[[F], F]:
     return add
 
 
+def _first(kind: str) -> Callable[[F], F]:
+    return click.option("--first", default=0, show_default=True, help=f"Number of the first {kind}.")
+
+
 _seed = click.option("--seed", default=0, show_default=True, help="Seed of all random choices.")
+_robots = click.argument("robots", default="go2,g1,talos")
 _common = _options(_seed, click.option("--out", "folder", type=click.Path(path_type=Path), default=Path("fuzz"),
                                        show_default=True, help="Folder of failures and logs."))  # fmt: skip
 _live = _options(
     click.option("--domain", default=DOMAIN, show_default=True, help="DDS domain of the processes."), _common
 )
 _of_files = _options(
-    click.argument("robots", default="go2,g1,talos"),
+    _robots,
     click.option("--count", default=20_000, show_default=True, help="Number of files."),
-    click.option("--first", default=0, show_default=True, help="Number of the first file."),
+    _first("file"),
     _common,
 )
 
@@ -59,7 +72,7 @@ _of_files = _options(
 @click.argument("robot", default="go2")
 @click.option("--count", default=1_000_000, show_default=True, help="Total number of messages.")
 @click.option("--nodes", default="controller,guard,mock,urdf,estimator", show_default=True, help="Nodes under test.")
-@click.option("--first", default=0, show_default=True, help="Number of the first episode of each node.")
+@_first("episode of each node")
 @click.option("--replay", type=click.Path(path_type=Path), help="Only send the messages of a failure again.")
 @_common
 def messages(robot: str, count: int, nodes: str, first: int, replay: Path | None, seed: int, folder: Path) -> None:
@@ -144,14 +157,9 @@ def recordings(**options: Any) -> None:
 @_seed
 def classes(count: int, seed: int) -> None:
     """Run controllers with a user class with a hostile member: it is refused, or the robot is damped."""
-    from wbc_controller.validation.fuzz.hostile_classes import fuzz_classes
+    from wbc_controller.validation.fuzz import hostile_classes as run
 
-    report = _Progress()
-    failures, results = fuzz_classes(count, seed, lambda results, number: report(f"class {number}: {dict(results)}"))
-    click.echo(", ".join(f"{number} {result}" for result, number in results.most_common()))
-    for hostile, why in failures:
-        click.echo(f"{hostile}: {why}")
-    sys.exit(1 if failures else 0)
+    _report(run.fuzz_classes(count, seed), run.summary)
 
 
 @fuzz.command()
@@ -163,26 +171,8 @@ def floods(robot: str, trials: int, kinds: str | None, domain: int, seed: int, f
     """Flood each kind of input, and check that an emergency stop passes and the loop continues."""
     from wbc_controller.validation.fuzz import floods as run
 
-    done = run.flood_trials(
-        robot,
-        folder,
-        trials,
-        kinds=tuple(kinds.split(",")) if kinds else tuple(run.FLOODS),
-        domain=domain,
-        seed=seed,
-        progress=lambda trial: click.echo(str(trial), err=True),
-    )
-    for kind in dict.fromkeys(trial.flood for trial in done):
-        of_kind = [trial for trial in done if trial.flood == kind]
-        rates, cycles = [trial.rate for trial in of_kind], max(trial.cycles for trial in of_kind)
-        delay, slowest = 1e3 * max(t.stop.delay for t in of_kind), 1e3 * max(t.slowest for t in of_kind)
-        click.echo(
-            f"{kind:14} at {min(rates):.0f} to {max(rates):.0f} messages/s: obeyed within {run.CYCLES} cycles in "
-            f"{sum(t.obeyed for t in of_kind)} of {len(of_kind)} (max. {cycles}), zero torques within {delay:.1f} ms; "
-            f"slowest cycle {slowest:.1f} ms, steady in {sum(t.steady for t in of_kind)}; losses reported in "
-            f"{sum(t.stop.losses_reported for t in of_kind)}"
-        )
-    sys.exit(0 if all(trial.obeyed and trial.steady for trial in done) else 1)
+    chosen = tuple(kinds.split(",")) if kinds else tuple(run.FLOODS)
+    _report(run.flood_trials(robot, folder, trials, kinds=chosen, domain=domain, seed=seed), run.summary, every=0.0)
 
 
 @fuzz.command()
@@ -193,18 +183,7 @@ def kills(robot: str, trials: int, domain: int, seed: int, folder: Path) -> None
     """Kill, hang up and stop the controller and the mock robot at random times."""
     from wbc_controller.validation.fuzz import kills as run
 
-    done = run.kill_trials(
-        robot, folder, trials, domain=domain, seed=seed, progress=lambda trial: click.echo(str(trial), err=True)
-    )
-    for victim, method in dict.fromkeys((trial.victim, trial.method) for trial in done):
-        of_kind = [trial for trial in done if (trial.victim, trial.method) == (victim, method)]
-        gaps = sorted(1e3 * trial.gap for trial in of_kind)
-        click.echo(
-            f"{victim:10} {method:8} passed {sum(t.passed for t in of_kind)} of {len(of_kind)}; constant torques for a "
-            f"median of {gaps[len(gaps) // 2]:.1f} ms, maximum {gaps[-1]:.1f} (allowed "
-            f"{1e3 * of_kind[0].bound:.0f}, lateness of the machine {1e3 * max(t.late for t in of_kind):.0f})"
-        )
-    sys.exit(0 if all(trial.passed for trial in done) else 1)
+    _report(run.kill_trials(robot, folder, trials, domain=domain, seed=seed), run.summary, every=0.0)
 
 
 @fuzz.command()
@@ -238,70 +217,59 @@ def soak(robot: str, minutes: float, domain: int, seed: int, folder: Path) -> No
 
 
 @fuzz.command()
-@click.argument("robots", default="go2,g1,talos")
+@_robots
 @click.option("--count", default=1000, show_default=True, help="Trials per robot.")
-@click.option("--first", default=0, show_default=True, help="Number of the first trial.")
-@click.option("--seed", default=0, show_default=True, help="Seed of all random choices.")
+@_first("trial")
+@_seed
 def clocks(robots: str, count: int, first: int, seed: int) -> None:
     """Change clocks, stamps and delivery, pause the controller, and check that no robot falls without a fault."""
     from wbc_controller.validation.fuzz import clocks as run
 
-    report = _Progress()
-    done = run.fuzz_clocks(robots.split(","), count, seed, first=first, progress=lambda trial: report(trial.line()))
-    for line in run.summary(done):
-        click.echo(line)
-    sys.exit(1 if any(trial.why for trial in done) else 0)
+    numbers = range(first, first + count)
+    _report((run.run_trial(robot, seed, n) for robot in robots.split(",") for n in numbers), run.summary)
 
 
 @fuzz.command()
-@click.argument("robots", default="go2,g1,talos")
+@_robots
 @click.option("--minutes", default=10.0, show_default=True, help="Simulated time under control per robot.")
-@click.option("--first", default=0, show_default=True, help="Number of the first trial.")
-@click.option("--seed", default=0, show_default=True, help="Seed of all random choices.")
+@_first("trial")
+@_seed
 def setpoints(robots: str, minutes: float, first: int, seed: int) -> None:
     """Send infeasible setpoints, and check that joints keep their limits under any relaxation."""
     from wbc_controller.validation.fuzz import setpoints as run
 
-    report = _Progress()
-    done = run.fuzz_setpoints(
-        robots.split(","),
-        minutes,
-        seed,
-        first=first,
-        progress=lambda trial: report(
-            f"{trial.robot}, trial {trial.number}: {trial.kind}, {trial.ended or 'active'} after {trial.seconds:.1f} s"
-        ),
-    )
-    for line in run.summary(done):
-        click.echo(line)
-    sys.exit(0 if all(trial.within_limits for trial in done) else 1)
+    _report(run.fuzz_setpoints(robots.split(","), minutes, seed, first), run.summary)
 
 
 @fuzz.command()
-@click.argument("robots", default="go2,g1,talos")
+@_robots
 @click.option("--count", default=10_000, show_default=True, help="Problems per robot.")
-@click.option("--first", default=0, show_default=True, help="Number of the first problem.")
+@_first("problem")
 @click.option("--seed", default=0, show_default=True, help="Offset of the problem numbers.")
 def problems(robots: str, count: int, first: int, seed: int) -> None:
     """Solve random quadratic programs, and check by linear programs that nothing is relaxed unnecessarily."""
-    from wbc_controller.validation.fuzz.problems import fuzz_problems
+    from wbc_controller.validation.fuzz import problems as run
 
-    report, failed = _Progress(), False
-    for outcome in fuzz_problems(
-        robots.split(","), count, seed, first=first, progress=lambda outcome: report(outcome.line())
-    ):
-        click.echo(outcome.line())
-        for number, why in outcome.failures.items():
-            click.echo(f"  problem {number}: {why}")
-        failed = failed or bool(outcome.failures)
+    _report(run.fuzz_problems(robots.split(","), range(first, first + count), seed), run.summary)
+
+
+def _report(trials: Iterable[T], summary: Callable[[Sequence[T]], Iterable[str]], every: float = _EVERY) -> None:
+    """Print a progress line at most once per `every` seconds, and the summary; exit."""
+    progress, done, failed = _Progress(every), list[T](), 0
+    for trial in trials:
+        done.append(trial)
+        failed += trial.failed
+        progress(f"{len(done)} trials, {failed} failed; {trial}")
+    for line in summary(done):
+        click.echo(line)
     sys.exit(1 if failed else 0)
 
 
 class _Progress:
-    def __init__(self) -> None:
-        self._due = time.monotonic() + _EVERY
+    def __init__(self, every: float = _EVERY) -> None:
+        self._every, self._due = every, time.monotonic() + every
 
     def __call__(self, line: str) -> None:
         if time.monotonic() >= self._due:
-            self._due = time.monotonic() + _EVERY
+            self._due = time.monotonic() + self._every
             click.echo(line, err=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -197,19 +197,34 @@ def run_class(hostile: HostileClass) -> str:
     return result.mode.value if result.mode is Mode.ACTIVE else f"{result.mode.value} {result.fault.code}"  # type: ignore[union-attr]
 
 
-def fuzz_classes(
-    count: int, seed: int, progress: Callable[[Counter[str], int], None] = lambda results, number: None
-) -> tuple[list[tuple[HostileClass, str]], Counter[str]]:
-    """Run controllers with hostile classes, and return the failures and the counts of all results."""
-    results: Counter[str] = Counter()
-    failures: list[tuple[HostileClass, str]] = []
+@dataclass(frozen=True, slots=True)
+class ClassTrial:
+    """One controller with a hostile class, and its result as of `run_class`."""
+
+    number: int
+    hostile: HostileClass
+    result: str
+
+    @property
+    def failed(self) -> bool:
+        """True if the class was neither refused nor damped."""
+        return self.result.startswith("wrong")
+
+    def __str__(self) -> str:
+        return f"class {self.number}: {self.result}"
+
+
+def fuzz_classes(count: int, seed: int) -> Iterator[ClassTrial]:
+    """Run controllers with hostile classes."""
     logging.getLogger("wbc_controller").setLevel(logging.CRITICAL)  # failing methods log tracebacks
     with np.errstate(all="ignore"):
         for number in range(count):
             hostile = draw_by_key(hostile_class(), "classes", seed, number)
-            result = run_class(hostile)
-            results[result.partition(":")[0]] += 1
-            if result.startswith("wrong"):
-                failures.append((hostile, result))
-            progress(results, number)
-    return failures, results
+            yield ClassTrial(number, hostile, run_class(hostile))
+
+
+def summary(trials: Sequence[ClassTrial]) -> Iterator[str]:
+    """Yield a line with the number of each result, and a line for each failure."""
+    counts = Counter(trial.result.partition(":")[0] for trial in trials).most_common()
+    yield ", ".join(f"{number} {result}" for result, number in counts)
+    yield from (f"{trial.hostile}: {trial.result}" for trial in trials if trial.failed)

@@ -13,7 +13,7 @@ import os
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,8 +21,7 @@ from typing import Any
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.nodes import processes
 from wbc_controller.validation.fuzz.controller_target import ControllerTarget
-from wbc_controller.validation.fuzz.estimator_target import EstimatorTarget
-from wbc_controller.validation.fuzz.other_targets import GuardTarget, MockTarget, UrdfTarget
+from wbc_controller.validation.fuzz.other_targets import EstimatorTarget, GuardTarget, MockTarget, UrdfTarget
 from wbc_controller.validation.fuzz.strategies import draw_by_key, requests
 from wbc_controller.validation.fuzz.target import (
     InvariantViolation,
@@ -127,25 +126,33 @@ def _of(key: str) -> tuple[Callable[[str], Target], float]:
 
 def _episode(key: str, robot: str, seed: str, outcome: Outcome, count: int) -> Failure | None:
     messages: list[Message] = []
+
+    def draw(target: Target) -> Iterator[Message]:
+        names = fuzzed_robot(robot).model.joints
+        while target.alive and len(messages) < _EPISODE_LENGTH and outcome.sent < count:
+            topic, payload = draw_by_key(requests(target, names), seed, len(messages))
+            messages.append((topic.name, payload))
+            outcome.counts[f"{key}: {topic.key}"] += 1
+            yield messages[-1]
+
+    error = _send(key, robot, draw)
+    return None if error is None else _reduced(key, robot, messages, error)
+
+
+def _send(key: str, robot: str, sent: Callable[[Target], Iterable[Message]]) -> Exception | None:
+    """Send messages to a fresh node; return its exception, or None."""
     with collected_errors() as errors:
         try:
-            target, names = _of(key)[0](robot), fuzzed_robot(robot).model.joints
-            while target.alive and len(messages) < _EPISODE_LENGTH and outcome.sent < count:
-                topic, payload = draw_by_key(requests(target, names), seed, len(messages))
-                messages.append((topic.name, payload))
-                outcome.counts[f"{key}: {topic.key}"] += 1
-                target.deliver(topic, payload)
-                _check_log(errors)
-            target.finish()
-            _check_log(errors)
+            target = _of(key)[0](robot)
+            for name, payload in sent(target):
+                target.deliver(target.topics[name], payload)
+                if errors:
+                    break
+            else:
+                target.finish()
+            return InvariantViolation(f"logged error: {errors[0]}") if errors else None
         except Exception as error:
-            return _reduced(key, robot, messages, error)
-    return None
-
-
-def _check_log(errors: list[str]) -> None:
-    if errors:
-        raise InvariantViolation(f"logged error: {errors[0]}")
+            return error
 
 
 def _reduced(key: str, robot: str, messages: list[Message], error: Exception) -> Failure | None:
@@ -158,17 +165,8 @@ def _reduced(key: str, robot: str, messages: list[Message], error: Exception) ->
 
 def replay(key: str, robot: str, sent: Sequence[Message]) -> str | None:
     """Send messages to a fresh node, and return the violated invariant or None."""
-    with collected_errors() as errors:
-        try:
-            target = _of(key)[0](robot)
-            for name, payload in sent:
-                target.deliver(target.topics[name], payload)
-                _check_log(errors)
-            target.finish()
-            _check_log(errors)
-        except Exception as error:
-            return _sentence(error)
-    return None
+    error = _send(key, robot, lambda target: sent)
+    return None if error is None else _sentence(error)
 
 
 def _sentence(error: Exception) -> str:

@@ -17,7 +17,7 @@ from hypothesis.strategies import DrawFn, SearchStrategy
 
 from wbc_controller.controller.cycle import ControlCycle
 from wbc_controller.middleware.codec import decode, encode, message
-from wbc_controller.recording.mcap_file import ChunkBuilder, McapFile, McapMessages, Topic
+from wbc_controller.recording.mcap_file import McapMessages, Topic
 from wbc_controller.recording.recorder import Recorder
 from wbc_controller.recording.recording_file import Recording
 from wbc_controller.recording.replay.cycle_replay import Replay
@@ -73,24 +73,9 @@ def original(robot: str) -> tuple[dict[int, Topic], Messages]:
     return file.topics, messages
 
 
-def hostile_recording(robot: str) -> SearchStrategy[Messages]:
-    """Return a strategy of the messages with hostile changes."""
-    return _hostile_messages(original(robot)[1])
-
-
-def write_messages(path: Path, topics: dict[int, Topic], messages: Messages) -> None:
-    """Write a recording with valid checksums."""
-    builder, file = ChunkBuilder(), McapFile(path, topics.values())
-    for topic, time, payload in messages:
-        builder.add(topic.number, time, payload)
-    chunk = builder.take()
-    if chunk is not None:
-        file.write(chunk)
-    file.close()
-
-
 @st.composite
-def _hostile_messages(draw: DrawFn, messages: Messages) -> Messages:
+def hostile_messages(draw: DrawFn, messages: Messages) -> Messages:
+    """Draw messages with hostile changes."""
     result = list(messages)
     for _ in range(draw(st.sampled_from((1, 1, 1, 2, 3)))):
         kinds: dict[str, list[int]] = {}

@@ -2,8 +2,8 @@
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -26,53 +26,56 @@ _MARGIN = 1.0e-6  # margin of an infeasible problem, in its units
 NO_SOLUTION = "no solution"
 
 
-@dataclass(slots=True)
-class ProblemsOutcome:
-    """Result for one robot."""
+@dataclass(frozen=True, slots=True)
+class SolvedProblem:
+    """One problem."""
 
     robot: str
-    relaxed: Counter[str] = field(default_factory=Counter)  # problems by relaxation
-    # error of the answer, by number of the problem
-    failures: dict[int, str] = field(default_factory=dict)
-    slowest: float = 0.0  # processor time of the slowest answer, s
+    number: int
+    relaxed: str  # relaxed groups, or `NO_SOLUTION`
+    seconds: float  # processor time of the answer, s
+    failure: str  # error of the answer, or empty
 
-    def line(self) -> str:
-        """The result in one line."""
-        counts = ", ".join(f"{name}: {count}" for name, count in self.relaxed.most_common())
-        return (
-            f"{self.robot:10} {sum(self.relaxed.values())} problems ({counts}); falsely infeasible or relaxed "
-            f"too much: {len(self.failures)}; slowest answer {1e3 * self.slowest:.1f} ms of processor time"
-        )
+    @property
+    def failed(self) -> bool:
+        """True if the answer is wrong."""
+        return bool(self.failure)
+
+    def __str__(self) -> str:
+        return f"{self.robot}, problem {self.number}: {self.relaxed}"
 
 
-def fuzz_problems(
-    robots: Sequence[str],
-    count: int,
-    seed: int,
-    *,
-    first: int = 0,
-    progress: Callable[[ProblemsOutcome], None] = lambda outcome: None,
-) -> Iterator[ProblemsOutcome]:
+def fuzz_problems(robots: Sequence[str], numbers: Sequence[int], seed: int) -> Iterator[SolvedProblem]:
     """Solve random problems of each robot, and check the relaxations; `seed` plus the number determines a problem."""
     for robot in robots:
         settings = load_settings(find_configuration(robot))
         qp = make_qp(settings, make_model(settings))
-        standing, outcome = stance(qp.model, qp, list(qp.contacts)), ProblemsOutcome(robot)
+        standing = stance(qp.model, qp, list(qp.contacts))
         references = rest(qp, settings, RobotState(0, frozen(standing), frozen(np.zeros(qp.model.nv))))
-        for number in range(first, first + count):
+        for number in numbers:
             arguments = random_problem(qp.model, standing, references, seed + number)
             started = time.thread_time()
             try:
                 relaxed = qp.solve(*arguments, explained=False).relaxed
             except NoSolution:
                 relaxed = (NO_SOLUTION,)
-            outcome.slowest = max(outcome.slowest, time.thread_time() - started)
-            outcome.relaxed[", ".join(relaxed) or "nothing relaxed"] += 1
-            why = relaxation_error(qp, arguments, relaxed)
-            if why is not None:
-                outcome.failures[number] = why
-            progress(outcome)
-        yield outcome
+            seconds = time.thread_time() - started
+            failure = relaxation_error(qp, arguments, relaxed) or ""
+            yield SolvedProblem(robot, number, ", ".join(relaxed) or "nothing relaxed", seconds, failure)
+
+
+def summary(problems: Sequence[SolvedProblem]) -> Iterator[str]:
+    """Yield a line for each robot, and for each wrong answer."""
+    for robot in dict.fromkeys(problem.robot for problem in problems):
+        own = [problem for problem in problems if problem.robot == robot]
+        counts = Counter(problem.relaxed for problem in own).most_common()
+        failed = [problem for problem in own if problem.failed]
+        yield (
+            f"{robot:10} {len(own)} problems ({', '.join(f'{name}: {count}' for name, count in counts)}); falsely "
+            f"infeasible or relaxed too much: {len(failed)}; slowest answer "
+            f"{1e3 * max(problem.seconds for problem in own):.1f} ms of processor time"
+        )
+        yield from (f"  problem {problem.number}: {problem.failure}" for problem in failed)
 
 
 def rest(qp: WholeBodyQP, settings: Settings, state: RobotState) -> References:

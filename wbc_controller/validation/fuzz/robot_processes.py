@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,18 +17,21 @@ from wbc_controller.controller.build.robot import make_model
 from wbc_controller.middleware.codec import decode, nanoseconds
 from wbc_controller.middleware.joint_states import JointStateReader
 from wbc_controller.middleware.states import OdometryReader
-from wbc_controller.middleware.topics import GUARD_TOPICS, MOCK_TOPICS, Direction, Endpoint, endpoints
+from wbc_controller.middleware.topics import Direction
 from wbc_controller.middleware.transports.dds import DdsTransport
-from wbc_controller.nodes.guard_service import NODE_NAME as GUARD_NODE
 from wbc_controller.nodes.processes import TIMEOUT, Processes, until
-from wbc_controller.nodes.wiring import controller_endpoints
+from wbc_controller.nodes.wiring import controller_endpoints, topics_of
 from wbc_controller.records import Array
-from wbc_controller.simulation.mock_robot import NODE_NAME as MOCK_NODE
 from wbc_controller.validation.fuzz import DOMAIN
 from wbc_controller.validation.fuzz.lateness import Lateness
 from wbc_controller.validation.user import User, activation_commands, reliable_counterpart
 
 _CAPACITY = 30_000  # messages per topic
+#: Stored topics by node and key.
+_HEARD = (
+    "controller/effort", "controller/joint_commands", "controller/state", "controller/diagnostics", "mock/joint_states",
+    "mock/odom", "guard/state",
+)  # fmt: skip
 
 
 def _store(messages: deque[tuple[float, bytes]], payload: bytes) -> None:
@@ -53,11 +56,12 @@ class RobotProcesses(Processes):
         self.messages: dict[str, deque[tuple[float, bytes]]] = {}
         self._types: dict[str, str] = {}
         self._transport = DdsTransport("trial_user", domain_id=domain, discovery_range="LOCALHOST")
+        for (node, key, _), topic in topics_of(self.settings).items():
+            if topic.direction is Direction.OUT and (name := f"{node}/{key}") in _HEARD:
+                messages = self.messages[name] = deque(maxlen=_CAPACITY)
+                self._types[name] = topic.type
+                self._transport.subscribe(reliable_counterpart(topic), partial(_store, messages))
         topics = controller_endpoints(self.settings, self.model)
-        self._subscribe("controller", topics, ("effort", "joint_commands", "state", "diagnostics"))
-        mock_topics = endpoints(MOCK_TOPICS, MOCK_NODE, contacts=self.settings.contacts)
-        self._subscribe("mock", mock_topics, ("joint_states", "odom"))
-        self._subscribe("guard", endpoints(GUARD_TOPICS, GUARD_NODE), ("state",))
         self.inputs = {
             f"{topic.key}/{topic.subject}".rstrip("/"): topic for topic in topics if topic.direction is Direction.IN
         }
@@ -71,13 +75,6 @@ class RobotProcesses(Processes):
         super().close()
         self._transport.close()
         self.lateness.end()
-
-    def _subscribe(self, node: str, topics: Iterable[Endpoint], keys: Sequence[str]) -> None:
-        for topic in topics:
-            if topic.direction is Direction.OUT and topic.key in keys:
-                messages = self.messages[f"{node}/{topic.key}"] = deque(maxlen=_CAPACITY)
-                self._types[f"{node}/{topic.key}"] = topic.type
-                self._transport.subscribe(reliable_counterpart(topic), partial(_store, messages))
 
     def launch(self, name: str, command: Sequence[str]) -> subprocess.Popen[bytes]:
         """Start a process by its command line, and measure its lateness."""

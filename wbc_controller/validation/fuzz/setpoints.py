@@ -44,33 +44,29 @@ class SetpointTrial:
     holding: int = 0  # cycles
 
     @property
-    def within_limits(self) -> bool:
-        """True if the joints kept their limits."""
-        return self.excess <= MAX_EXCESS
+    def failed(self) -> bool:
+        """True if a joint left its limits."""
+        return not self.excess <= MAX_EXCESS
+
+    def __str__(self) -> str:
+        ended = self.ended or "active"
+        return f"{self.robot}, trial {self.number}: {self.kind}, {ended} after {self.seconds:.1f} s"
 
 
-def fuzz_setpoints(
-    robots: Sequence[str],
-    minutes: float,
-    seed: int,
-    *,
-    first: int = 0,
-    progress: Callable[[SetpointTrial], None] = lambda trial: None,
-) -> list[SetpointTrial]:
-    """Run trials until each robot was under control for a time."""
-    level, trials = _log.level, list[SetpointTrial]()
+def fuzz_setpoints(robots: Sequence[str], minutes: float, seed: int, first: int) -> Iterator[SetpointTrial]:
+    """Run trials, from the number `first` on, until each robot was under control for a time."""
+    level = _log.level
     _log.setLevel(logging.ERROR)  # falls and cycles without a solution are expected
     try:
         for robot in robots:
             left, number, simulation = 60.0 * minutes, first, Simulation(load(robot))
             while left > 0.0:
-                trials.append(run_trial(simulation, robot, seed, number))
-                left -= trials[-1].seconds
+                trial = run_trial(simulation, robot, seed, number)
+                left -= trial.seconds
                 number += 1
-                progress(trials[-1])
+                yield trial
     finally:
         _log.setLevel(level)
-    return trials
 
 
 def run_trial(simulation: Simulation, robot: str, seed: int, number: int) -> SetpointTrial:
@@ -184,6 +180,6 @@ def summary(trials: Sequence[SetpointTrial]) -> Iterator[str]:
             f"{sum(bool(t.ended) for t in own)} ended in damping; {sum(t.relaxed for t in own)} cycles relaxed, "
             f"{sum(t.holding for t in own)} held; largest excess over a position limit {max(worst.excess, 0.0):.4f} "
             f"({worst.joint}, trial {worst.number}, {worst.kind}), above {MAX_EXCESS:g} in "
-            f"{sum(not t.within_limits for t in own)} trials; within 20 ms after an impact on the floor "
+            f"{sum(t.failed for t in own)} trials; within 20 ms after an impact on the floor "
             f"{max(0.0, *(t.impact for t in own)):.4f}"
         )

@@ -31,8 +31,7 @@ def latency(
 
     A state without torques within its period is late. Do not use the computer during the measurement.
     """
-    from wbc_controller.validation.latency.latency import measure_latency
-    from wbc_controller.validation.latency.latency_report import figures, lines
+    from wbc_controller.validation.latency.latency import figures, lines, measure_latency
 
     found = measure_latency(
         robot,
