@@ -49,7 +49,7 @@ ROOMS = {
     "estimation": Room(f"{_QP}arrays {_QP}robot {_QP}contacts", "numpy scipy pinocchio"),
     # The supervisor is independent of the quadratic program.
     "safety": Room(f"estimation {_QP}arrays {_QP}robot {_QP}limits {_QP}references", "numpy scipy pinocchio"),
-    "walking": Room(f"{_QP}arrays {_QP}robot {_QP}references", "numpy pinocchio"),
+    "walking": Room(f"{_QP}robot {_QP}references", "numpy pinocchio"),
     "controller": Room(
         "settings inverse_dynamics estimation safety walking", "numpy scipy pinocchio coal pydantic plotly rich"
     ),

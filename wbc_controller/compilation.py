@@ -85,7 +85,7 @@ else:
 _log = logging.getLogger(__name__)
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _PACKAGE = Path(__file__).resolve().parent
-_SCALARS = {float: types.float64, int: types.int64, bool: types.boolean}
+_SCALARS = {float: types.float64, complex: types.complex128, int: types.int64, bool: types.boolean}
 #: Compilation time that causes a warning, s.
 _SLOW = 1.0
 #: Compiled or loaded functions.

@@ -10,8 +10,8 @@ import pytest
 import wbc_controller as wbc
 from wbc_controller.errors import NoSolution
 from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
-from wbc_controller.walking.adaptation import SHORTEST
-from wbc_controller.walking.fall import captured_by_steps, missed, nearest_support
+from wbc_controller.walking.adaptation_kernels import SHORTEST
+from wbc_controller.walking.fall_kernels import captured_by_steps, missed, nearest_support
 from wbc_controller.walking.gait import Gait
 from wbc_controller.walking.pendulum import later
 
@@ -33,8 +33,9 @@ GAIT = Gait(
 )
 def test_nearest_point_of_the_support(dcm, soles, nearest):
     turned = cmath.rect(1.0, 0.3)
-    places = [(2.0 + place * turned, turned) for place in soles]
-    assert nearest_support(2.0 + dcm * turned, places, (0.1, 0.05)) == pytest.approx(2.0 + nearest * turned)
+    first, second = (2.0 + place * turned for place in (soles[0], soles[-1]))
+    found = nearest_support(2.0 + dcm * turned, first, second, 0.3, 0.1, 0.05)
+    assert found == pytest.approx(2.0 + nearest * turned)
 
 
 @pytest.mark.parametrize("time", [0.0, 0.1, 0.3])
@@ -44,7 +45,7 @@ def test_steps_capture_the_dcm_up_to_the_largest_distance(time, excess, falls):
     omega, step_time, half = 3.8, SHORTEST * GAIT.single + GAIT.double, (0.1, 0.05)
     most = GAIT.length / (math.exp(omega * step_time) - 1.0)
     dcm = later(GAIT.length + most + excess, half[0], omega, -time)  # the centre of pressure is at the edge of the sole
-    distance = missed(dcm, [(0j, 1.0 + 0j)], half, GAIT, omega, time)
+    distance = missed(dcm, 0j, 0.0, 0j, 0.0, *half, GAIT.length, GAIT.greatest_width, omega, time)
     assert distance == pytest.approx(most + excess)
     assert (distance > captured_by_steps(replace(GAIT, greatest_width=0.1), omega, step_time)) is falls
     foot, dcm = GAIT.length, later(dcm, half[0], omega, time)

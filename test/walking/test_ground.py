@@ -1,13 +1,17 @@
 """Walking on ground that is not a plane: its estimate from the footholds, and steps onto a small step and a slope."""
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 import wbc_controller as wbc
+from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
+from wbc_controller.walking.feet import Foot
 from wbc_controller.walking.gait import Phase
-from wbc_controller.walking.terrain import Ground, parallel_to, plane_through
+from wbc_controller.walking.swing import SwingFoot
+from wbc_controller.walking.terrain import Ground, plane_through
 
 SLOPES = st.complex_numbers(max_magnitude=0.2, allow_nan=False)
 PLACES = [0.6 + 0.1j, 0.3 - 0.1j, 0.0 + 0.1j, -0.3 - 0.1j]
@@ -37,9 +41,10 @@ def test_one_tilted_foot_is_no_slope_and_two_on_a_hill_are():
 
 @given(SLOPES, st.floats(-3.0, 3.0))
 def test_a_sole_is_parallel_to_the_ground_in_its_heading(slope, heading):
-    rotation = parallel_to(slope, heading)
-    np.testing.assert_allclose(rotation.T @ rotation, np.eye(3), atol=1e-12)
-    assert np.linalg.det(rotation) == pytest.approx(1.0)
+    foot = Foot("foot", "task", 0, pin.SE3.Identity(), (0.1, 0.05))
+    pose = foot.in_swing(SwingFoot.at_rest(np.zeros(3), heading), slope).position
+    assert np.linalg.norm(pose[3:]) == pytest.approx(1.0)
+    rotation = rotation_of(pose[3:])
     normal = rotation[:, 2]
     assert complex(-normal[0] / normal[2], -normal[1] / normal[2]) == pytest.approx(slope, abs=1e-12)
     assert np.arctan2(rotation[1, 0], rotation[0, 0]) == pytest.approx(heading, abs=1e-9)

@@ -111,7 +111,7 @@ def test_the_planned_touchdown_is_frozen_before_the_foot_lands():
     for _ in range(1500):
         simulation.run(0.002)
         step = walker._step
-        if walker.phase is Phase.SINGLE and step.target.time - (simulation.time - walker._since) < 0.045:
+        if walker.phase is Phase.SINGLE and step.landing.time - (simulation.time - walker._since) < 0.045:
             frozen.setdefault(walker.steps, []).append(step.landing)
     frozen.pop(walker.steps, None)  # not landed yet
     assert len(frozen) >= 2
@@ -152,7 +152,7 @@ def walk_with_sensors(sensors, seconds=2.6):
     cycle, torques, shares = controller.cycle, [], []
 
     def share(now):
-        return (now - walker._since) / walker._step.target.time if walker.phase is Phase.SINGLE else 0.0
+        return (now - walker._since) / walker._step.landing.time if walker.phase is Phase.SINGLE else 0.0
 
     def sensed(inputs):
         before = share(inputs.now)

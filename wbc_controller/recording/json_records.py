@@ -19,21 +19,20 @@ from wbc_controller.inverse_dynamics.references.changes import Change
 from wbc_controller.inverse_dynamics.references.trajectories import Knot, Ramp, SoftRamp, Trajectory
 from wbc_controller.inverse_dynamics.references.tuning import TuningRamp
 from wbc_controller.records import ChangeSettings, Fault, Infeasibility, Mode, Prediction, Reference, RobotState, Tuning
-from wbc_controller.walking.adaptation import StepTarget
 from wbc_controller.walking.biped import Step
 from wbc_controller.walking.footstep_plan import Footstep
 from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity
 from wbc_controller.walking.gait import Phase
 from wbc_controller.walking.goal import Goal
-from wbc_controller.walking.swing import Axis, Landing, SwingFoot
+from wbc_controller.walking.swing import Landing, SwingFoot
 from wbc_controller.walking.terrain import Ground
 
 #: Valid records of a recording.
 _RECORDS: Mapping[str, Callable[..., Any]] = {
     kind.__name__: kind
     for kind in (
-        *get_args(Change), Axis, ChangeSettings, Fault, Footstep, Goal, Ground, Infeasibility, Knot, Landing,
-        NominalStep, Prediction, Ramp, Reference, RobotState, SoftRamp, Stance, Step, StepTarget, SwingFoot, Tuning,
+        *get_args(Change), ChangeSettings, Fault, Footstep, Goal, Ground, Infeasibility, Knot, Landing,
+        NominalStep, Prediction, Ramp, Reference, RobotState, SoftRamp, Stance, Step, SwingFoot, Tuning,
         TuningRamp, Velocity,
     )
 }  # fmt: skip

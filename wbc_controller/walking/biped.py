@@ -4,15 +4,16 @@ import cmath
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from wbc_controller.inverse_dynamics.references.changes import EnableContact
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of, rotation_of
-from wbc_controller.records import Array
-from wbc_controller.walking.adaptation import SHORTEST, StepTarget, adapted
-from wbc_controller.walking.fall import MARGIN, PERSISTS, STANDING, captured_by_steps, missed, nearest_support
+from wbc_controller.records import Array, Reference
+from wbc_controller.walking.adaptation_kernels import SHORTEST, adapt
+from wbc_controller.walking.fall_kernels import MARGIN, PERSISTS, STANDING, captured_by_steps, missed, nearest_support
 from wbc_controller.walking.feet import Foot, Sole, about_z, mean_angle
 from wbc_controller.walking.footstep_plan import Footstep, planned, step_towards
 from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity, nominal_step
@@ -20,8 +21,9 @@ from wbc_controller.walking.gait import Gait, Phase
 from wbc_controller.walking.pendulum import before, later, natural_frequency, transferred
 from wbc_controller.walking.plan import WalkingPlan, margin, swing_path
 from wbc_controller.walking.references import height_rate, reference, smooth_step
-from wbc_controller.walking.support import Support
+from wbc_controller.walking.support_kernels import nearest_in_support
 from wbc_controller.walking.swing import Landing, SwingFoot
+from wbc_controller.walking.swing_kernels import growing_to
 from wbc_controller.walking.terrain import FOOTHOLDS, Ground, plane_through
 from wbc_controller.walking.touchdown import COUNTS, lands
 from wbc_controller.walking.walker import Decision, TaskSets, Walker
@@ -56,7 +58,6 @@ class Step:
 
     stance: Stance
     nominal: NominalStep
-    target: StepTarget
     landing: Landing
     swing: SwingFoot
     ground: Ground
@@ -64,8 +65,7 @@ class Step:
     planned: bool
 
 
-@dataclass(frozen=True, slots=True)
-class _Cycle:
+class _Cycle(NamedTuple):
     time: float  # s
     dt: float  # time since the last cycle, s
     dcm: complex  # ξ, x + i y in m
@@ -159,10 +159,10 @@ class BipedWalker(Walker):
         swings, landings, remaining = {}, {}, math.inf
         if self.phase is Phase.SINGLE and step is not None:
             feet, swinging = {self._stance: feet[self._stance]}, feet[-self._stance].contact
-            landing, duration = step.landing, step.target.time
-            swings[swinging] = swing_path(step.swing, landing, self.gait.clearance, elapsed, duration)
+            landing = step.landing
+            swings[swinging] = swing_path(step.swing, landing, self.gait.clearance, elapsed)
             landings[swinging] = np.array([landing.place.real, landing.place.imag, landing.height])
-            remaining = max(0.0, duration - elapsed)
+            remaining = max(0.0, landing.time - elapsed)
         return WalkingPlan(
             phase=self.phase.value,
             dcm=cycle.dcm,
@@ -190,18 +190,17 @@ class BipedWalker(Walker):
             dt = 0.0
             self._begin(float(dynamics.com[2]), soles, orientations, decision)
         omega = natural_frequency(self._clearance, self._gravity)
-        com = dynamics.com + dynamics.com_velocity / omega
+        (x, y, _), (vx, vy, _) = dynamics.com.tolist(), dynamics.com_velocity.tolist()
         cycle = _Cycle(
             time=time,
             dt=dt,
-            dcm=complex(com[0], com[1]),
+            dcm=complex(x + vx / omega, y + vy / omega),
             omega=omega,
             soles=soles,
             touching=touching,
             dynamics=dynamics,
         )
-        wanted = Velocity() if self.command is None else self.command.clipped(self.gait)
-        self.velocity = self.velocity.towards(wanted, self.gait, dt)
+        self.velocity = self.velocity.towards(self.command or Velocity(), self.gait, dt)
         if self.phase is Phase.STAND:
             self._enter(Phase.SHIFT, cycle)
         if self.phase is Phase.SINGLE and self._step is not None:
@@ -216,7 +215,8 @@ class BipedWalker(Walker):
         self._predict_fall(cycle)
         rate = omega * (cycle.dcm - pressure)
         if self.phase is Phase.SINGLE and self._step is not None:
-            rate += self.gait.reaction / omega * self._step.swing.acceleration
+            x, y, _, _ = self._step.swing.motion[2].tolist()
+            rate += self.gait.reaction / omega * complex(x, y)
         self._references[self.tasks.balance] = reference([cycle.dcm.real, cycle.dcm.imag], [rate.real, rate.imag])
         self._hold_height(soles[self._stance], dt)
         self._turn(soles, dt)
@@ -230,9 +230,12 @@ class BipedWalker(Walker):
         remaining = single - elapsed if one else single
         if self.phase is Phase.DOUBLE:
             remaining += max(gait.double - elapsed, 0.0)
-        feet = [cycle.soles[self._stance]] if one else [*cycle.soles.values()]
-        soles = [(sole.place, cmath.rect(1.0, sole.heading)) for sole in feet]
-        distance = missed(cycle.dcm, soles, self._feet[1].half, gait, cycle.omega, max(remaining, 0.0))
+        first = cycle.soles[self._stance]
+        second = first if one else cycle.soles[-self._stance]
+        distance = missed(
+            cycle.dcm, first.place, first.heading, second.place, second.heading, *self._feet[1].half,
+            gait.length, gait.greatest_width, cycle.omega, max(remaining, 0.0),
+        )  # fmt: skip
         self._compare(cycle.time, distance, captured_by_steps(gait, cycle.omega, single + gait.double) + MARGIN)
 
     def watch_standing(self, time: float, dynamics: Dynamics, active: Collection[str]) -> None:
@@ -243,13 +246,14 @@ class BipedWalker(Walker):
             self._captured = time
             return
         com, velocity = dynamics.com.tolist(), dynamics.com_velocity.tolist()
-        height = com[2] - min(float(sole.centre[2]) for sole in soles)
+        height = com[2] - min(sole.height for sole in soles)
         if height <= 0.0:
             return
         omega = natural_frequency(height, self._gravity)
         dcm = complex(com[0] + velocity[0] / omega, com[1] + velocity[1] / omega)
-        places = [(sole.place, cmath.rect(1.0, sole.heading)) for sole in soles]
-        self._compare(time, abs(dcm - nearest_support(dcm, places, self._feet[1].half)), STANDING * height)
+        first, second = soles[0], soles[-1]
+        support = nearest_support(dcm, first.place, second.place, first.heading, *self._feet[1].half)
+        self._compare(time, abs(dcm - support), STANDING * height)
 
     def _compare(self, time: float, distance: float, most: float) -> None:
         """Predict a fall if a distance of the DCM exceeds the largest one, m, for some time."""
@@ -265,7 +269,7 @@ class BipedWalker(Walker):
         self, height: float, soles: Mapping[int, Sole], orientations: Mapping[str, Array], decision: Decision
     ) -> None:
         """Start from standing, with the centre of mass at a height in the world, m."""
-        ground = 0.5 * float(soles[1].centre[2] + soles[-1].centre[2])
+        ground = 0.5 * (soles[1].height + soles[-1].height)
         self._height, self._clearance = height, height - ground - self.gait.lowering
         self._heading = mean_angle(soles[1].heading, soles[-1].heading)
         ahead = about_z(-self._heading)
@@ -337,8 +341,7 @@ class BipedWalker(Walker):
         self._step = Step(
             stance=stance,
             nominal=nominal,
-            target=StepTarget(nominal.place, nominal.offset, self.gait.single),
-            landing=Landing(nominal.place, ground.height_at(nominal.place), nominal.heading),
+            landing=Landing(nominal.place, ground.height_at(nominal.place), nominal.heading, self.gait.single),
             swing=SwingFoot.at_rest(foot.centre, foot.heading),
             ground=ground,
             slope=foot.ground.slope,
@@ -348,35 +351,38 @@ class BipedWalker(Walker):
 
     def _wanted(self, nominal: NominalStep, stance: Stance, swing: SwingFoot, left: float) -> complex:
         """Return the DCM that leads to the nominal offset after the remaining time, s."""
-        push = self.gait.reaction / stance.omega * swing.growing(nominal.place, left, stance.omega)
+        push = self.gait.reaction / stance.omega * growing_to(swing.motion, nominal.place, left, stance.omega)
         return before(nominal.place + nominal.offset, stance.place, stance.omega, left, push)
 
     def _single(self, step: Step, cycle: _Cycle, decision: Decision) -> complex:
         """Adapt the step, and move the swing foot; return the centre of pressure."""
         gait, elapsed, dt = self.gait, cycle.time - self._since, cycle.dt
-        stance, sole, foot = step.stance, cycle.soles[self._stance], self._feet[-self._stance]
-        if step.target.time - elapsed > _FREEZE:
-            nominal = step.nominal if step.planned else nominal_step(self.velocity, stance, gait, step.target.time)
-            target = adapted(step.target, nominal, stance, gait, cycle.dcm, step.swing, elapsed, dt)
-            heading = step.swing.heading.position
+        foot, stance, nominal = self._feet[-self._stance], step.stance, step.nominal
+        landing, swing, slope = step.landing, step.swing, step.slope
+        if landing.time - elapsed > _FREEZE:
+            if not step.planned:
+                nominal = nominal_step(self.velocity, stance, gait, landing.time)
+            place, duration = adapt(
+                landing.place, landing.time, nominal.place, nominal.offset, gait.single,
+                stance.place, stance.heading, stance.side, gait.length, gait.least_width, gait.greatest_width,
+                cycle.dcm, stance.omega, gait.reaction, swing.motion, elapsed, dt,
+            )  # fmt: skip
+            heading = swing.motion.item(0, 3)
             heading += math.remainder(nominal.heading - heading, math.tau)
-            sunk = sole.ground.height - self._footholds[0].height  # since lift-off, also by drift of the estimate
-            landing = Landing(target.place, step.ground.height_at(target.place) + sunk, heading)
-            step = replace(step, nominal=nominal, target=target, landing=landing)
-        nominal, target = step.nominal, step.target
+            # The ground has sunk since lift-off, also by drift of the estimate.
+            sunk = cycle.soles[self._stance].height - self._footholds[0].height
+            landing = Landing(place, step.ground.height_at(place) + sunk, heading, duration)
         share, _ = smooth_step(elapsed / _BLEND)
-        left = max(target.time - elapsed, 0.0)
-        self._dcm_wanted = self._wanted(nominal, stance, step.swing, left) + self._blend * (1.0 - share)
+        left = max(landing.time - elapsed, 0.0)
+        self._dcm_wanted = self._wanted(nominal, stance, swing, left) + self._blend * (1.0 - share)
         if dt > 0.0:
-            swing = step.swing.moved(step.landing, gait.clearance, elapsed - dt, target.time, dt)
-            slope = step.slope + (step.ground.slope - step.slope) * min(1.0, dt / _LEVELLING)
-            step = replace(step, swing=swing, slope=slope)
-        self._step = step
-        self._references[foot.task] = foot.in_swing(step.swing, step.slope)
-        share, late = elapsed / target.time, elapsed - target.time
+            swing = swing.moved(landing, gait.clearance, elapsed - dt, dt)
+            slope += (step.ground.slope - slope) * min(1.0, dt / _LEVELLING)
+        self._step = step = Step(stance, nominal, landing, swing, step.ground, slope, step.planned)
+        self._references[foot.task] = foot.in_swing(swing, slope)
+        share, late = elapsed / landing.time, elapsed - landing.time
         sensor = self._sensor(foot.contact, cycle.touching)
-        touches = share >= COUNTS and lands(share, late, step.swing.z.velocity, foot.velocity(cycle.dynamics), sensor)
-        if touches:
+        if share >= COUNTS and lands(share, late, swing.motion[1, 2], foot.velocity(cycle.dynamics), sensor):
             self._land(step, cycle, late, decision)
         return self._corrected(stance.place, cycle, stance.place, stance.place)
 
@@ -420,12 +426,13 @@ class BipedWalker(Walker):
         ξ̇ = ω (ξ - p) = ξ̇* - k (ξ - ξ*) needs p = p* + (1 + k / ω) (ξ - ξ*).
         """
         foot, heading = self._feet[self._stance], cycle.soles[self._stance].heading
-        support = Support(first, second, heading, (_SOLE_SHARE[0] * foot.half[0], _SOLE_SHARE[1] * foot.half[1]))
-        return support.nearest(pressure + (1.0 + GAIN / cycle.omega) * (cycle.dcm - self._dcm_wanted))
+        pressure += (1.0 + GAIN / cycle.omega) * (cycle.dcm - self._dcm_wanted)
+        length, width = _SOLE_SHARE[0] * foot.half[0], _SOLE_SHARE[1] * foot.half[1]
+        return nearest_in_support(pressure, first, second, heading, length, width)
 
     def _hold_height(self, stance: Sole, dt: float) -> None:
         """Follow the height of the ground under the stance foot."""
-        rate = height_rate(float(stance.centre[2]) + self._clearance - self._height)
+        rate = height_rate(stance.height + self._clearance - self._height)
         self._height += rate * dt
         self._references[self.tasks.height] = reference([0.0, 0.0, self._height], [0.0, 0.0, rate])
 
@@ -438,6 +445,7 @@ class BipedWalker(Walker):
         rate = _HEADING_RATE * math.remainder(goal - self._heading, math.tau)
         self._heading += rate * dt
         c, s = math.cos(0.5 * self._heading), math.sin(0.5 * self._heading)
+        rates, zeros = np.array([0.0, 0.0, rate]), np.zeros(3)
         for name, (x, y, z, w) in self._orientations.items():
-            turned = [c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z]
-            self._references[name] = reference(turned, [0.0, 0.0, rate])
+            turned = np.array([c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z])
+            self._references[name] = Reference(turned, rates, zeros)

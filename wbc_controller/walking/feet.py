@@ -2,41 +2,44 @@
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.inverse_dynamics.arrays import cross
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.instruction import placement_numbers
 from wbc_controller.records import Array, Reference
 from wbc_controller.walking.feet_kernels import frame_in_swing
 from wbc_controller.walking.swing import SwingFoot
-from wbc_controller.walking.terrain import Ground, parallel_to
+from wbc_controller.walking.terrain import Ground
 
 
-@dataclass(frozen=True, slots=True)
-class Sole:
-    """Pose of a sole in the world: centre, (3,) in m, and rotation, (3, 3)."""
+class Sole(NamedTuple):
+    """Pose of a sole in the world.
 
-    centre: Array
+    Attributes:
+        place: of the centre on the ground, x + i y in m.
+        height: of the centre, m.
+        heading: angle of the x axis about the vertical, rad.
+        rotation: (3, 3).
+    """
+
+    place: complex
+    height: float
+    heading: float
     rotation: Array
 
     @property
-    def place(self) -> complex:
-        """Place of the centre on the ground, x + i y in m."""
-        return complex(self.centre[0], self.centre[1])
-
-    @property
-    def heading(self) -> float:
-        """Angle of the x axis about the vertical, rad."""
-        return math.atan2(self.rotation[1, 0], self.rotation[0, 0])
+    def centre(self) -> Array:
+        """Centre, (3,) in m."""
+        return np.array([self.place.real, self.place.imag, self.height])
 
     @property
     def ground(self) -> Ground:
         """Plane of this sole."""
         n = self.rotation[:, 2]
-        return Ground(self.place, float(self.centre[2]), complex(-n[0] / n[2], -n[1] / n[2]))
+        return Ground(self.place, self.height, complex(-n[0] / n[2], -n[1] / n[2]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +65,9 @@ class Foot:
     def sole(self, dynamics: Dynamics) -> Sole:
         """Return the pose of the sole."""
         pose = dynamics.placement(self.frame) * self.placement
-        return Sole(pose.translation, pose.rotation)
+        x, y, z = pose.translation.tolist()
+        R = pose.rotation
+        return Sole(complex(x, y), z, math.atan2(R[1, 0], R[0, 0]), R)
 
     def corners(self, sole: Sole) -> list[complex]:
         """Return the corners of the rectangle `half` on the ground, x + i y in m."""
@@ -72,9 +77,10 @@ class Foot:
 
     def velocity(self, dynamics: Dynamics) -> Array:
         """Return the velocity of the centre of the sole in world axes, (3,) in m/s."""
-        twist = dynamics.velocity(self.frame, pin.LOCAL_WORLD_ALIGNED)
-        arm = dynamics.placement(self.frame).rotation @ self.placement.translation
-        return twist[:3] + cross(twist[3:], arm)
+        vx, vy, vz, wx, wy, wz = dynamics.velocity(self.frame, pin.LOCAL_WORLD_ALIGNED).tolist()
+        frame = dynamics.placement(self.frame)
+        x, y, z = (frame.act(self.placement.translation) - frame.translation).tolist()
+        return np.array([vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x])
 
     def at_rest(self, sole: Sole) -> Reference:
         """Return the reference of the frame for a sole at rest."""
@@ -83,10 +89,8 @@ class Foot:
 
     def in_swing(self, swing: SwingFoot, slope: complex) -> Reference:
         """Return the reference of the frame for a sole in the air, parallel to a slope."""
-        axes = (swing.x, swing.y, swing.z, swing.heading)
-        numbers = [number for axis in axes for number in (axis.position, axis.velocity, axis.acceleration)]
-        sole, out = parallel_to(slope, swing.heading.position), np.empty(19)
-        frame_in_swing(sole, np.array(numbers), self.frame_in_sole, out)
+        out = np.empty(19)
+        frame_in_swing(swing.motion, slope, self.frame_in_sole, out)
         return Reference(out[:7], out[7:13], out[13:])
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from wbc_controller.records import Array
 from wbc_controller.walking.gait import Gait, SpeedLimits
 from wbc_controller.walking.pendulum import periodic_offset
-from wbc_controller.walking.swing import Axis
+from wbc_controller.walking.swing_kernels import growing
 
 #: Largest backward speed, as a share of the forward speed.
 BACKWARD = 0.5
@@ -44,12 +44,14 @@ class Velocity:
 
         A stop is twice as fast.
         """
-        faster = _BRAKING if wanted == Velocity() else 1.0
-        forward, sideways, turning = (time * faster * each for each in limits.acceleration)
+        if wanted == self:
+            return self
+        time *= _BRAKING if wanted == Velocity() else 1.0
+        forward, sideways, turning = limits.acceleration
         change = wanted.linear - self.linear
         return Velocity(
-            self.linear + complex(_clip(change.real, forward), _clip(change.imag, sideways)),
-            self.turning + _clip(wanted.turning - self.turning, turning),
+            self.linear + complex(_clip(change.real, time * forward), _clip(change.imag, time * sideways)),
+            self.turning + _clip(wanted.turning - self.turning, time * turning),
         )
 
 
@@ -91,7 +93,7 @@ class NominalStep:
 
 def swing_push(gait: Gait, omega: float) -> float:
     """Return ρ, the change of the DCM at touchdown by a swing foot that moves by 1 m from rest to rest."""
-    return gait.reaction / omega * Axis(0.0).growing(1.0, gait.single, omega)
+    return gait.reaction / omega * growing(0.0, 0.0, 0.0, 1.0, gait.single, omega)
 
 
 def nominal_step(velocity: Velocity, stance: Stance, gait: Gait, single: float) -> NominalStep:

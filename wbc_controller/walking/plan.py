@@ -36,13 +36,12 @@ class WalkingPlan:
     margin: float
 
 
-def swing_path(swing: SwingFoot, landing: Landing, clearance: float, elapsed: float, duration: float) -> Array:
+def swing_path(swing: SwingFoot, landing: Landing, clearance: float, elapsed: float) -> Array:
     """Return the path from the present reference to a fixed touchdown, (n, 3); arguments of `SwingFoot.moved`."""
-    left, points = max(0.0, duration - elapsed), [swing]
-    dt = left / _POINTS
+    dt, feet = max(0.0, landing.time - elapsed) / _POINTS, [swing]
     for i in range(_POINTS):
-        points.append(points[-1].moved(landing, clearance, elapsed + i * dt, duration, dt))
-    return np.array([[foot.x.position, foot.y.position, foot.z.position] for foot in points])
+        feet.append(feet[-1].moved(landing, clearance, elapsed + i * dt, dt))
+    return np.array([foot.motion[0, :3] for foot in feet])
 
 
 def margin(point: complex, corners: Sequence[complex]) -> float:

@@ -18,7 +18,8 @@ from wbc_controller.walking.gait import Phase, QuadrupedGait
 from wbc_controller.walking.pendulum import natural_frequency
 from wbc_controller.walking.plan import WalkingPlan, margin, swing_path
 from wbc_controller.walking.references import height_rate, reference, smooth_step
-from wbc_controller.walking.swing import Axis, Landing, SwingFoot
+from wbc_controller.walking.swing import Landing, SwingFoot
+from wbc_controller.walking.swing_kernels import move_axis
 from wbc_controller.walking.terrain import Ground
 from wbc_controller.walking.touchdown import lands
 from wbc_controller.walking.trot_placement import SupportLine, middle_of_pair
@@ -93,7 +94,7 @@ class QuadrupedWalker(Walker):
         self._orientations: dict[str, Array] = {}  # references of the tasks at the heading 0, (3, 3)
         self._body = 0j  # reference of the centre of mass without its sway, x + i y in m
         self._body_velocity = 0j  # its velocity, m/s
-        self._sway = Axis(0.0)  # reference of its sway to the left, m
+        self._sway = 0.0, 0.0, 0.0  # reference of its sway to the left with its rates, m
         self._start = 0j  # `_body` at the start of the phase
         self._swings: dict[str, SwingFoot] = {}  # feet in the air, by contact
         self._landings: dict[str, Landing] = {}  # their planned touchdowns
@@ -118,7 +119,7 @@ class QuadrupedWalker(Walker):
             dcm=cycle.dcm,
             wanted_dcm=self._body + self._body_velocity / cycle.omega,
             swings={
-                name: swing_path(swing, self._landings[name], gait.clearance, elapsed, gait.swing)
+                name: swing_path(swing, self._landings[name], gait.clearance, elapsed)
                 for name, swing in self._swings.items()
                 if name in self._landings
             },
@@ -164,10 +165,8 @@ class QuadrupedWalker(Walker):
             points=points,
             touching=touching,
         )
-        if self.command is None:
-            self.velocity = self.velocity.towards(Velocity(), self.gait, dt)
-        elif self.phase in (Phase.SINGLE, Phase.DOUBLE):
-            self.velocity = self.velocity.towards(_together(self.command.clipped(self.gait), self.gait), self.gait, dt)
+        if self.command is None or self.phase in (Phase.SINGLE, Phase.DOUBLE):
+            self.velocity = self.velocity.towards(self.command or Velocity(), self.gait, dt)
         if self.phase is Phase.STAND:
             self._enter(Phase.SHIFT, cycle)
         ground = Ground.below(self._places.values())
@@ -191,6 +190,15 @@ class QuadrupedWalker(Walker):
         self._latest = cycle
         decision.references = dict(self._references)
         return decision
+
+    def _limited(self, command: Velocity | None) -> Velocity | None:
+        """Return a command within the largest speeds; the shares of them have at most the norm 1."""
+        command = super()._limited(command)
+        if command is None:
+            return None
+        forward, sideways, turning = self.gait.speed
+        share = math.hypot(command.linear.real / forward, command.linear.imag / sideways, command.turning / turning)
+        return command.times(1.0 / max(1.0, share))
 
     def _stance(self, points: Mapping[str, Array]) -> tuple[complex, float]:
         """Return the middle of the feet, and the angle from their nominal places to the present ones."""
@@ -216,7 +224,7 @@ class QuadrupedWalker(Walker):
         ahead = about_z(-self._heading)
         self._orientations = {name: ahead @ rotation_of(quaternion) for name, quaternion in orientations.items()}
         self._references = {}
-        self.steps, self.velocity, self._sway, self._group = 0, Velocity(), Axis(0.0), 0
+        self.steps, self.velocity, self._sway, self._group = 0, Velocity(), (0.0, 0.0, 0.0), 0
         self._begin_tasks(decision)
 
     def _place(self, contact: str) -> complex:
@@ -230,7 +238,7 @@ class QuadrupedWalker(Walker):
     def _enter(self, phase: Phase, cycle: _Cycle) -> None:
         """Enter a phase; the reference of the centre of mass begins at the measured one."""
         self.phase, self._since = phase, cycle.time
-        self._start = cycle.com - self._sway_in_world(self._sway.position)
+        self._start = cycle.com - self._sway_in_world(self._sway[0])
 
     def _shift(self, cycle: _Cycle, decision: Decision) -> None:
         """Move the body over the middle of the feet."""
@@ -240,7 +248,7 @@ class QuadrupedWalker(Walker):
         self._body = self._start + way * share
         self._body_velocity = way * rate / duration
         goal = self.gait.sway[self._group] if self.phase is Phase.SHIFT else 0.0
-        self._sway = self._sway.moved(goal, 0.0, duration - elapsed, cycle.dt)
+        self._sway = move_axis(*self._sway, goal, 0.0, duration - elapsed, cycle.dt)
         if self.phase is Phase.STOP and self.command is not None:
             self._enter(Phase.SHIFT, cycle)
         elif self.phase is Phase.SHIFT and self.command is None and elapsed < 0.5 * duration:
@@ -253,8 +261,7 @@ class QuadrupedWalker(Walker):
         self.phase, self._since, self._landings, self._lifted = Phase.SINGLE, cycle.time, {}, ()
         for name in self.gait.groups[self._group]:
             decision.changes.append(EnableContact(name, False, 0.0))
-            point = cycle.points[name]
-            self._swings[name] = SwingFoot(*(Axis(each) for each in (*point.tolist(), 0.0)))
+            self._swings[name] = SwingFoot.at_rest(cycle.points[name], 0.0)
 
     def _single(self, cycle: _Cycle, ground: Ground, decision: Decision) -> None:
         """Move the feet in the air."""
@@ -267,20 +274,15 @@ class QuadrupedWalker(Walker):
             if planned is None or left > _FREEZE:
                 place = self._target(foot, cycle, left)  # the height of the first plan stays
                 height = ground.height_at(place) if planned is None else planned.height
-                self._landings[name] = Landing(place, height, 0.0)
+                self._landings[name] = Landing(place, height, 0.0, gait.swing)
             landing = self._landings[name]
             if cycle.dt > 0.0:
-                swing = swing.moved(landing, gait.clearance, elapsed - cycle.dt, gait.swing, cycle.dt, descent=0.0)
+                swing = swing.moved(landing, gait.clearance, elapsed - cycle.dt, cycle.dt, descent=0.0)
             self._swings[name] = swing
-            axes = swing.x, swing.y, swing.z
-            self._references[foot.task] = Reference(
-                np.array([axis.position for axis in axes]),
-                np.array([axis.velocity for axis in axes]),
-                np.array([axis.acceleration for axis in axes]),
-            )
+            self._references[foot.task] = Reference(*swing.motion[:, :3])
             velocity = cycle.dynamics.velocity(foot.frame, pin.LOCAL_WORLD_ALIGNED)[:3]
             share, late = elapsed / gait.swing, elapsed - gait.swing
-            if lands(share, late, swing.z.velocity, velocity, self._sensor(name, cycle.touching)):
+            if lands(share, late, swing.motion[1, 2], velocity, self._sensor(name, cycle.touching)):
                 decision.changes.append(EnableContact(name, True, 0.0))
                 del self._swings[name]
         if not self._swings:
@@ -318,7 +320,7 @@ class QuadrupedWalker(Walker):
         """Stand on all feet until the next swing, or stop."""
         elapsed, pause = cycle.time - self._since, self.gait.pause[self._group]
         self._follow(cycle)
-        self._sway = self._sway.moved(self.gait.sway[self._group], 0.0, pause - elapsed, cycle.dt)
+        self._sway = move_axis(*self._sway, self.gait.sway[self._group], 0.0, pause - elapsed, cycle.dt)
         still = abs(self.velocity.linear) < _SLOW and abs(self.velocity.turning) < _SLOW
         if self.command is None and still and self._is_nominal():
             self._enter(Phase.STOP, cycle)
@@ -335,7 +337,7 @@ class QuadrupedWalker(Walker):
         """Move the reference of the body with the commanded velocity, near the measured one."""
         self._body_velocity = self._in_world(0.0)
         self._body += self._body_velocity * cycle.dt
-        lag = self._body + self._sway_in_world(self._sway.position) - cycle.com
+        lag = self._body + self._sway_in_world(self._sway[0]) - cycle.com
         if abs(lag) > _LAG:
             self._body -= lag * (1.0 - _LAG / abs(lag))
 
@@ -344,9 +346,9 @@ class QuadrupedWalker(Walker):
 
     def _move_body(self, cycle: _Cycle, ground: Ground) -> None:
         """Set the references of the centre of mass; its height follows the ground."""
-        place = self._body + self._sway_in_world(self._sway.position)
-        velocity = self._body_velocity + self._sway_in_world(self._sway.velocity)
-        push = self._sway_in_world(self._sway.acceleration)
+        place = self._body + self._sway_in_world(self._sway[0])
+        velocity = self._body_velocity + self._sway_in_world(self._sway[1])
+        push = self._sway_in_world(self._sway[2])
         self._references[self.tasks.balance] = Reference(
             np.array([place.real, place.imag, 0.0]),
             np.array([velocity.real, velocity.imag, 0.0]),
@@ -360,11 +362,3 @@ class QuadrupedWalker(Walker):
         turn = about_z(self._heading)
         for name, rotation in self._orientations.items():
             self._references[name] = reference(quaternion_of(turn @ rotation), [0.0, 0.0, self.velocity.turning])
-
-
-def _together(command: Velocity, gait: QuadrupedGait) -> Velocity:
-    """Return the command, scaled so that the shares of the largest speeds have at most the norm 1."""
-    forward, sideways, turning = gait.speed
-    linear = command.linear
-    share = math.hypot(linear.real / forward, linear.imag / sideways, command.turning / turning)
-    return Velocity(linear / max(1.0, share), command.turning / max(1.0, share))

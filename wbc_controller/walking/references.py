@@ -12,8 +12,7 @@ _HEIGHT_RATE, _FASTEST_HEIGHT = 3.0, 0.2
 
 def reference(position: Array | Sequence[float], velocity: Sequence[float]) -> Reference:
     """Return a reference without acceleration."""
-    rates = np.array(velocity)
-    return Reference(np.array(position, dtype=np.float64), rates, np.zeros(len(rates)))
+    return Reference(np.array(position), np.array(velocity), np.zeros(len(velocity)))
 
 
 def smooth_step(share: float) -> tuple[float, float]:

@@ -7,7 +7,6 @@ With the place p_i, height z_i and slope g_i of the i-th last foothold, height h
 A foot on a stone or an edge changes the plane less than two steps on a slope.
 """
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -71,14 +70,3 @@ def plane_through(footholds: Sequence[Ground]) -> Ground:
         b[1:] += weight / _SLOPE**2 * np.array([each.slope.real, each.slope.imag])
     height, along_x, along_y = np.linalg.solve(A, b).tolist()
     return Ground(last, height, complex(along_x, along_y))
-
-
-def parallel_to(slope: complex, heading: float) -> Array:
-    """Return the rotation of a sole on a slope with a heading, (3, 3)."""
-    c, s = math.cos(heading), math.sin(heading)
-    x = np.array([c, s, slope.real * c + slope.imag * s])
-    z = np.array([-slope.real, -slope.imag, 1.0])
-    x /= math.sqrt(x.dot(x))
-    z /= math.sqrt(z.dot(z))
-    y = np.array([z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]])
-    return np.column_stack([x, y, z])

@@ -48,7 +48,7 @@ class Walker(ABC):
     Call `update` in every cycle with the dynamics at the present state, before the references are sampled.
 
     Attributes:
-        command: commanded velocity; None to stand.
+        command: commanded velocity within the largest speeds; None to stand.
         goal: pose to walk to, or None; it commands the velocity.
         leaving: True if the controller is deactivated as soon as the robot stands; commands are refused.
         velocity: present velocity, on the way to the command.
@@ -86,7 +86,7 @@ class Walker(ABC):
         """
         if self.leaving and command is not None:
             raise InputRefused("the command to walk is refused: the robot stops walking before it is deactivated")
-        self.command, self._until, self.goal = command, until, None
+        self.command, self._until, self.goal = self._limited(command), until, None
 
     def go(self, goal: Goal) -> None:
         """Walk to a pose, and stop there; raises `InputRefused` as `ask`."""
@@ -138,9 +138,13 @@ class Walker(ABC):
 
     def _approach(self, goal: Goal, place: complex, heading: float) -> None:
         """Command the velocity to a goal from the robot's place and heading; at the goal, drop it."""
-        self.command = velocity_to(goal, place, heading, self.gait, self.gait.step_time)
+        self.command = self._limited(velocity_to(goal, place, heading, self.gait, self.gait.step_time))
         if self.command is None:
             self.goal = None
+
+    def _limited(self, command: Velocity | None) -> Velocity | None:
+        """Return a command within the largest speeds."""
+        return None if command is None else command.clipped(self.gait)
 
     def _sensor(self, contact: str, touching: Mapping[str, bool]) -> bool | None:
         """Return the state of the contact sensor of a swing foot; None before it has shown the lift-off."""

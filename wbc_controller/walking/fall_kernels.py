@@ -13,9 +13,12 @@ Source: Koolen, de Boer, Rebula, Goswami and Pratt, Capturability-based analysis
 1, International Journal of Robotics Research 31, 2012.
 """
 
-import math
-from collections.abc import Sequence
+from __future__ import annotations
 
+import cmath
+import math
+
+from wbc_controller.compilation import compiled, part
 from wbc_controller.walking.gait import Gait
 
 #: Time for which the DCM must be out of reach, s: an impact of a foot changes the velocity for a few cycles.
@@ -26,46 +29,56 @@ STANDING = 0.22
 MARGIN = 0.05
 
 
-def nearest_support(dcm: complex, soles: Sequence[tuple[complex, complex]], half: tuple[float, float]) -> complex:
+@part
+def _clipped(point: complex, length: float, width: float) -> complex:
+    return complex(max(-length, min(length, point.real)), max(-width, min(width, point.imag)))
+
+
+@compiled
+def nearest_support(
+    dcm: complex, first: complex, second: complex, heading: float, length: float, width: float
+) -> complex:
     """Return a point p near the DCM in the support of one or two soles, on two soles up to one half length outside it.
 
     Args:
         dcm: ξ, x + i y in m.
-        soles: their centres, and headings as e^{iψ}.
-        half: half length and half width of a sole, m.
+        first, second: centres of the soles; twice the same for one sole.
+        heading: of one sole, rad.
+        length, width: half length and half width of a sole, m.
     """
-    (start, axes), (end, _) = soles[0], soles[-1]
-    way = end - start
+    way = second - first
     if way == 0.0:
-        return start + _clipped((dcm - start) / axes, half) * axes
-    share = ((dcm - start) * way.conjugate()).real / abs(way) ** 2
-    between = start + max(0.0, min(1.0, share)) * way
+        axes = cmath.rect(1.0, heading)
+        return first + _clipped((dcm - first) / axes, length, width) * axes
+    share = ((dcm - first) * way.conjugate()).real / abs(way) ** 2
+    between = first + max(0.0, min(1.0, share)) * way
     apart = abs(dcm - between)
-    return dcm if apart <= half[0] else between + (dcm - between) * (half[0] / apart)
+    return dcm if apart <= length else between + (dcm - between) * (length / apart)
 
 
+@compiled
 def missed(
-    dcm: complex, soles: Sequence[tuple[complex, complex]], half: tuple[float, float], gait: Gait, omega: float,
-    time: float,
+    dcm: complex, first: complex, first_heading: float, second: complex, second_heading: float, length: float,
+    width: float, step_length: float, step_width: float, omega: float, time: float,
 ) -> float:  # fmt: skip
     """Return the distance from the DCM to the nearest foothold at the earliest touchdown, m; other arguments as above.
 
     Crossing feet are allowed: a late alarm is better than a false one.
 
     Args:
+        step_length, step_width: reach of a step, m.
         omega: ω, 1/s.
         time: until the earliest touchdown t, s.
     """
-    support = nearest_support(dcm, soles, half)
+    support = nearest_support(dcm, first, second, first_heading, length, width)
     end = support + (dcm - support) * math.exp(omega * time)
-    reach = gait.length, gait.greatest_width
-    return min(abs((end - place) / axes - _clipped((end - place) / axes, reach)) for place, axes in soles)
+    distance = math.inf
+    for place, heading in ((first, first_heading), (second, second_heading)):
+        local = (end - place) / cmath.rect(1.0, heading)
+        distance = min(distance, abs(local - _clipped(local, step_length, step_width)))
+    return distance
 
 
 def captured_by_steps(gait: Gait, omega: float, step_time: float) -> float:
     """Return the largest distance of the DCM from a foot, m, for a capture by further steps of the time T, s."""
     return max(gait.length, gait.greatest_width) / math.expm1(omega * step_time)
-
-
-def _clipped(point: complex, half: tuple[float, float]) -> complex:
-    return complex(max(-half[0], min(half[0], point.real)), max(-half[1], min(half[1], point.imag)))

@@ -1,0 +1,91 @@
+"""Adaptation of place and time of a step.
+
+At the end of the single support after the time T, the DCM is at
+
+    ξ_T = p + (ξ - p) e^{ω (T - t)} + (μ/ω) ∫ e^{ω (T - s)} ẍ ds
+
+with the acceleration ẍ of the swing foot (`reaction`). The new foot is placed at u, and b = ξ_T - u is the offset from
+which the next step starts. Like Khadiv et al., the walker minimizes
+
+    w_u |u - u*|² + w_b |b - b*|² + w_T (e^{ω (T - T*)} - 1)²
+
+with the nominal u*, b* and T*, and u within the reach of the leg. For a given T, u follows in closed form. The cost is
+convex in e^{ωT}, so one step of T towards lower cost per cycle, no larger than a rate limit, finds the minimum; then T
+changes continuously.
+
+Source: Khadiv, Herzog, Moosavian and Righetti, Walking control based on step timing adaptation, IEEE T-RO 36, 2020.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+
+from wbc_controller.compilation import Matrix, compiled, part
+from wbc_controller.walking.swing_kernels import growing_to
+
+#: Weights of place and offset, 1/m², and of time.
+W_PLACE, W_OFFSET, W_TIME = 1.0, 200.0, 0.02
+#: Shortest and longest single support, as shares of the nominal one.
+SHORTEST, LONGEST = 0.4, 1.6
+#: Largest rate of change of the step time.
+TIME_RATE = 1.0
+#: Shortest remaining time of an adaptation, s.
+_AHEAD = 0.04
+#: Largest mean speed of the swing foot, m/s.
+FOOT_SPEED = 2.0
+
+
+@part
+def _within_reach(
+    place: complex, stance: complex, axes: complex, side: int, length: float, least_width: float, greatest_width: float
+) -> complex:
+    """Clip a place to the longest step and the smallest and largest width."""
+    local = (place - stance) / axes
+    x = max(-length, min(length, local.real))
+    y = max(least_width, min(greatest_width, side * local.imag))
+    return stance + complex(x, side * y) * axes
+
+
+@compiled
+def adapt(
+    place: complex, time: float, nominal_place: complex, nominal_offset: complex, nominal_time: float,
+    stance: complex, heading: float, side: int, length: float, least_width: float, greatest_width: float,
+    dcm: complex, omega: float, reaction: float, swing: Matrix, elapsed: float, dt: float,
+) -> tuple[complex, float]:  # fmt: skip
+    """Return place and time of the touchdown for the measured DCM.
+
+    Args:
+        place: u of the last cycle, x + i y in m in the world.
+        time: T of the last cycle, s.
+        nominal_place, nominal_offset, nominal_time: u*, b* and T*.
+        stance, heading: place p and heading of the stance foot.
+        side: 1 if the swing foot is the left one, -1 for the right one.
+        length, least_width, greatest_width: reach of the leg, m.
+        dcm: ξ, measured.
+        omega: ω, 1/s.
+        reaction: μ.
+        swing: motion of the swing foot, (3, 4).
+        elapsed: t, since the start of the single support, s.
+        dt: time since the last cycle, s.
+    """
+    earliest = max(SHORTEST * nominal_time, elapsed + _AHEAD)
+    latest = max(LONGEST * nominal_time, earliest)
+    axes, lowest, best = cmath.rect(1.0, heading), math.inf, (place, time)
+    for step in (0.0, -TIME_RATE * dt, TIME_RATE * dt):
+        T = max(earliest, min(latest, time + step))
+        left = T - elapsed
+        push = reaction / omega * growing_to(swing, place, left, omega)
+        end = stance + (dcm - stance) * math.exp(omega * left) + push  # ξ_T
+        u = nominal_place + W_OFFSET / (W_PLACE + W_OFFSET) * (end - nominal_offset - nominal_place)
+        u = _within_reach(u, stance, axes, side, length, least_width, greatest_width)
+        present = complex(swing[0, 0], swing[0, 1])
+        far, reachable = abs(u - present), FOOT_SPEED * max(left, 0.0)
+        if far > reachable:
+            u = present + (u - present) * (reachable / far)
+        late = math.exp(omega * (T - nominal_time)) - 1.0
+        place_error, offset_error = abs(u - nominal_place), abs(end - u - nominal_offset)
+        cost = W_PLACE * place_error**2 + W_OFFSET * offset_error**2 + W_TIME * late * late
+        if cost < lowest:
+            lowest, best = cost, (u, T)
+    return best
