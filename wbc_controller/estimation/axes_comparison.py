@@ -44,9 +44,8 @@ class AxesComparison:
     """Means of the products of a and b, of rotations and optionally of displacements."""
 
     def __init__(self, *, with_displacements: bool) -> None:
-        self._means = np.zeros(
-            (2 if with_displacements else 1, 6, 6)
-        )  # ⟨c cᵀ⟩ with c = (a, b), of turns and displacements
+        kinds = 2 if with_displacements else 1  # turns and displacements
+        self._means = np.zeros((kinds, 6, 6))  # ⟨c cᵀ⟩ with c = (a, b)
         self._suspicion: str | None = None  # last message on deg/s; noise and slips may hide this error
 
     @property

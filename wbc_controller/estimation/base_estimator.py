@@ -224,10 +224,9 @@ class BaseEstimator:
             self._waits_for = f"the accelerometer contradicts the legs: {contradiction}"
         else:
             filter = self._initial_filter(turning.mean(axis=0), force.mean(axis=0), active_contacts)
-            poses = (
-                AbsolutePoses(self._pose_sensor, self._kinematics, filter) if self._pose_sensor is not None else None
-            )
-            self._running = _RunningEstimate(filter, self._still[-1], self._kinematics, sensors, poses)
+            sensor = self._pose_sensor
+            poses = None if sensor is None else AbsolutePoses(sensor, self._kinematics, filter)
+            self._running = _RunningEstimate(filter, self._still[-1], self._kinematics, poses)
             self._still, self.lost, self._waits_for = [], "", ""
             self._after_update(self._running.update([], active_contacts))
 
@@ -244,18 +243,8 @@ class BaseEstimator:
         level, height = R @ legs.imu_rotation.T @ legs.imu_position, float(np.concatenate(heights).mean())
         g = float(np.linalg.norm(self._gravity))
         mean = noise.gyroscope**2 / sensors.settling + noise.gyroscope_bias**2 * sensors.settling
-        P = np.diag(
-            np.repeat(
-                [
-                    _INITIAL_POSE_VARIANCE,
-                    _INITIAL_VELOCITY_VARIANCE,
-                    _INITIAL_POSE_VARIANCE,
-                    mean,
-                    sensors.accelerometer_bias**2,
-                ],
-                3,
-            )
-        )
+        at_rest = [_INITIAL_POSE_VARIANCE, _INITIAL_VELOCITY_VARIANCE, _INITIAL_POSE_VARIANCE]
+        P = np.diag(np.repeat([*at_rest, mean, sensors.accelerometer_bias**2], 3))
         # The accelerometer's bias appears as a tilt, g ξ_R = up × R ζ_a: both errors are fully correlated.
         tilting = pin.skew(np.array([0.0, 0.0, 1.0 / g])) @ R
         P[:3, 12:15] = sensors.accelerometer_bias**2 * tilting
@@ -281,8 +270,7 @@ class _RunningEstimate:
         filter: InvariantFilter,
         last: ImuSample,
         kinematics: LegKinematics,
-        sensors: Sensors,
-        poses: AbsolutePoses | None = None,
+        poses: AbsolutePoses | None,
     ) -> None:
         self.filter = filter
         self.poses = poses
@@ -291,14 +279,11 @@ class _RunningEstimate:
         self._landed = -np.inf  # last touchdown beside another contact, s
         self._interval = np.inf  # between the last two samples, s
         self._kinematics = kinematics
-        self._sensors = sensors
         self._anchoring = Anchoring()
         self._rolling = Rolling(kinematics.rolling)
         self._consistency = ContactConsistency(kinematics)
-        self._agreement, self._bias = (
-            SensorAgreement(kinematics, "the gyroscope", with_displacements=False),
-            filter.gyroscope_bias,
-        )
+        self._agreement = SensorAgreement(kinematics, "the gyroscope", with_displacements=False)
+        self._bias = filter.gyroscope_bias
         self._agreed = False
         self._turned, self._compared = np.zeros(3), last.stamp  # turn since the last comparison, rad, and its stamp
         self._largest_square = {
@@ -416,13 +401,10 @@ class _RunningEstimate:
         self.filter.propagate(turning, 0.5 * (sample.specific_force + last.specific_force), dt, creep)
         self._turned += dt * (turning - self._bias)
         if self._rolling.names:
-            self._roll_balls(dt)
-
-    def _roll_balls(self, dt: float) -> None:
-        found, legs = self.filter, self._kinematics
-        R = found.rotation @ legs.imu_rotation.T
-        omega = legs.imu_rotation @ (self._last.angular_velocity - found.gyroscope_bias) - legs.imu_motion[3:]
-        self._rolling.integrate((omega + legs.contact_points(self._rolling.names).link_angular_velocities) @ R.T, dt)
+            found, legs = self.filter, self._kinematics
+            omega = legs.imu_rotation @ (sample.angular_velocity - found.gyroscope_bias) - legs.imu_motion[3:]
+            of_links = omega + legs.contact_points(self._rolling.names).link_angular_velocities
+            self._rolling.integrate(of_links @ legs.imu_rotation @ found.rotation.T, dt)
 
     def _correct_by_contacts(self, active_contacts: Sequence[str]) -> None:
         found, legs = self.filter, self._kinematics
@@ -462,12 +444,8 @@ class _RunningEstimate:
         limits, positions = np.array([self._largest_square[name] for name in contacts]), contact_points.positions
         if self._rolling.names:  # centres of the balls without their rolling
             positions = positions - self._rolling.displacements(contacts, contact_points.ends) @ found.rotation
-        return (
-            found.correct(
-                contact_points.names, positions, contact_points.covariance, ends=contact_points.ends, limits=limits
-            )
-            <= limits
-        )
+        covariance, ends = contact_points.covariance, contact_points.ends
+        return found.correct(contact_points.names, positions, covariance, ends=ends, limits=limits) <= limits
 
     def _points_of(self, contact_points: ContactPoints) -> Array:
         return np.asarray(contact_points.positions @ self.filter.rotation.T + self.filter.position)

@@ -62,11 +62,8 @@ class ContactConsistency:
         self.speed = float(np.linalg.norm(self._velocities, axis=1).min())
 
     def _choose(self, active_contacts: tuple[str, ...]) -> None:
-        means, at_rest, radii = (
-            dict(zip(self._contacts, self._velocities, strict=True)),
-            np.zeros(3),
-            self._kinematics.rolling,
-        )
+        means = dict(zip(self._contacts, self._velocities, strict=True))
+        at_rest, radii = np.zeros(3), self._kinematics.rolling
         former = (name for name, mean in means.items() if name not in active_contacts and np.linalg.norm(mean) <= LIMIT)
         self._contacts = (*active_contacts, *former) if active_contacts else ()
         self._velocities = np.array([means.get(name, at_rest) for name in self._contacts]).reshape(-1, 3)

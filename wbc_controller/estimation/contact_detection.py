@@ -9,20 +9,13 @@ from wbc_controller.records import Array
 
 
 @dataclass(frozen=True, slots=True)
-class DetectionLimits:
-    """Thresholds of the normal force, with hysteresis."""
+class ContactSensing:
+    """Contact force sensors, with hysteresis of the normal force."""
 
+    normals: Mapping[str, Mapping[str, Array]]  # of each contact, (3,), by the frame in which a force may be given
     on: float  # force that activates a contact, N
     off: float  # force that deactivates it, N; at most `on`
     timeout: float  # age of a stale force, s
-
-
-@dataclass(frozen=True, slots=True)
-class ContactSensing:
-    """Unit normals of the contacts, (3,), by the frame in which a force may be given, and the thresholds."""
-
-    normals: Mapping[str, Mapping[str, Array]]
-    limits: DetectionLimits
 
 
 class ContactDetector:
@@ -33,8 +26,8 @@ class ContactDetector:
         measured: state of each contact with a switch or a fresh force.
     """
 
-    def __init__(self, limits: DetectionLimits) -> None:
-        self.limits = limits
+    def __init__(self, sensing: ContactSensing) -> None:
+        self.sensing = sensing
         self.silent: tuple[str, ...] = ()
         self.measured: Mapping[str, bool] = {}
         self._by_force: dict[str, bool] = {}
@@ -42,7 +35,7 @@ class ContactDetector:
 
     def update_force(self, contact: str, force: float) -> None:
         """Store the normal force at a contact, N; positive if it pushes the robot."""
-        self._by_force[contact] = force > (self.limits.off if self._by_force.get(contact) else self.limits.on)
+        self._by_force[contact] = force > (self.sensing.off if self._by_force.get(contact) else self.sensing.on)
 
     def update_switch(self, contact: str, active: bool) -> None:
         """Store the state of a contact switch."""
@@ -56,7 +49,7 @@ class ContactDetector:
 
     def active(self, planned: Collection[str], ages: Mapping[str, float]) -> frozenset[str]:
         """Return the active contacts from the planned ones and the forces' ages, s."""
-        fresh = {name: active for name, active in self._by_force.items() if ages[name] <= self.limits.timeout}
+        fresh = {name: active for name, active in self._by_force.items() if ages[name] <= self.sensing.timeout}
         self.silent = tuple(name for name in self._by_force if name not in fresh)
         self.measured = measured = {**self._by_switch, **fresh}
         unmeasured = [name for name in planned if name not in measured]

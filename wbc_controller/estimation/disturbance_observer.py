@@ -95,15 +95,11 @@ class DisturbanceObserver:
         if self.limits.on:
             self._correct(M, J)
         else:
-            self._decay()
+            forces = self.forces * max(0.0, 1.0 - self._time / _FADE_TIME)
+            lasting = (np.abs(forces) > _NEGLIGIBLE * self._scale).any()
+            self.forces = self._unbounded = frozen(forces if lasting else np.zeros(len(forces)))
+            self.at_bound = ()
         self._start_sum(contacts)
-
-    def _decay(self) -> None:
-        forces = self.forces * max(0.0, 1.0 - self._time / _FADE_TIME)
-        if not (np.abs(forces) > _NEGLIGIBLE * self._scale).any():
-            forces = np.zeros(len(forces))
-        self.forces = self._unbounded = frozen(forces)
-        self.at_bound = ()
 
     def _correct(self, M: Array, J: Array) -> None:
         T, largest = self.limits.time_constant, self.limits.share * self._scale

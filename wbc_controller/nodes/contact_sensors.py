@@ -18,7 +18,7 @@ class ContactSensors:
     """Decoders of the contact sensors, on the thread of the cycle."""
 
     def __init__(self, sensing: ContactSensing, tracker: Callable[[], StampTracker]) -> None:
-        self._detector = ContactDetector(sensing.limits)
+        self._detector = ContactDetector(sensing)
         self._tracker = tracker
         self._readers = {name: ContactForceReader(name, normals) for name, normals in sensing.normals.items()}
         self._stamps: dict[str, StampTracker] = {}
@@ -62,6 +62,6 @@ class ContactSensors:
 
     def _timeout_note(self, contact: str) -> str:
         return (
-            f"no force message for more than {self._detector.limits.timeout:g} s (estimation.contact_timeout); "
+            f"no force message for more than {self._detector.sensing.timeout:g} s (estimation.contact_timeout); "
             f"contact {contact!r} is active as commanded"
         )

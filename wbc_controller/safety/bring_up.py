@@ -72,7 +72,8 @@ class BringUpWatch:
         else:
             self._left -= gap
             self._unexplained *= math.exp(-gap / _MEMORY)
-            if not self._is_at_stop(state):
+            q = state.q[self._model.q_places]
+            if all_true((q >= self._model.position_lower) & (q <= self._model.position_upper)):  # not at a stop
                 self._unexplained += state.v - before[0].v - gap * before[1]
                 self._judge(state.v, jacobian(tuple(solution.forces)))
         self._before = state, self._predictions(dynamics, solution, command, jacobian)
@@ -93,10 +94,6 @@ class BringUpWatch:
         held = np.vstack([free, self._base])
         changes = [np.linalg.solve(dynamics.M, split_force(dynamics.M, J, force)[0]) for J in (free, held)]
         return solution.v_dot + np.array(changes)
-
-    def _is_at_stop(self, state: RobotState) -> bool:
-        positions = state.q[self._model.q_places]
-        return not all_true((positions >= self._model.position_lower) & (positions <= self._model.position_upper))
 
     def _judge(self, v: Array, J: Array) -> None:
         """Set the fault if a joint exceeds its limit with both predictions; J is the contact Jacobian."""

@@ -156,7 +156,11 @@ class Supervisor:
             self._enter(Mode.FAULT, now, Fault("ESTOP", "emergency stop by command"))
             self._tau = self._no_torque  # at once, without a rate
         elif word == "reset":
-            self._reset(now)
+            if self.solving:
+                raise InputRefused(
+                    f"command 'reset' is refused while {self.mode.value}; use 'deactivate' or 'damp' first"
+                )
+            self._enter(Mode.INACTIVE, now, None)
         elif word == "activate":
             return self._activate(now, problem)
         elif self.mode is Mode.INACTIVE:
@@ -181,11 +185,6 @@ class Supervisor:
         self._enter(Mode.STOPPED, now, self.fault)
         self._tau = self._no_torque  # at once
         return self._command(self._tau, None, None)
-
-    def _reset(self, now: float) -> None:
-        if self.solving:
-            raise InputRefused(f"command 'reset' is refused while {self.mode.value}; use 'deactivate' or 'damp' first")
-        self._enter(Mode.INACTIVE, now, None)
 
     def _activate(self, now: float, problem: Fault | None) -> bool:
         if self.solving:
@@ -289,12 +288,6 @@ class Supervisor:
         self._tau = made[torques]
         return JointCommand(seen.stamp, self._tau, made[positions], made[velocities])
 
-    def _limited(self, tau: Array, available: tuple[Array, Array]) -> Array:
-        step = min(self._elapsed, self._period) * self._rate
-        lower, upper = available
-        limited = np.minimum(np.maximum(tau, self._tau - step), self._tau + step)
-        return freeze(np.minimum(np.maximum(limited, lower), upper))
-
     def _count_relaxation(self, now: float, solution: Solution) -> Fault | None:
         limits = self.limits
         spent = self._relaxed_time.within(now, limits.relax_window)
@@ -364,5 +357,8 @@ class Supervisor:
         return self._curve.available(self._model.effort_limits, self._model.actuation.rates(trusted))
 
     def _command(self, tau: Array, state: RobotState | None, joint_velocity: Array | None) -> JointCommand:
-        self._tau = self._limited(tau, self._available(joint_velocity))
+        step = min(self._elapsed, self._period) * self._rate
+        limited = np.minimum(np.maximum(tau, self._tau - step), self._tau + step)
+        lower, upper = self._available(joint_velocity)
+        self._tau = freeze(np.minimum(np.maximum(limited, lower), upper))
         return JointCommand(state.stamp if state is not None else 0, self._tau, self._no_motion, self._no_motion)

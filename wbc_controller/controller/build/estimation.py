@@ -9,7 +9,7 @@ import numpy as np
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.estimation.absolute_pose import PoseSensor
 from wbc_controller.estimation.base_estimator import BaseEstimator, Sensors
-from wbc_controller.estimation.contact_detection import ContactSensing, DetectionLimits
+from wbc_controller.estimation.contact_detection import ContactSensing
 from wbc_controller.estimation.contact_forces import ContactForces
 from wbc_controller.estimation.disturbance_observer import DisturbanceLimits, DisturbanceObserver
 from wbc_controller.estimation.friction import FrictionCompensation
@@ -73,9 +73,8 @@ def make_model_error(settings: Settings, model: RobotModel, contacts: Mapping[st
     observer = DisturbanceObserver(model, disturbance_limits(settings))
     contact_forces = None
     if estimates_base(settings, model):
-        limits = detection_limits(settings, model)
         normals = {name: each.normal for name, each in contacts.items() if isinstance(each, UnilateralContact)}
-        contact_forces = ContactForces(normals, limits.on, limits.off)
+        contact_forces = ContactForces(normals, *force_thresholds(settings, model))
     return ModelErrorCompensation(observer, known, contact_forces, 1.0 / settings.control.rate)
 
 
@@ -147,15 +146,16 @@ def make_estimator(settings: Settings, model: RobotModel, contacts: Mapping[str,
     return BaseEstimator(legs, sensors, np.array(model.pinocchio.gravity.linear), poses)
 
 
-def detection_limits(settings: Settings, model: RobotModel) -> DetectionLimits:
-    """Return the force thresholds of contact detection."""
-    known, weight = settings.estimation, model.mass * model.gravity
-    return DetectionLimits(known.contact_force_on * weight, known.contact_force_off * weight, known.contact_timeout)
-
-
 def make_sensing(settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]) -> ContactSensing:
     """Build the parameters of contact force sensors."""
-    return ContactSensing(contact_normals(model, contacts), detection_limits(settings, model))
+    on, off = force_thresholds(settings, model)
+    return ContactSensing(contact_normals(model, contacts), on, off, settings.estimation.contact_timeout)
+
+
+def force_thresholds(settings: Settings, model: RobotModel) -> tuple[float, float]:
+    """Return the normal forces that activate and deactivate a contact, N."""
+    known, weight = settings.estimation, model.mass * model.gravity
+    return known.contact_force_on * weight, known.contact_force_off * weight
 
 
 def contact_normals(model: RobotModel, contacts: Mapping[str, Contact]) -> dict[str, dict[str, Array]]:

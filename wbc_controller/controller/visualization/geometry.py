@@ -145,18 +145,13 @@ def _without_missing_meshes(urdf: str, folders: list[Path]) -> tuple[str, list[s
             if mesh is None:
                 continue
             uri = mesh.get("filename", "")
-            if _mesh_exists(uri, folders):
+            in_package, path = uri.startswith(PACKAGE_SCHEME), uri.removeprefix(PACKAGE_SCHEME).removeprefix("file://")
+            if any((folder / path).is_file() for folder in (folders if in_package else [Path()])):
                 continue
             logger.warning("link %r: mesh %s does not exist; drawn as a bar", link.get("name"), uri)
             link.remove(visual)
             bare.append(link.get("name", ""))
     return ElementTree.tostring(root, encoding="unicode"), bare
-
-
-def _mesh_exists(uri: str, folders: list[Path]) -> bool:
-    if uri.startswith(PACKAGE_SCHEME):
-        return any((folder / uri.removeprefix(PACKAGE_SCHEME)).is_file() for folder in folders)
-    return Path(uri.removeprefix("file://")).is_file()
 
 
 def bones(model: RobotModel, joint: int) -> list[Part]:

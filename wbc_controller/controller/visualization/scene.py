@@ -87,7 +87,10 @@ def _shapes(
     forces: Mapping[str, Array],
 ) -> Iterator[Shape]:
     corners = {name: points_of(contact, dynamics) for name, contact in contacts.items()}
-    feet = [name for name in (forces or corners) if _supports(contacts[name])]
+    ground_contacts = {
+        name for name, each in contacts.items() if isinstance(each, UnilateralContact) and not each.internal
+    }
+    feet = [name for name in (forces or corners) if name in ground_contacts]
     standing = np.array([point for name in feet for point in corners[name]]).reshape(-1, 3)
     ground = float(np.mean(standing[:, 2])) if len(standing) else 0.0
     outlines = [edge for points in corners.values() if len(points) > 2 for edge in _edges(points)]
@@ -193,10 +196,6 @@ def _point_and_reference(task: Task, dynamics: Dynamics, reference: Reference, g
         observer = dynamics.placement(model.frame_id(task.reference_frame, task.name))
         return [at.translation, observer.act(wanted[:3])]
     return []
-
-
-def _supports(contact: Contact) -> bool:
-    return isinstance(contact, UnilateralContact) and not contact.internal
 
 
 def _edges(corners: Sequence[Array] | Array) -> list[Array]:
