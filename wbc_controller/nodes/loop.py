@@ -137,18 +137,14 @@ class ControlLoop:
         sent = timer()
         self._inputs.compare_odometry(controller.holding, controlled=controller.mode in _UNDER_CONTROL)
         controller.explain_failure(now)
-        state, solution = result.state, result.solution
-        audit = None
+        state, qp, audit = result.state, controller.qp, None
         if state is not None:
             # The supervisor of an inactive controller may have refused this state.
-            trusted = solution if result.mode is Mode.ACTIVE else None
-            audit = self._audit.check(state, controller.qp.dynamics, trusted, result.command)
+            trusted = result.solution if result.mode is Mode.ACTIVE else None
+            audit = self._audit.check(state, qp.dynamics, trusted, result.command)
             # Torques do not explain impacts of the feet, and zero torque would drop a walking robot.
             walks = controller.walker is not None and controller.walker.moves
-            explained = None if walks else trusted
-            self._bring_up.check(
-                state, controller.qp.dynamics, explained, result.command, controller.qp.contact_jacobian
-            )
+            self._bring_up.check(state, qp.dynamics, None if walks else trusted, result.command, qp.contact_jacobian)
         stages = {
             "read": read,
             **result.stage_seconds,
