@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 
+from wbc_controller.controller.build.safety import make_audit
 from wbc_controller.controller.controller import Controller
 from wbc_controller.controller.report import CycleInputs, CycleReport, LatchedInputs
 from wbc_controller.controller.result import CycleResult
@@ -24,7 +25,6 @@ from wbc_controller.nodes.ownership import Ownership
 from wbc_controller.records import AuditReport, Fault, Mode
 from wbc_controller.safety.bring_up import BringUpWatch
 from wbc_controller.safety.checks import stale_inputs
-from wbc_controller.safety.model_audit import ModelAudit
 
 _log = logging.getLogger(__name__)
 
@@ -46,8 +46,6 @@ class ControlLoop:
         controller: Controller,
         inputs: Inputs,
         outputs: Outputs,
-        audit: ModelAudit,
-        bring_up: BringUpWatch,
         ownership: Ownership,
         clock: Clock,
         *,
@@ -58,7 +56,11 @@ class ControlLoop:
         self.observers = tuple(observers)
         self._inputs = inputs
         self._outputs = outputs
-        self._audit, self._bring_up = audit, bring_up
+        settings, model = controller.config.settings, controller.model
+        self._audit = make_audit(settings, model)
+        self._bring_up = BringUpWatch(
+            model, settings.safety.bring_up_time, settings.safety.bring_up_speed, controller.period
+        )
         self._ownership = ownership
         inputs.shared = lambda: ownership.shared
         self._clock = clock
