@@ -145,7 +145,7 @@ def test_the_normal_force_follows_the_frame_of_each_message():
     reader = ContactForceReader("foot", {"foot_link": np.array([0, 0, 1.0]), "world": np.array([0, 1.0, 0])})
     for frame, normal in (("foot_link", 3.0), ("world", 2.0), ("foot_link", 3.0), ("world", 2.0)):
         read = reader.read(encode(wrench_stamped(np.arange(1.0, 7.0), frame, 7)))
-        assert (read.stamp, read.normal, read.force.tolist()) == (7, normal, [1, 2, 3])
+        assert read == (7, normal)
 
 
 def test_equal_layouts_pass_the_codec_once(make, monkeypatch):

@@ -6,6 +6,7 @@ and array sizes) form the layout.
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import struct
 from collections.abc import Iterator, Sequence
@@ -28,12 +29,15 @@ class MessageLayout:
     """
 
     def __init__(self, content: Any) -> None:
-        first, second = (np.frombuffer(encode(_filled(content, byte)), dtype=np.uint8) for byte in _FILLINGS)
+        filled = copy.deepcopy(content)
+        numbers = list(_numbers(filled))
+        first, second = (np.frombuffer(_encode_filled(filled, numbers, byte), dtype=np.uint8) for byte in _FILLINGS)
         differs = first != second
         number_bytes = np.flatnonzero(differs)
         self._indices: dict[str, np.ndarray] = {}
         seen = 0
-        for path, count in _numbers(content):
+        for path, owner, name in numbers:
+            count = np.size(getattr(owner, name))  # 1 for a timestamp
             if count:
                 start = (int(number_bytes[seen]) - START) // 8
                 self._indices[path] = np.arange(start, start + count)
@@ -91,45 +95,31 @@ def _as_slice(index: np.ndarray) -> slice:
     return slice(start, stop)
 
 
-def _is_message(value: object) -> bool:
-    return hasattr(value, "__msgtype__")
-
-
 def _is_stamp(value: Any) -> bool:
     return getattr(value, "__msgtype__", "") == "builtin_interfaces/msg/Time"
 
 
-def _numbers(content: Any, path: str = "") -> Iterator[tuple[str, int]]:
-    """Yield the path and size (in units of eight bytes) of each numeric field, in the order of serialization."""
+def _numbers(content: Any, path: str = "") -> Iterator[tuple[str, Any, str]]:
+    """Yield path, message and field of each timestamp, float and array of floats, in the order of serialization."""
     for field in dataclasses.fields(content):
         value, here = getattr(content, field.name), f"{path}{field.name}"
-        if isinstance(value, float):
-            yield here, 1
-        elif isinstance(value, np.ndarray) and value.dtype == np.float64:
-            yield here, value.size
-        elif _is_stamp(value):
-            yield here, 1
-        elif _is_message(value):
+        if isinstance(value, float) or _is_stamp(value) or getattr(value, "dtype", None) == np.float64:
+            yield here, content, field.name
+        elif dataclasses.is_dataclass(value):
             yield from _numbers(value, f"{here}.")
         elif isinstance(value, list):
             for i, item in enumerate(value):
-                if _is_message(item):
+                if dataclasses.is_dataclass(item):
                     yield from _numbers(item, f"{here}[{i}].")
 
 
-def _filled(content: Any, byte: int) -> Any:
+def _encode_filled(content: Any, numbers: Sequence[tuple[str, Any, str]], byte: int) -> bytes:
+    """Serialize a message after filling all bytes of its numbers."""
     whole, number = (np.frombuffer(bytes([byte]) * 8, dtype=kind)[0].item() for kind in ("<u4", "<f8"))
-    changed: dict[str, Any] = {}
-    for field in dataclasses.fields(content):
-        value = getattr(content, field.name)
-        if isinstance(value, float):
-            changed[field.name] = number
-        elif isinstance(value, np.ndarray) and value.dtype == np.float64:
-            changed[field.name] = np.full(value.shape, number)
-        elif _is_stamp(value):
-            changed[field.name] = dataclasses.replace(value, **dict.fromkeys(("sec", "nanosec"), whole))
-        elif _is_message(value):
-            changed[field.name] = _filled(value, byte)
-        elif isinstance(value, list):
-            changed[field.name] = [_filled(item, byte) if _is_message(item) else item for item in value]
-    return dataclasses.replace(content, **changed)
+    for _, owner, name in numbers:
+        value = getattr(owner, name)
+        if _is_stamp(value):
+            value.sec = value.nanosec = whole
+        else:
+            setattr(owner, name, np.full_like(value, number) if isinstance(value, np.ndarray) else number)
+    return encode(content)

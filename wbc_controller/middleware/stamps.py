@@ -85,7 +85,12 @@ class StampTracker:
         self._newest_stamp, self._newest_arrival = stamp, arrival
         reason = self._too_early(stamp, arrival) or self._contradiction(stamp, arrival)
         if reason is None:
-            self._accept(stamp, arrival)
+            self._may_rise = min(self._may_rise + _MAX_CLOCK_SLOWDOWN * (arrival - self._arrival), _GAP)
+            rise = min(max((stamp - self._stamp) * 1.0e-9, 0.0), self._may_rise)
+            self._may_rise -= rise
+            self._lag = arrival - stamp * 1.0e-9
+            self._offset = min(self._offset + rise, self._lag)
+            self._stamp, self._arrival, self._refused_advance = stamp, arrival, 0.0
         elif self._last_refused and plausible:
             self._refused_advance += step
         self._last_refused = reason is not None
@@ -118,14 +123,6 @@ class StampTracker:
         if step < 0.0:
             return f"header.stamp is {-step:.3f} s before the last message"
         return f"header.stamp is {step - passed:.3f} s ahead of the previous messages"
-
-    def _accept(self, stamp: int, arrival: float) -> None:
-        self._may_rise = min(self._may_rise + _MAX_CLOCK_SLOWDOWN * (arrival - self._arrival), _GAP)
-        rise = min(max((stamp - self._stamp) * 1.0e-9, 0.0), self._may_rise)
-        self._may_rise -= rise
-        self._lag = arrival - stamp * 1.0e-9
-        self._offset = min(self._offset + rise, self._lag)
-        self._stamp, self._arrival, self._refused_advance = stamp, arrival, 0.0
 
     def age(self, now: float) -> float:
         """Return the age of the newest accepted message at a local time, s; infinite before the first one.

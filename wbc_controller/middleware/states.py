@@ -58,7 +58,6 @@ class ContactForce(NamedTuple):
 
     stamp: int  # ns
     normal: float  # component along the contact's normal, N
-    force: Array  # (3,) in N, in the axes of the message's frame
 
 
 class OdometryReader(StateReader):
@@ -161,7 +160,7 @@ class ContactForceReader(StateReader):
         finite(force, "wrench.force")
         if not (np.abs(force) <= MAX_CONTACT_FORCE).all():
             raise InputRefused(f"wrench.force is {force.tolist()} N (limit {MAX_CONTACT_FORCE:g} N)")
-        return ContactForce(stamp, float(self._normal @ force), force)
+        return ContactForce(stamp, float(self._normal @ force))
 
     def _check_text(self, content: Any) -> None:
         frame = content.header.frame_id

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import math
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -17,7 +16,7 @@ from wbc_controller.controller.build.estimation import (
     make_sensing,
     make_velocity_filter,
 )
-from wbc_controller.controller.build.safety import make_audit, make_plausibility
+from wbc_controller.controller.build.safety import make_plausibility
 from wbc_controller.controller.controller import Controller
 from wbc_controller.controller.report import CycleReport
 from wbc_controller.errors import InputRefused
@@ -28,9 +27,6 @@ from wbc_controller.middleware.log_limit import LogLimit
 from wbc_controller.middleware.topics import CONTROLLER_TOPICS, Endpoint, endpoints
 from wbc_controller.middleware.transports.transport import Transport
 from wbc_controller.nodes.clock import Clock, MonotonicClock
-from wbc_controller.nodes.diagnostics.markers import MarkerScene
-from wbc_controller.nodes.diagnostics.shortfall import Shortfall
-from wbc_controller.nodes.diagnostics.task_states import TaskStates
 from wbc_controller.nodes.diagnostics.walk_status import walk_values
 from wbc_controller.nodes.inputs import Inputs
 from wbc_controller.nodes.loop import ControlLoop
@@ -42,7 +38,6 @@ from wbc_controller.nodes.urdf import wait_for_urdf
 from wbc_controller.nodes.wiring import controller_endpoints, make_vocabulary
 from wbc_controller.recording.recorder import NOT_RECORDED, Recorder, recording
 from wbc_controller.records import ChangeSettings
-from wbc_controller.safety.bring_up import BringUpWatch
 from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.settings.config import Config
 
@@ -111,10 +106,9 @@ def make_loop(
     node: str = NODE_NAME,
 ) -> ControlLoop:
     """Connect a controller to its topics; `timer` measures the stages, s. Errors as for `run_controller`."""
-    settings, model, qp = controller.config.settings, controller.model, controller.qp
+    settings, model = controller.config.settings, controller.model
     vocabulary = make_vocabulary(settings, model)
-    published = {name: qp.contacts[name] for name in settings.contacts}
-    markers_period = 1.0 / settings.control.markers_rate if settings.control.markers_rate > 0.0 else math.inf
+    published = {name: controller.contacts[name] for name in settings.contacts}
     graph = transport
     _subscribe_requests(recorder, graph, topics)
     if recorder is not None:
@@ -138,31 +132,18 @@ def make_loop(
         plausibility=make_plausibility(settings),
     )
     recorded = recorder.status if recorder is not None else lambda: {"recorder": NOT_RECORDED}
-    loop = ControlLoop(
+    outputs = Outputs(
         controller,
-        inputs,
-        Outputs(
-            model,
-            published,
-            topics,
-            transport,
-            1.0 / settings.control.diagnostics_rate,
-            TaskStates(qp.tasks, vocabulary),
-            Shortfall(qp.tasks),
-            MarkerScene(model, qp.tasks, qp.contacts, 3.0 * markers_period),
-            markers_period,
-            node,
-            controller.walker,
-            scheduling,
-            lambda: {**inputs.status(), **recorded(), **walk_values(controller.walker)},
-        ),
-        make_audit(settings, model),
-        BringUpWatch(model, settings.safety.bring_up_time, settings.safety.bring_up_speed, 1.0 / settings.control.rate),
-        Ownership(graph, topics, settings.safety.torque_publishers, node, simulated=isinstance(clock, SimulatedClock)),
-        clock,
-        timer=timer,
-        observers=observers,
+        vocabulary,
+        topics,
+        transport,
+        node,
+        scheduling,
+        lambda: {**inputs.status(), **recorded(), **walk_values(controller.walker)},
     )
+    publishers = settings.safety.torque_publishers
+    ownership = Ownership(graph, topics, publishers, node, simulated=isinstance(clock, SimulatedClock))
+    loop = ControlLoop(controller, inputs, outputs, ownership, clock, timer=timer, observers=observers)
     if recorder is not None:
         recorder.attach(controller, node if node.startswith("/") else f"/{node}", model.name)
     return loop

@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
+from wbc_controller.controller.build.safety import make_audit
 from wbc_controller.controller.controller import Controller
 from wbc_controller.controller.report import CycleInputs, CycleReport, LatchedInputs
 from wbc_controller.controller.result import CycleResult
@@ -26,7 +27,6 @@ from wbc_controller.nodes.ownership import Ownership
 from wbc_controller.records import AuditReport, Fault, Mode
 from wbc_controller.safety.bring_up import BringUpWatch
 from wbc_controller.safety.checks import stale_inputs
-from wbc_controller.safety.model_audit import ModelAudit
 
 _log = logging.getLogger(__name__)
 
@@ -48,8 +48,6 @@ class ControlLoop:
         controller: Controller,
         inputs: Inputs,
         outputs: Outputs,
-        audit: ModelAudit,
-        bring_up: BringUpWatch,
         ownership: Ownership,
         clock: Clock,
         *,
@@ -60,7 +58,11 @@ class ControlLoop:
         self.observers = tuple(observers)
         self._inputs = inputs
         self._outputs = outputs
-        self._audit, self._bring_up = audit, bring_up
+        settings, model = controller.config.settings, controller.model
+        self._audit = make_audit(settings, model)
+        self._bring_up = BringUpWatch(
+            model, settings.safety.bring_up_time, settings.safety.bring_up_speed, controller.period
+        )
         self._ownership = ownership
         inputs.shared = lambda: ownership.shared
         self._clock = clock
@@ -144,18 +146,14 @@ class ControlLoop:
         sent = timer()
         self._inputs.compare_odometry(controller.holding, controlled=controller.mode in _UNDER_CONTROL)
         controller.explain_failure(now)
-        state, solution = result.state, result.solution
-        audit = None
+        state, qp, audit = result.state, controller.qp, None
         if state is not None:
             # The supervisor of an inactive controller may have refused this state.
-            trusted = solution if result.mode is Mode.ACTIVE else None
-            audit = self._audit.check(state, controller.qp.dynamics, trusted, result.command)
+            trusted = result.solution if result.mode is Mode.ACTIVE else None
+            audit = self._audit.check(state, qp.dynamics, trusted, result.command)
             # Torques do not explain impacts of the feet, and zero torque would drop a walking robot.
             walks = controller.walker is not None and controller.walker.moves
-            explained = None if walks else trusted
-            self._bring_up.check(
-                state, controller.qp.dynamics, explained, result.command, controller.qp.contact_jacobian
-            )
+            self._bring_up.check(state, qp.dynamics, None if walks else trusted, result.command, qp.contact_jacobian)
         stages = {
             "read": read,
             **result.stage_seconds,

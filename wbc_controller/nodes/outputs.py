@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from wbc_controller.controller.controller import Controller
 from wbc_controller.controller.report import CycleReport
 from wbc_controller.controller.result import CycleResult
-from wbc_controller.inverse_dynamics.contacts import Contact
-from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.codec import encode, header, message, torques
+from wbc_controller.middleware.decoding import Vocabulary
 from wbc_controller.middleware.message_layout import Template
 from wbc_controller.middleware.setpoints import WRENCH, wrench_stamped
 from wbc_controller.middleware.topics import Direction, Endpoint
@@ -26,7 +26,6 @@ from wbc_controller.nodes.diagnostics.shortfall import Shortfall
 from wbc_controller.nodes.diagnostics.status import StatusSummary
 from wbc_controller.nodes.diagnostics.task_states import TaskStates
 from wbc_controller.records import Fault, Mode, RobotState
-from wbc_controller.walking.walker import Walker
 
 #: Rows of the topic table with messages on demand.
 _ON_DEMAND = ("contact_wrench", "task_reference", "task_value", "markers", "diagnostics")
@@ -55,35 +54,25 @@ class _Subscriptions:
 
 
 class Outputs:
-    """Publisher of the results of a cycle.
+    """Publisher of the results of a controller's cycles.
 
     Args:
-        contacts: with published forces.
-        diagnostics_period: of diagnostics and task states, s.
-        markers_period: s; inf for none.
         node: name with namespace.
-        scheduling: for diagnostics.
-        recorder: returns diagnostics of inputs, recorder and walker.
+        values: returns other diagnostics.
     """
 
     def __init__(
         self,
-        model: RobotModel,
-        contacts: Mapping[str, Contact],
+        controller: Controller,
+        vocabulary: Vocabulary,
         endpoints: Iterable[Endpoint],
         transport: Transport,
-        diagnostics_period: float,
-        tasks: TaskStates,
-        shortfall: Shortfall,
-        scene: MarkerScene,
-        markers_period: float,
         node: str,
-        walker: Walker | None,
-        scheduling: str = "",
-        recorder: Callable[[], Mapping[str, str]] = dict,
+        scheduling: str,
+        values: Callable[[], Mapping[str, str]],
     ) -> None:
-        self._actuation, self._walker = model.actuation, walker
-        self._contacts = contacts
+        settings, model, qp = controller.config.settings, controller.model, controller.qp
+        self._actuation, self._walker, self._contacts = model.actuation, controller.walker, qp.contacts
         outgoing = [endpoint for endpoint in endpoints if endpoint.direction is Direction.OUT]
         self._publish: dict[tuple[str, str], Publish] = {
             (endpoint.key, endpoint.subject): transport.advertise(endpoint) for endpoint in outgoing
@@ -104,24 +93,24 @@ class Outputs:
         self._joint_commands = Template(commands, ["position"], ["velocity"], ["effort"])
         self._wrenches = {
             name: Template(wrench_stamped(np.zeros(6), contact.wrench_frame), WRENCH)
-            for name, contact in contacts.items()
+            for name, contact in ((name, qp.contacts[name]) for name in vocabulary.contacts)
         }
         self._published_mode: Mode | None = None
         self._published_footsteps: int | None = None
         self._published_fault: Fault | None = None
-        self._summary = StatusSummary(node, model.name, scheduling, model, recorder)
-        self._diagnostics_period = diagnostics_period
+        self._summary = StatusSummary(node, model.name, scheduling, model, values)
+        self._diagnostics_period = 1.0 / settings.control.diagnostics_rate  # s
         self._diagnostics_begun = -np.inf  # start of the last diagnostics, s
         self._published_contested: tuple[str, ...] = ()
         self._diagnostics_requested = False  # due at once
         self._composed: dict[str, Generator[None, None, None]] = {}  # unfinished messages, by key
-        self._tasks = tasks
+        self._tasks = TaskStates(qp.tasks, vocabulary)
         self._tasks_due = -np.inf
-        self._shortfall = shortfall
+        self._shortfall = Shortfall(qp.tasks)
         self._shortfalls: tuple[str, ...] = ()
-        self._scene = scene
-        self._markers_period = markers_period
-        self._markers_due = -np.inf if markers_period < np.inf else np.inf
+        rate = settings.control.markers_rate
+        self._markers_period, self._markers_due = (1.0 / rate, -np.inf) if rate > 0.0 else (np.inf, np.inf)  # s
+        self._scene = MarkerScene(model, qp.tasks, qp.contacts, 3.0 * self._markers_period)
 
     def publish_command(self, result: CycleResult) -> None:
         """Send torques and contact wrenches."""
@@ -137,7 +126,7 @@ class Outputs:
             for name in wrenches:
                 force = forces.get(name)
                 if force is not None:
-                    payload = self._wrenches[name].write(stamp, self._contacts[name].basis @ force)
+                    payload = self._wrenches[name].write(stamp, self._contacts[name].basis.dot(force))
                     publish["contact_wrench", name](payload)
 
     def publish_zeros(self) -> None:

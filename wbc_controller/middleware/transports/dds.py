@@ -111,35 +111,28 @@ class DdsTransport:
     def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
         """See `Transport`."""
         with self._lock, _translated(f"cannot subscribe to {endpoint.name}"):
-            announcement, dispatcher = self._opened(endpoint)
-            reader = DataReader(self._participant, self._topic(endpoint), _reader_qos(endpoint))
-            dispatcher.add(endpoint, reader, callback)
-            announcement.add_reader(reader)
+            _, dispatcher = self._opened(endpoint)
+            dispatcher.add(endpoint, self._reader(endpoint), callback)
 
     def stream(self, endpoint: Endpoint, depth: int) -> _Stream:
         """See `Transport`."""
         endpoint = dataclasses.replace(endpoint, qos=dataclasses.replace(endpoint.qos, depth=depth))
         with self._lock, _translated(f"cannot subscribe to {endpoint.name}"):
-            announcement, _ = self._opened(endpoint)
-            reader = DataReader(self._participant, self._topic(endpoint), _reader_qos(endpoint))
-            stream = _Stream(endpoint, reader, self._participant)
+            stream = _Stream(endpoint, self._reader(endpoint), self._participant)
             self._streams.append(stream)
-            announcement.add_reader(reader)
             return stream
 
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
         """See `Transport`."""
         with self._lock, _translated(f"cannot query {endpoint.name}"):
-            if self._closed:
-                raise TransportError(f"cannot query {endpoint.name}: the transport is closed")
+            self._require_open(endpoint)
             self._graph = self._graph or Graph(self._participant)
             return self._graph.publishers(_dds_name(endpoint))
 
     def has_reader(self, endpoint: Endpoint) -> bool:
         """See `Transport`."""
         with _translated(f"cannot query {endpoint.name}"):  # without the lock, which would block the loop
-            if self._closed:
-                raise TransportError(f"cannot query {endpoint.name}: the transport is closed")
+            self._require_open(endpoint)
             return any(each.has_reader for each in self._publications.get(endpoint.name, ()))
 
     def close(self) -> None:
@@ -156,10 +149,20 @@ class DdsTransport:
                 self._dispatcher.stop()
             self._delete_entities()
 
+    def _require_open(self, endpoint: Endpoint) -> None:
+        if self._closed:
+            raise TransportError(f"cannot query {endpoint.name}: the transport is closed")
+
     def _opened(self, endpoint: Endpoint) -> tuple[NodeAnnouncement, _Dispatcher]:
         if self._closed or self._announcement is None or self._dispatcher is None:
             raise TransportError(f"cannot open {endpoint.name}: the transport is closed")
         return self._announcement, self._dispatcher
+
+    def _reader(self, endpoint: Endpoint) -> Any:
+        announcement, _ = self._opened(endpoint)
+        reader = DataReader(self._participant, self._topic(endpoint), _reader_qos(endpoint))
+        announcement.add_reader(reader)
+        return reader
 
     def _topic(self, endpoint: Endpoint) -> Any:
         self._types.check(endpoint.name, endpoint.type)

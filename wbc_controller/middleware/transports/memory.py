@@ -95,19 +95,20 @@ class MemoryTransport:
 class _Stream:
     def __init__(self, endpoint: Endpoint, depth: int, owner: MemoryTransport) -> None:
         self._endpoint, self._owner = endpoint, owner
-        self._changed = threading.Condition()  # guards the next two attributes
+        self._lock = threading.Lock()  # guards the last two attributes; entered faster than a condition
+        self._changed = threading.Condition(self._lock)
         self._newest: deque[bytes] = deque(maxlen=depth)
         self._woken = False
 
     def put(self, payload: bytes) -> None:
-        with self._changed:
+        with self._lock:
             self._newest.append(payload)
             self._changed.notify()
 
     def take(self) -> list[bytes]:
         """See `Stream`."""
         self._owner.require_open("read", self._endpoint)
-        with self._changed:
+        with self._lock:
             newest = list(self._newest)
             self._newest.clear()
         return newest
@@ -115,14 +116,14 @@ class _Stream:
     def wait(self, seconds: float) -> bool:
         """See `Stream`."""
         self._owner.require_open("read", self._endpoint)
-        with self._changed:
+        with self._lock:
             triggered = self._changed.wait_for(lambda: self._newest or self._woken, seconds)
             self._woken = False
         return bool(triggered)
 
     def wake(self) -> None:
         """See `Stream`."""
-        with self._changed:
+        with self._lock:
             self._woken = True
             self._changed.notify()
 

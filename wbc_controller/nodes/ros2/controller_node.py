@@ -31,7 +31,7 @@ from wbc_controller.nodes.urdf import decode_urdf
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.recording.recorder import NOT_RECORDED, Recorder, recording_folder, start_recorder
 from wbc_controller.records import Mode
-from wbc_controller.settings import NODE_NAME, Settings
+from wbc_controller.settings import NODE_NAME
 from wbc_controller.settings.config import Config
 
 _log = logging.getLogger(__name__)
@@ -78,7 +78,6 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         self._arguments = arguments if arguments is not None else sys.argv
         self._own = declare(self, _PARAMETERS)
         self._live = LiveParameters(self, self._own)
-        self._settings: Settings | None = None
         self._gate: LifecycleGate | None = None
         self._loop: ControlLoop | None = None
         self._recorder: Recorder | None = None
@@ -190,7 +189,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
             if isinstance(error, ConfigurationError):
                 raise ConfigurationError(f"{source}: {error}") from error
             raise
-        self._settings, self._gate, self._loop, self._recorder = settings, gate, loop, recorder
+        self._gate, self._loop, self._recorder = gate, loop, recorder
         _log.info("configured from %s: %d joints, %.0f Hz", source, controller.model.nj, settings.control.rate)
 
     def _await_urdf(self) -> None:
@@ -218,12 +217,12 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
             _log.warning("robot.urdf is empty: still waiting for the URDF on %s", topic)
 
     def _activate(self) -> None:
-        if self._loop is None or self._gate is None or self._settings is None:
+        if self._loop is None or self._gate is None:
             raise ConfigurationError("the node is not configured")
         controller = self._loop.controller
         if controller.mode is Mode.STOPPED and controller.fault is None:
             controller.supervisor.request("reset", 0.0, None)  # a fault stays latched
-        run = partial(self._run, self._loop, self._settings, self._value("activate"))
+        run = partial(self._run, self._loop, self._value("activate"))
         self._stop = threading.Event()
         self._failed = False
         self._thread = threading.Thread(target=run, name="control loop")
@@ -231,14 +230,10 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         self._thread.start()
         _log.info("waiting for 'activate' on %s/command", self.get_fully_qualified_name())
 
-    def _run(self, loop: ControlLoop, settings: Settings, activate: bool) -> None:
+    def _run(self, loop: ControlLoop, activate: bool) -> None:
+        triggered = loop.controller.config.settings.control.trigger == "joint_states"
         try:
-            loop.run(
-                self._stop,
-                1.0 / settings.control.rate,
-                triggered=settings.control.trigger == "joint_states",
-                activate=activate,
-            )
+            loop.run(self._stop, loop.controller.period, triggered=triggered, activate=activate)
         except Exception:
             _log.exception("the control loop has failed")
             self._failed = True
@@ -272,7 +267,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         if self._recorder is not None:
             self._recorder.close()
         self._live.undeclare_settings()
-        self._settings, self._gate, self._loop, self._recorder = None, None, None, None
+        self._gate, self._loop, self._recorder = None, None, None
 
     async def _on_trigger(self, word: str, request: Any, response: Any) -> Any:
         gate = self._gate
@@ -287,10 +282,11 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         gate, recorder = self._gate, self._recorder
         if recorder is None and gate is not None:
             return _set_response(response, False, NOT_RECORDED)
-        if recorder is None or gate is None or not gate.open or self._settings is None:
+        if recorder is None or gate is None or not gate.open or self._loop is None:
             return _set_response(response, False, _NOT_ACTIVE)
         recorder.request()
-        return _set_response(response, True, f"the last seconds are written to {recording_folder(self._settings)}")
+        folder = recording_folder(self._loop.controller.config.settings)
+        return _set_response(response, True, f"the last seconds are written to {folder}")
 
 
 def _set_response(response: Any, success: bool, text: str) -> Any:
