@@ -3,7 +3,7 @@
 import dataclasses
 from typing import Any
 
-from wbc_controller.validation.campaign.outcome import Outcome
+from wbc_controller.validation.campaign.results import Outcome
 
 
 def outcome(kind: str = "kick", seed: int = 0, **changes: Any) -> Outcome:

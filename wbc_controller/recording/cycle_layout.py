@@ -86,7 +86,7 @@ class CycleRow:
         self._places = {slot.name: place for slot, place in slot_slices(slots)}
         self._empty = np.full(sum(slot.size for slot in slots), np.nan)
 
-    def write(self, number: int, taped: CycleRecord, report: CycleReport | None, *, same: bool, event: bool) -> Array:
+    def write(self, number: int, record: CycleRecord, report: CycleReport | None, *, same: bool, event: bool) -> Array:
         """Return the row of a cycle.
 
         Args:
@@ -94,7 +94,7 @@ class CycleRow:
             same: True if the state is that of the previous cycle.
             event: True if an event follows, which a killed process may not record.
         """
-        result, inputs = taped.result, taped.inputs
+        result, inputs = record.result, record.inputs
         state, velocity = inputs.state, inputs.joint_velocity
         command, solution = result.command, result.solution
         stamp = 0 if state is None else state.stamp

@@ -96,7 +96,7 @@ class Recorder:
 
     def __init__(self, settings: Settings, file: Path | None = None, *, patient: bool = False, name: str = "") -> None:
         seconds = settings.recorder.seconds
-        self._whole_run = file is not None
+        self.whole_run = file is not None  # record topics without other subscriptions too
         self._mode_text = (
             f"all is recorded in {str(file)!r}" if file is not None else f"the last {seconds:g} s are kept"
         )
@@ -137,9 +137,7 @@ class Recorder:
     def wrap(self, transport: Transport, stamp: Callable[[], int]) -> Transport:
         """Return a recording transport with times from `stamp`, ns."""
         self._stamp = stamp
-        return RecordingTransport(
-            transport, self.channel, self.record_incoming, self.record_outgoing, whole_run=self._whole_run
-        )
+        return RecordingTransport(transport, self)
 
     def attach(self, controller: Controller, node: str, robot: str) -> None:
         """Begin the recording of a controller, after all topics were opened."""
@@ -253,8 +251,8 @@ class Recorder:
         for cycle_records, report, at, end in cycles:
             self._add_messages(batch, begin, end, at)
             begin, self._last = end, at
-            for taped in cycle_records:
-                self._add_cycle(batch, taped, report if taped is cycle_records[-1] else None, at)
+            for record in cycle_records:
+                self._add_cycle(batch, record, report if record is cycle_records[-1] else None, at)
         end = len(self._messages)  # other threads append more
         self._add_messages(batch, begin, end, self._last)
         del self._messages[:end]
@@ -280,24 +278,24 @@ class Recorder:
         for topic, stamp, payload in self._messages[begin:end]:
             batch.append(frame(topic, at if stamp is None else stamp, payload))
 
-    def _add_cycle(self, batch: list[bytes], taped: CycleRecord, report: CycleReport | None, at: int) -> None:
-        same, self._state = taped.inputs.state is not None and taped.inputs.state is self._state, taped.inputs.state
-        event = self._add_event(taped, report, at)
-        row = self._row.write(self._number, taped, report, same=same, event=event)
+    def _add_cycle(self, batch: list[bytes], record: CycleRecord, report: CycleReport | None, at: int) -> None:
+        same, self._state = record.inputs.state is not None and record.inputs.state is self._state, record.inputs.state
+        event = self._add_event(record, report, at)
+        row = self._row.write(self._number, record, report, same=same, event=event)
         batch += [frame(topic, at, start + row[place].tobytes()) for topic, start, place in self._groups]
-        references = taped.result.references
+        references = record.result.references
         changed = self._references.write(self._number, references) if references is not None else None
         if changed is not None:
             batch.append(frame(self._references_topic, at, self._references_start + changed.tobytes()))
         self._number += 1
 
-    def _add_event(self, taped: CycleRecord, report: CycleReport | None, at: int) -> bool:
-        result, inputs = taped.result, taped.inputs
+    def _add_event(self, record: CycleRecord, report: CycleReport | None, at: int) -> bool:
+        result, inputs = record.result, record.inputs
         refused = result.refused if report is None else report.refused
-        same = result.mode is self._mode and result.fault is self._fault and taped.live is self._live
+        same = result.mode is self._mode and result.fault is self._fault and record.live is self._live
         dropped = self._dropped
         if same and not (
-            taped.changed_outside or inputs.requests or inputs.changes or refused or inputs.problem or dropped
+            record.changed_outside or inputs.requests or inputs.changes or refused or inputs.problem or dropped
         ):
             return False
         self._dropped = Counter()
@@ -306,9 +304,9 @@ class Recorder:
             self._trigger = frame(TRIGGER, 0, result.fault.code.encode())
         if result.fault is not self._fault:
             event["fault"] = result.fault
-        if taped.live is not self._live:
-            event["settings"] = taped.live.settings
-        if taped.changed_outside:
+        if record.live is not self._live:
+            event["settings"] = record.live.settings
+        if record.changed_outside:
             event["apart"] = True
             self._snapshot_due = 0
         parts = {
@@ -320,7 +318,7 @@ class Recorder:
             "left out": {self._topics[topic - 1][1]: count for topic, count in dropped.items()},
         }
         event |= {name: part for name, part in parts.items() if part}
-        self._mode, self._fault, self._live = result.mode, result.fault, taped.live
+        self._mode, self._fault, self._live = result.mode, result.fault, record.live
         self._jobs.put(lambda: frame(self._events, at, _string(to_json(self._with_yaml(event)))))
         return True
 

@@ -88,7 +88,7 @@ class MockRobot:
         self.faults = Injector(model, self.plant, 1.0 / settings.control.rate)
         self.sent: Callable[[str, int], None] | None = None
         self.rebased = 0
-        self.speed = Speed(real_time_factor, clock)
+        self._real_time_factor = real_time_factor
         self._robot = model
         self._mock = settings.mock
         self._contacts = settings.contacts
@@ -144,7 +144,7 @@ class MockRobot:
 
     def _run(self, stop: threading.Event) -> None:
         deadline = self._clock()
-        self.speed.begin(self.plant.time)
+        self.speed = Speed(self._real_time_factor, self._clock, self.plant.time)
         while not stop.is_set():
             self.publish()
             if self._lockstep:

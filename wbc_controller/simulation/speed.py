@@ -14,16 +14,12 @@ _log = logging.getLogger(__name__)
 class Speed:
     """Comparison of simulated time and wall time; `factor` is the requested speed."""
 
-    def __init__(self, factor: float, clock: Callable[[], float]) -> None:
+    def __init__(self, factor: float, clock: Callable[[], float], simulated: float) -> None:
+        """Start the measurement at a simulated time, s."""
         self._factor, self._clock = factor, clock
         self._low = False
         self._began = self._since = clock()
-        self._first = self._simulated = 0.0  # simulated time at the start, and of the window, s
-
-    def begin(self, simulated: float) -> None:
-        """Start the measurement at a simulated time, s."""
-        self._began = self._since = self._clock()
-        self._first = self._simulated = simulated
+        self._first = self._simulated = simulated  # simulated time at the start, and of the window, s
 
     def check(self, simulated: float) -> None:
         """Log a change of the speed; called in each period."""

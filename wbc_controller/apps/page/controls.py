@@ -23,6 +23,14 @@ _FAULTS: tuple[tuple[str, float, float, str, Callable[[float], str]], ...] = (
     ("Delay of states", 60.0, 2.0, "ms", lambda value: f"{{kind: message_delay, delay: {1e-3 * value:g}"),
     ("Delay of torques", 20.0, 2.0, "ms", lambda value: f"{{kind: command_delay, delay: {1e-3 * value:g}"),
 )  # fmt: skip
+_MODE_BUTTONS = (
+    ("estop", "red", "Zero torque immediately; the robot falls."),
+    ("activate", "green", "Start control and ramp the torques up."),
+    ("deactivate", "gray", "Ramp the torques down."),
+    ("damp", "gray", "Damp the joints; the robot sinks."),
+    ("reset", "gray", "Leave a fault or a stop."),
+    ("record", "gray", "Write the last seconds to a file for wbc view and wbc replay."),
+)
 _MAX_FRICTION = 0.5  # maximum of the slider of `slippery_floor`
 _DURATION = 3600.0  # s
 #: Messages per second of a held button.
@@ -40,12 +48,14 @@ class Controls:
         self._touched: dict[int, float] = {}
         self._tasks: dict[str, tuple[Any, Any | None]] = {}
         self._contacts: dict[str, Any] = {}
-        self._add_mode_buttons()
+        for word, color, hint in _MODE_BUTTONS:
+            self._add_button(word, color, f"{hint} wbc send {word}")
         if robot.settings.walking is not None:
             _WalkControls(server, robot.settings.walking, sender)
         self._mock = self._gui.add_folder("Simulated robot", visible=False)
         with self._mock:
-            self._add_hoist_buttons()
+            self._add_button("hold", "gray", "Lift the robot to its start pose.")
+            self._add_button("release", "gray", "Release the hoist.")
             self._add_fault_controls()
         with self._gui.add_folder("Contacts", expand_by_default=False):
             for name, contact in robot.settings.contacts.items():
@@ -70,24 +80,9 @@ class Controls:
         for name, switch in self._contacts.items():
             self._set_unless_touched(switch, name in snapshot.forces)
 
-    def _add_mode_buttons(self) -> None:
-        for label, word, color, hint in (
-            ("STOP", "estop", "red", "Zero torque immediately; the robot falls."),
-            ("Activate", "activate", "green", "Start control and ramp the torques up."),
-            ("Deactivate", "deactivate", "gray", "Ramp the torques down."),
-            ("Damp", "damp", "gray", "Damp the joints; the robot sinks."),
-            ("Reset", "reset", "gray", "Leave a fault or a stop."),
-            ("Record", "record", "gray", "Write the last seconds to a file for wbc view and wbc replay."),
-        ):
-            button = self._gui.add_button(label, color=color, hint=f"{hint} wbc send {word}")  # type: ignore[arg-type]
-            button.on_click(self._send_on_click(word))
-
-    def _send_on_click(self, word: str) -> Callable[[Any], None]:
-        return lambda event: self._sender.send_words(word)
-
-    def _add_hoist_buttons(self) -> None:
-        for word, hint in (("hold", "Lift the robot to its start pose."), ("release", "Release the hoist.")):
-            self._gui.add_button(word.capitalize(), color="gray", hint=hint).on_click(self._send_on_click(word))
+    def _add_button(self, word: str, color: Any, hint: str) -> None:
+        button = self._gui.add_button("STOP" if word == "estop" else word.capitalize(), color=color, hint=hint)
+        button.on_click(lambda event: self._sender.send_words(word))
 
     def _add_fault_controls(self) -> None:
         """Add the controls of faults; each change sends all faults."""

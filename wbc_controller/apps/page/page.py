@@ -7,7 +7,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import viser
@@ -20,9 +20,10 @@ from wbc_controller.apps.page.drawing import GROUPS, Drawing
 from wbc_controller.apps.page.handles import make_handles
 from wbc_controller.apps.page.link_pushes import KEY, LinkPushes
 from wbc_controller.apps.page.meshes import Mesh
-from wbc_controller.apps.page.playback import TimeLine
+from wbc_controller.apps.page.playback import Playback, TimeLine
 from wbc_controller.apps.page.request_sender import RequestSender
 from wbc_controller.apps.page.snapshot import Robot, Snapshot
+from wbc_controller.apps.page.topic_source import TopicSource
 from wbc_controller.controller.visualization.scene import friction_used
 
 _log = logging.getLogger(__name__)
@@ -40,22 +41,12 @@ task.<br><b>{KEY.capitalize()} + drag a link</b> of a simulated robot to draw a 
 link.</div>"""
 
 
-class SnapshotSource(Protocol):
-    """Topics of a robot, or a recording."""
-
-    def snapshot(self) -> Snapshot:
-        """Return the newest snapshot."""
-        ...
-
-    def read_status(self) -> Sequence[str]:
-        """Read the status of the nodes, and return the refusals since the last call."""
-        ...
-
-
 class Page:
     """Page for any number of browsers; `shown` counts drawn snapshots with a new state."""
 
-    def __init__(self, server: viser.ViserServer, robot: Robot, meshes: Sequence[Mesh], source: SnapshotSource) -> None:
+    def __init__(
+        self, server: viser.ViserServer, robot: Robot, meshes: Sequence[Mesh], source: TopicSource | Playback
+    ) -> None:
         self.shown, self._stamp = 0, -1
         self.server, self._robot, self._source = server, robot, source
         self._is_mock: Callable[[], bool] | None = None

@@ -12,7 +12,7 @@ from pathlib import Path
 import click
 
 from wbc_controller.apps.page.meshes import build_meshes
-from wbc_controller.apps.page.page import Page, SnapshotSource
+from wbc_controller.apps.page.page import Page
 from wbc_controller.apps.page.playback import Playback, TimeLine
 from wbc_controller.apps.page.request_sender import RequestSender
 from wbc_controller.apps.page.server import Gate, address, open_server
@@ -88,7 +88,7 @@ def serve_recording(path: Path, stop: threading.Event, *, host: str, port: int) 
 
 @contextlib.contextmanager
 def _page(
-    robot: Robot, source: SnapshotSource, host: str, port: int, *, commands: bool = False
+    robot: Robot, source: TopicSource | Playback, host: str, port: int, *, commands: bool = False
 ) -> Iterator[tuple[Page, str]]:
     meshes, gate = build_meshes(robot.model), Gate(host)
     server = open_server(host, port, gate, commands=commands)

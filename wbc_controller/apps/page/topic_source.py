@@ -49,7 +49,7 @@ class TopicSource:
         self._base_on_contacts = BaseOnContacts(robot)
 
     def snapshot(self) -> Snapshot:
-        """See `SnapshotSource`."""
+        """Return the newest snapshot."""
         model = self._robot.model
         self._joints.update()
         self._base.update()
@@ -76,7 +76,7 @@ class TopicSource:
         )
 
     def read_status(self) -> list[str]:
-        """See `SnapshotSource`."""
+        """Read the status of the nodes, and return the refusals since the last call."""
         refused = []
         for status in self._listener.read_statuses():
             self._status_at = time.monotonic()

@@ -24,7 +24,8 @@ class _TimeFault(MeasurementFault):
             measured.stamps[stream] = min(max(stamp, _FIRST), _LAST)
 
     def _ahead(self, elapsed: float) -> float:
-        raise NotImplementedError
+        """Return the advance after a time, s: constant, or by the error of the clock rate."""
+        return float(getattr(self, "by", 0.0) + getattr(self, "rate", 0.0) * elapsed)
 
 
 class _StampFault(_TimeFault):
@@ -63,26 +64,17 @@ class StampAhead(_StampFault):
 
     by: float = number(0.1, 0.003, 100.0, "s", "size")
 
-    def _ahead(self, elapsed: float) -> float:
-        return self.by
-
 
 class StampDrift(_StampFault):
     """Stamps run too fast or too slowly."""
 
     rate: float = number(1e-4, -0.3, 0.3, "s/s", "clock rate error")
 
-    def _ahead(self, elapsed: float) -> float:
-        return self.rate * elapsed
-
 
 class ClockJump(_TimeFault):
     """The time on /clock jumps until the end; stamps do not."""
 
     by: float = number(-1.0, -10.0, 10.0, "s", "advance")
-
-    def _ahead(self, elapsed: float) -> float:
-        return self.by
 
 
 class ClockFrozen(_Frozen):
@@ -93,6 +85,3 @@ class ClockDrift(_TimeFault):
     """The time on /clock runs too fast or too slowly."""
 
     rate: float = number(0.01, -0.5, 0.5, "s/s", "clock rate error")
-
-    def _ahead(self, elapsed: float) -> float:
-        return self.rate * elapsed

@@ -18,8 +18,7 @@ from wbc_controller.controller.visualization.page_report import PageReport, Plot
 from wbc_controller.controller.visualization.plots import GREY, PALETTE, Series, by_category
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.extras import require_libraries
-from wbc_controller.validation.campaign.outcome import VIOLATIONS, Outcome
-from wbc_controller.validation.campaign.results import TrialKey, key_of
+from wbc_controller.validation.campaign.results import VIOLATIONS, Outcome, TrialKey, key_of
 from wbc_controller.validation.campaign.trial import ALL_KINDS
 
 _COLUMNS = (

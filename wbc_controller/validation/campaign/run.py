@@ -22,8 +22,7 @@ from wbc_controller.validation.campaign.campaign_report import (
     worst_trial,
     write_report,
 )
-from wbc_controller.validation.campaign.outcome import Outcome
-from wbc_controller.validation.campaign.results import Results, TrialKey
+from wbc_controller.validation.campaign.results import Outcome, Results, TrialKey
 from wbc_controller.validation.campaign.trial import ALL_KINDS, run_trial
 
 BACKENDS = ("loky", "dask", "ray")

@@ -25,9 +25,9 @@ from wbc_controller.simulation.faults.catalogue import KINDS, draw
 from wbc_controller.simulation.faults.fault import Fault
 from wbc_controller.validation.campaign.expectations import Expectation, expect
 from wbc_controller.validation.campaign.monitored_robot import MonitoredRobot
-from wbc_controller.validation.campaign.outcome import MAX_FALLEN_TIME, Outcome
 from wbc_controller.validation.campaign.recordings import TrialRecordings
 from wbc_controller.validation.campaign.request_faults import REQUEST_KINDS, RequestFault, RequestFaultState
+from wbc_controller.validation.campaign.results import MAX_FALLEN_TIME, Outcome
 from wbc_controller.validation.error_log import logged_errors
 from wbc_controller.walking.gait import Phase
 

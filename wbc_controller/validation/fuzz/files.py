@@ -16,8 +16,8 @@ import time
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import cache
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -43,29 +43,38 @@ _READY = "ready"
 _URDF_KEY = re.compile(r"(?m)^(\s*urdf:\s*).*$")  # line of the configuration with the URDF
 
 
-@dataclass(slots=True)
-class FilesOutcome:
-    """Result of a run."""
+@dataclass(frozen=True, slots=True)
+class FileTrial:
+    """One case."""
 
-    # number of cases by result: `works`, `refused`, or the name of the failure
-    results: Counter[str] = field(default_factory=Counter)
-    failures: dict[Path, str] = field(default_factory=dict)  # folder and description
-    seconds: float = 0.0
+    number: int
+    folder: Path  # with its files, after a failure
+    result: str  # `works`, `refused`, or the name and the description of the failure
+    seconds: float  # since the start of the run
+
+    @property
+    def failed(self) -> bool:
+        """True if the files neither worked nor were refused."""
+        return self.result not in ("works", "refused")
+
+    def __str__(self) -> str:
+        return f"case {self.number}: {self.result}"
+
+
+def summary(trials: Sequence[FileTrial]) -> Iterator[str]:
+    """Yield a line with the number of each result, and a line for each failure."""
+    counts = Counter(trial.result.partition(":")[0] for trial in trials)
+    seconds = max((trial.seconds for trial in trials), default=0.0)
+    yield f"{len(trials)} cases in {seconds:.0f} s: " + ", ".join(f"{n} {result}" for result, n in counts.items())
+    yield from (f"{trial.folder}: {trial.result}" for trial in trials if trial.failed)
 
 
 def fuzz_files(
-    kind: str,
-    robots: tuple[str, ...],
-    count: int,
-    seed: int,
-    folder: Path,
-    *,
-    first: int = 0,
-    progress: Callable[[FilesOutcome, int], None] = lambda outcome, number: None,
-) -> FilesOutcome:
+    kind: str, robots: tuple[str, ...], count: int, seed: int, folder: Path, *, first: int = 0
+) -> Iterator[FileTrial]:
     """Read hostile ``configurations``, ``urdf`` or ``recordings`` of the robots in turn, in a child process."""
-    outcome, due, began = FilesOutcome(), first, time.monotonic()
-    while due < first + count and len(outcome.failures) < _MOST_FAILURES:
+    due, failures, began = first, 0, time.monotonic()
+    while due < first + count and failures < _MOST_FAILURES:
         ours, theirs = multiprocessing.get_context("spawn").Pipe()
         child = multiprocessing.get_context("spawn").Process(
             target=_work, args=(theirs, _reader, kind, robots, seed, due, first + count, folder), daemon=True
@@ -75,21 +84,17 @@ def fuzz_files(
         try:
             for number, result in _results(child, ours, due):
                 due = number + 1
-                place = case_folder(folder, kind, number)
-                outcome.results[result.partition(":")[0]] += 1
-                if result in ("works", "refused"):
-                    shutil.rmtree(place)
-                else:
-                    outcome.failures[place] = result
-                outcome.seconds = time.monotonic() - began
-                progress(outcome, number)
-                if len(outcome.failures) >= _MOST_FAILURES:
+                trial = FileTrial(number, case_folder(folder, kind, number), result, time.monotonic() - began)
+                failures += trial.failed
+                if not trial.failed:
+                    shutil.rmtree(trial.folder)
+                yield trial
+                if failures >= _MOST_FAILURES:
                     break
         finally:
             child.kill()
             child.join()
             ours.close()
-    return outcome
 
 
 def case_folder(folder: Path, kind: str, number: int) -> Path:

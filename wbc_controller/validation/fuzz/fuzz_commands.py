@@ -112,23 +112,9 @@ def messages(robot: str, count: int, nodes: str, first: int, replay: Path | None
 
 
 def _files(kind: str, robots: str, count: int, first: int, seed: int, folder: Path) -> None:
-    from wbc_controller.validation.fuzz.files import fuzz_files
+    from wbc_controller.validation.fuzz import files as run
 
-    report = _Progress()
-    outcome = fuzz_files(
-        kind,
-        tuple(robots.split(",")),
-        count,
-        seed,
-        folder,
-        first=first,
-        progress=lambda outcome, number: report(f"case {number}: {dict(outcome.results)}"),
-    )
-    done = sum(outcome.results.values())
-    click.echo(f"{done} cases in {outcome.seconds:.0f} s: " + ", ".join(f"{n} {r}" for r, n in outcome.results.items()))
-    for place, why in outcome.failures.items():
-        click.echo(f"{place}: {why}")
-    sys.exit(1 if outcome.failures else 0)
+    _report(run.fuzz_files(kind, tuple(robots.split(",")), count, seed, folder, first=first), run.summary)
 
 
 @fuzz.command()

@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.errors import ConfigurationError, WbcError
@@ -51,10 +51,6 @@ class Latency:
     memory: tuple[int, int]  # at the start and at the end, kB
     scheduling: str  # of the main thread
     inactive_states: tuple[str, ...]  # during the measurement
-
-
-class _Robot(Protocol):
-    def run(self, stop: threading.Event) -> None: ...
 
 
 def measure_latency(
@@ -115,7 +111,7 @@ class _Bench:
         transport.subscribe(
             counterpart(state), lambda payload: self._states.append(str(decode(payload, state.type).data))
         )
-        self._robot: _Robot
+        self._robot: MockRobot | StandingRobot
         if mock:
             self._robot = MockRobot(model, settings, self._meter)
             (hold,) = (topic for topic in endpoints(MOCK_TOPICS, MOCK_NODE) if topic.key == "hold")
@@ -253,7 +249,7 @@ class _Bench:
 
 
 @contextlib.contextmanager
-def _running(robot: _Robot) -> Iterator[None]:
+def _running(robot: MockRobot | StandingRobot) -> Iterator[None]:
     stop = threading.Event()
     with concurrent.futures.ThreadPoolExecutor(1, "robot", lower_thread_priority) as pool:
         running = pool.submit(robot.run, stop)
