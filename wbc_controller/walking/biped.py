@@ -22,7 +22,7 @@ from wbc_controller.walking.plan import WalkingPlan, margin, swing_path
 from wbc_controller.walking.references import reference, smooth_step
 from wbc_controller.walking.support_kernels import nearest_in_support
 from wbc_controller.walking.swing import Landing, SwingFoot
-from wbc_controller.walking.swing_kernels import growing_to
+from wbc_controller.walking.swing_kernels import integrate_foot
 from wbc_controller.walking.terrain import FOOTHOLDS, Ground, plane_through
 from wbc_controller.walking.touchdown import COUNTS, lands
 from wbc_controller.walking.walker import Decision, TaskSets, Walker
@@ -340,7 +340,7 @@ class BipedWalker(Walker):
 
     def _wanted(self, nominal: NominalStep, stance: Stance, swing: SwingFoot, left: float) -> complex:
         """Return the DCM that leads to the nominal offset after the remaining time, s."""
-        push = self.gait.reaction / stance.omega * growing_to(swing.motion, nominal.place, left, stance.omega)
+        push = self.gait.reaction / stance.omega * integrate_foot(swing.motion, nominal.place, left, stance.omega)
         return before(nominal.place + nominal.offset, stance.place, stance.omega, left, push)
 
     def _single(self, step: Step, cycle: _Cycle, decision: Decision) -> complex:

@@ -16,11 +16,11 @@ from wbc_controller.walking.footsteps import Velocity
 from wbc_controller.walking.gait import Phase, QuadrupedGait
 from wbc_controller.walking.pendulum import natural_frequency
 from wbc_controller.walking.plan import WalkingPlan, margin, swing_path
-from wbc_controller.walking.references import reference, smooth_step
+from wbc_controller.walking.references import smooth_step
 from wbc_controller.walking.swing import Landing, SwingFoot
 from wbc_controller.walking.swing_kernels import move_axis
 from wbc_controller.walking.terrain import Ground
-from wbc_controller.walking.touchdown import lands
+from wbc_controller.walking.touchdown import COUNTS, lands
 from wbc_controller.walking.trot_placement import SupportLine, middle_of_pair
 from wbc_controller.walking.walker import Decision, TaskSets, Walker
 
@@ -44,6 +44,10 @@ class PointFoot:
     task: str
     frame: int
     nominal: complex
+
+    def velocity(self, dynamics: Dynamics) -> Array:
+        """Return the velocity in world axes, (3,) in m/s."""
+        return dynamics.velocity(self.frame, pin.LOCAL_WORLD_ALIGNED)[:3]
 
 
 class _Cycle(NamedTuple):
@@ -173,12 +177,10 @@ class QuadrupedWalker(Walker):
             self._shift(cycle, decision)
         if self.phase is Phase.STAND:
             return decision
-        for name, foot in self._feet.items():
-            if name in self._swings:
-                continue
+        for name in [each for each in self._feet if each not in self._swings]:
             # The references of stance feet follow their motion, because the balls roll.
-            moved = dynamics.velocity(foot.frame, pin.LOCAL_WORLD_ALIGNED)[:3]
-            self._references[foot.task] = reference(points[name], moved.tolist())
+            foot = self._feet[name]
+            self._references[foot.task] = Reference(points[name], foot.velocity(dynamics), np.zeros(3))
         self._move_body()
         self._hold_height(ground.height_at(cycle.com), dt)
         self._turn_tasks(self.velocity.turning)
@@ -274,9 +276,8 @@ class QuadrupedWalker(Walker):
                 swing = swing.moved(landing, gait.clearance, elapsed - cycle.dt, cycle.dt, descent=0.0)
             self._swings[name] = swing
             self._references[foot.task] = Reference(*swing.motion[:, :3])
-            velocity = cycle.dynamics.velocity(foot.frame, pin.LOCAL_WORLD_ALIGNED)[:3]
-            share, late = elapsed / gait.swing, elapsed - gait.swing
-            if lands(share, late, swing.motion[1, 2], velocity, self._sensor(name, cycle.touching)):
+            share, late, sensor = elapsed / gait.swing, elapsed - gait.swing, self._sensor(name, cycle.touching)
+            if share >= COUNTS and lands(share, late, swing.motion[1, 2], foot.velocity(cycle.dynamics), sensor):
                 decision.changes.append(EnableContact(name, True, 0.0))
                 del self._swings[name]
         if not self._swings:
