@@ -17,7 +17,7 @@ from wbc_controller.walking.footsteps import Stance, Velocity, nominal_step
 from wbc_controller.walking.gait import Gait
 from wbc_controller.walking.pendulum import before, later
 from wbc_controller.walking.swing import Landing, SwingFoot
-from wbc_controller.walking.swing_kernels import LATE_SPEED, TOUCHDOWN_SPEED, growing_to
+from wbc_controller.walking.swing_kernels import LATE_SPEED, TOUCHDOWN_SPEED, integrate_foot
 from wbc_controller.walking.touchdown import LATEST, lands
 
 GAIT = Gait(
@@ -89,7 +89,7 @@ def walked(disturbance, *, elapsed=0.1, cycles=150):
     swing, share = SwingFoot.at_rest(np.array([1.0, 2.2, 0.0]), 0.0), GAIT.reaction / at.omega
 
     def push():
-        return share * growing_to(swing.motion, landing.place, landing.time - elapsed, at.omega)
+        return share * integrate_foot(swing.motion, landing.place, landing.time - elapsed, at.omega)
 
     dcm = before(nominal.place + nominal.offset, at.place, at.omega, GAIT.single - elapsed, push()) + disturbance
     for _ in range(cycles):
@@ -170,8 +170,8 @@ def test_the_push_of_a_swing_is_the_integral_of_its_acceleration():
             * 0.001
             for i in range(begin, cycles)
         )
-        assert growing_to(feet[begin].motion, goal, 0.5 - begin * 0.001, omega) == pytest.approx(summed, rel=1e-3)
-    assert growing_to(feet[0].motion, goal, 0.5, omega).real > 0.0
+        assert integrate_foot(feet[begin].motion, goal, 0.5 - begin * 0.001, omega) == pytest.approx(summed, rel=1e-3)
+    assert integrate_foot(feet[0].motion, goal, 0.5, omega).real > 0.0
 
 
 def test_a_swing_is_continuous_when_its_target_changes():

@@ -22,7 +22,7 @@ import cmath
 import math
 
 from wbc_controller.compilation import Matrix, compiled, part
-from wbc_controller.walking.swing_kernels import growing_to
+from wbc_controller.walking.swing_kernels import integrate_foot
 
 #: Weights of place and offset, 1/m², and of time.
 W_PLACE, W_OFFSET, W_TIME = 1.0, 200.0, 0.02
@@ -75,7 +75,7 @@ def adapt(
     for step in (0.0, -TIME_RATE * dt, TIME_RATE * dt):
         T = max(earliest, min(latest, time + step))
         left = T - elapsed
-        push = reaction / omega * growing_to(swing, place, left, omega)
+        push = reaction / omega * integrate_foot(swing, place, left, omega)
         end = stance + (dcm - stance) * math.exp(omega * left) + push  # ξ_T
         u = nominal_place + W_OFFSET / (W_PLACE + W_OFFSET) * (end - nominal_offset - nominal_place)
         u = _within_reach(u, stance, axes, side, length, least_width, greatest_width)

@@ -10,20 +10,19 @@ import numpy as np
 
 from wbc_controller.inverse_dynamics.references.changes import EnableContact
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
-from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of, rotation_of
-from wbc_controller.records import Array, Reference
+from wbc_controller.records import Array
 from wbc_controller.walking.adaptation_kernels import SHORTEST, adapt
 from wbc_controller.walking.fall_kernels import MARGIN, PERSISTS, STANDING, captured_by_steps, missed, nearest_support
-from wbc_controller.walking.feet import Foot, Sole, about_z, mean_angle
+from wbc_controller.walking.feet import Foot, Sole, mean_angle
 from wbc_controller.walking.footstep_plan import Footstep, planned, step_towards
 from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity, nominal_step
 from wbc_controller.walking.gait import Gait, Phase
 from wbc_controller.walking.pendulum import before, later, natural_frequency, transferred
 from wbc_controller.walking.plan import WalkingPlan, margin, swing_path
-from wbc_controller.walking.references import height_rate, reference, smooth_step
+from wbc_controller.walking.references import reference, smooth_step
 from wbc_controller.walking.support_kernels import nearest_in_support
 from wbc_controller.walking.swing import Landing, SwingFoot
-from wbc_controller.walking.swing_kernels import growing_to
+from wbc_controller.walking.swing_kernels import integrate_foot
 from wbc_controller.walking.terrain import FOOTHOLDS, Ground, plane_through
 from wbc_controller.walking.touchdown import COUNTS, lands
 from wbc_controller.walking.walker import Decision, TaskSets, Walker
@@ -101,12 +100,7 @@ class BipedWalker(Walker):
         """Stand, without a command."""
         super().reset()
         self.footsteps: tuple[Footstep, ...] = ()
-        self._since = self._last = 0.0  # start of the phase, and last cycle, s
         self._stance = -1  # side of the stance foot
-        self._clearance = 0.0  # of the centre of mass above the stance foot, m
-        self._height = self._heading = 0.0  # references of its height in the world, m, and of the heading, rad
-        # Quaternions (x, y, z, w) of the tasks on orientations at the heading 0.
-        self._orientations: dict[str, tuple[float, ...]] = {}
         self._step: Step | None = None
         self._dcm_wanted = 0j
         self._blend = 0j  # reference of the DCM at the start of the phase; in a step, minus the step's reference
@@ -218,7 +212,7 @@ class BipedWalker(Walker):
             x, y, _, _ = self._step.swing.motion[2].tolist()
             rate += self.gait.reaction / omega * complex(x, y)
         self._references[self.tasks.balance] = reference([cycle.dcm.real, cycle.dcm.imag], [rate.real, rate.imag])
-        self._hold_height(soles[self._stance], dt)
+        self._hold_height(soles[self._stance].height, dt)
         self._turn(soles, dt)
         decision.references = dict(self._references)
         return decision
@@ -272,18 +266,13 @@ class BipedWalker(Walker):
         ground = 0.5 * (soles[1].height + soles[-1].height)
         self._height, self._clearance = height, height - ground - self.gait.lowering
         self._heading = mean_angle(soles[1].heading, soles[-1].heading)
-        ahead = about_z(-self._heading)
-        self._orientations = {
-            name: tuple(quaternion_of(ahead @ rotation_of(quaternion)).tolist())
-            for name, quaternion in orientations.items()
-        }
         self._references = {foot.task: foot.at_rest(soles[side]) for side, foot in self._feet.items()}
         self._footholds = tuple(sole.ground for sole in soles.values())
         self.steps, self.velocity, self._step = 0, Velocity(), None
         self._stance = 1 if self.command is not None and self.command.linear.imag < 0.0 else -1
         if self.footsteps:
             self._stance = -self.footsteps[0].side
-        self._begin_tasks(decision)
+        self._begin_tasks(orientations, decision)
 
     def _pose(self, soles: Mapping[int, Sole]) -> tuple[complex, float]:
         """Return place and heading of the middle between the feet.
@@ -351,7 +340,7 @@ class BipedWalker(Walker):
 
     def _wanted(self, nominal: NominalStep, stance: Stance, swing: SwingFoot, left: float) -> complex:
         """Return the DCM that leads to the nominal offset after the remaining time, s."""
-        push = self.gait.reaction / stance.omega * growing_to(swing.motion, nominal.place, left, stance.omega)
+        push = self.gait.reaction / stance.omega * integrate_foot(swing.motion, nominal.place, left, stance.omega)
         return before(nominal.place + nominal.offset, stance.place, stance.omega, left, push)
 
     def _single(self, step: Step, cycle: _Cycle, decision: Decision) -> complex:
@@ -430,12 +419,6 @@ class BipedWalker(Walker):
         length, width = _SOLE_SHARE[0] * foot.half[0], _SOLE_SHARE[1] * foot.half[1]
         return nearest_in_support(pressure, first, second, heading, length, width)
 
-    def _hold_height(self, stance: Sole, dt: float) -> None:
-        """Follow the height of the ground under the stance foot."""
-        rate = height_rate(stance.height + self._clearance - self._height)
-        self._height += rate * dt
-        self._references[self.tasks.height] = reference([0.0, 0.0, self._height], [0.0, 0.0, rate])
-
     def _turn(self, soles: Mapping[int, Sole], dt: float) -> None:
         """Turn the tasks on orientations with the heading of the feet."""
         if self._step is None:
@@ -444,8 +427,4 @@ class BipedWalker(Walker):
             goal = mean_angle(self._step.stance.heading, self._step.nominal.heading)
         rate = _HEADING_RATE * math.remainder(goal - self._heading, math.tau)
         self._heading += rate * dt
-        c, s = math.cos(0.5 * self._heading), math.sin(0.5 * self._heading)
-        rates, zeros = np.array([0.0, 0.0, rate]), np.zeros(3)
-        for name, (x, y, z, w) in self._orientations.items():
-            turned = np.array([c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z])
-            self._references[name] = Reference(turned, rates, zeros)
+        self._turn_tasks(rate)

@@ -79,7 +79,9 @@ class Foot:
         """Return the velocity of the centre of the sole in world axes, (3,) in m/s."""
         vx, vy, vz, wx, wy, wz = dynamics.velocity(self.frame, pin.LOCAL_WORLD_ALIGNED).tolist()
         frame = dynamics.placement(self.frame)
-        x, y, z = (frame.act(self.placement.translation) - frame.translation).tolist()
+        fx, fy, fz = frame.translation.tolist()
+        x, y, z = (frame * self.placement).translation.tolist()
+        x, y, z = x - fx, y - fy, z - fz
         return np.array([vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x])
 
     def at_rest(self, sole: Sole) -> Reference:

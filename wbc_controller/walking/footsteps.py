@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from wbc_controller.records import Array
 from wbc_controller.walking.gait import Gait, SpeedLimits
 from wbc_controller.walking.pendulum import periodic_offset
-from wbc_controller.walking.swing_kernels import growing
+from wbc_controller.walking.swing_kernels import integrate_axis
 
 #: Largest backward speed, as a share of the forward speed.
 BACKWARD = 0.5
@@ -93,7 +93,7 @@ class NominalStep:
 
 def swing_push(gait: Gait, omega: float) -> float:
     """Return ρ, the change of the DCM at touchdown by a swing foot that moves by 1 m from rest to rest."""
-    return gait.reaction / omega * growing(0.0, 0.0, 0.0, 1.0, gait.single, omega)
+    return gait.reaction / omega * integrate_axis(0.0, 0.0, 0.0, 1.0, gait.single, omega)
 
 
 def nominal_step(velocity: Velocity, stance: Stance, gait: Gait, single: float) -> NominalStep:

@@ -4,24 +4,23 @@ import cmath
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from wbc_controller.inverse_dynamics.references.changes import EnableContact
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
-from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of, rotation_of
 from wbc_controller.records import Array, Reference
-from wbc_controller.walking.feet import about_z
 from wbc_controller.walking.footsteps import Velocity
 from wbc_controller.walking.gait import Phase, QuadrupedGait
 from wbc_controller.walking.pendulum import natural_frequency
 from wbc_controller.walking.plan import WalkingPlan, margin, swing_path
-from wbc_controller.walking.references import height_rate, reference, smooth_step
+from wbc_controller.walking.references import smooth_step
 from wbc_controller.walking.swing import Landing, SwingFoot
 from wbc_controller.walking.swing_kernels import move_axis
 from wbc_controller.walking.terrain import Ground
-from wbc_controller.walking.touchdown import lands
+from wbc_controller.walking.touchdown import COUNTS, lands
 from wbc_controller.walking.trot_placement import SupportLine, middle_of_pair
 from wbc_controller.walking.walker import Decision, TaskSets, Walker
 
@@ -46,9 +45,12 @@ class PointFoot:
     frame: int
     nominal: complex
 
+    def velocity(self, dynamics: Dynamics) -> Array:
+        """Return the velocity in world axes, (3,) in m/s."""
+        return dynamics.velocity(self.frame, pin.LOCAL_WORLD_ALIGNED)[:3]
 
-@dataclass(frozen=True, slots=True)
-class _Cycle:
+
+class _Cycle(NamedTuple):
     time: float  # s
     dt: float  # time since the last cycle, s
     dynamics: Dynamics
@@ -87,11 +89,7 @@ class QuadrupedWalker(Walker):
     def reset(self) -> None:
         """Stand, without a command."""
         super().reset()
-        self._since = self._last = 0.0  # start of the phase, and last cycle, s
         self._group = 0  # group that swings or swings next
-        self._clearance = 0.0  # height of the centre of mass above the ground, m
-        self._height = self._heading = 0.0  # references of its height in the world, m, and of the heading, rad
-        self._orientations: dict[str, Array] = {}  # references of the tasks at the heading 0, (3, 3)
         self._body = 0j  # reference of the centre of mass without its sway, x + i y in m
         self._body_velocity = 0j  # its velocity, m/s
         self._sway = 0.0, 0.0, 0.0  # reference of its sway to the left with its rates, m
@@ -150,11 +148,11 @@ class QuadrupedWalker(Walker):
             dt = 0.0
             self._begin(dynamics, points, orientations, decision)
         self._places |= {name: point for name, point in points.items() if name not in self._swings}
-        com, omega = dynamics.com, natural_frequency(self._clearance, self._gravity)
+        omega = natural_frequency(self._clearance, self._gravity)
+        (x, y, _), (vx, vy, _) = dynamics.com.tolist(), dynamics.com_velocity.tolist()
         # Without the angular momentum of the swinging legs, the velocity is ċ + (L_y, -L_x) / (m z).
         spin = (dynamics.centroidal_matrix[3:5] @ dynamics.v).tolist()
-        place, speed = complex(com[0], com[1]), complex(dynamics.com_velocity[0], dynamics.com_velocity[1])
-        speed -= 1j * complex(*spin) / (self._mass * self._clearance)
+        place, speed = complex(x, y), complex(vx, vy) - 1j * complex(*spin) / (self._mass * self._clearance)
         cycle = _Cycle(
             time=time,
             dt=dt,
@@ -179,14 +177,13 @@ class QuadrupedWalker(Walker):
             self._shift(cycle, decision)
         if self.phase is Phase.STAND:
             return decision
-        for name, foot in self._feet.items():
-            if name in self._swings:
-                continue
+        for name in [each for each in self._feet if each not in self._swings]:
             # The references of stance feet follow their motion, because the balls roll.
-            moved = dynamics.velocity(foot.frame, pin.LOCAL_WORLD_ALIGNED)[:3]
-            self._references[foot.task] = reference(points[name], moved.tolist())
-        self._move_body(cycle, ground)
-        self._turn()
+            foot = self._feet[name]
+            self._references[foot.task] = Reference(points[name], foot.velocity(dynamics), np.zeros(3))
+        self._move_body()
+        self._hold_height(ground.height_at(cycle.com), dt)
+        self._turn_tasks(self.velocity.turning)
         self._latest = cycle
         decision.references = dict(self._references)
         return decision
@@ -221,11 +218,9 @@ class QuadrupedWalker(Walker):
         self._height = float(com[2])
         self._clearance = self._height - Ground.below(points.values()).height_at(self._body) - self.gait.lowering
         _, self._heading = self._stance(points)
-        ahead = about_z(-self._heading)
-        self._orientations = {name: ahead @ rotation_of(quaternion) for name, quaternion in orientations.items()}
         self._references = {}
         self.steps, self.velocity, self._sway, self._group = 0, Velocity(), (0.0, 0.0, 0.0), 0
-        self._begin_tasks(decision)
+        self._begin_tasks(orientations, decision)
 
     def _place(self, contact: str) -> complex:
         """Return the last place of a foot on the ground, x + i y in m."""
@@ -268,11 +263,12 @@ class QuadrupedWalker(Walker):
         gait, elapsed = self.gait, cycle.time - self._since
         left = max(gait.swing - elapsed, 0.0)
         self._follow(cycle)
+        origin, turn = self._target(cycle, left)
         for name, swing in list(self._swings.items()):
             foot = self._feet[name]
             planned = self._landings.get(name)
             if planned is None or left > _FREEZE:
-                place = self._target(foot, cycle, left)  # the height of the first plan stays
+                place = origin + foot.nominal * turn  # the height of the first plan stays
                 height = ground.height_at(place) if planned is None else planned.height
                 self._landings[name] = Landing(place, height, 0.0, gait.swing)
             landing = self._landings[name]
@@ -280,9 +276,8 @@ class QuadrupedWalker(Walker):
                 swing = swing.moved(landing, gait.clearance, elapsed - cycle.dt, cycle.dt, descent=0.0)
             self._swings[name] = swing
             self._references[foot.task] = Reference(*swing.motion[:, :3])
-            velocity = cycle.dynamics.velocity(foot.frame, pin.LOCAL_WORLD_ALIGNED)[:3]
-            share, late = elapsed / gait.swing, elapsed - gait.swing
-            if lands(share, late, swing.motion[1, 2], velocity, self._sensor(name, cycle.touching)):
+            share, late, sensor = elapsed / gait.swing, elapsed - gait.swing, self._sensor(name, cycle.touching)
+            if share >= COUNTS and lands(share, late, swing.motion[1, 2], foot.velocity(cycle.dynamics), sensor):
                 decision.changes.append(EnableContact(name, True, 0.0))
                 del self._swings[name]
         if not self._swings:
@@ -290,8 +285,8 @@ class QuadrupedWalker(Walker):
             self._group = (self._group + 1) % len(gait.groups)
             self.phase, self._since = Phase.DOUBLE, cycle.time
 
-    def _target(self, foot: PointFoot, cycle: _Cycle, left: float) -> complex:
-        """Return the place of a touchdown after a time in s."""
+    def _target(self, cycle: _Cycle, left: float) -> tuple[complex, complex]:
+        """Return origin, x + i y in m, and turn e^{iψ} of the nominal places for a touchdown after a time in s."""
         gait = self.gait
         group = gait.groups[self._group]
         if len(group) == 2:
@@ -310,7 +305,7 @@ class QuadrupedWalker(Walker):
         turn = cmath.rect(1.0, self._heading + self.velocity.turning * (left + 0.5 * stance))
         away = middle - body
         away *= min(1.0, gait.length / max(abs(away), 1.0e-9))
-        return body + away + (foot.nominal - origin) * turn
+        return body + away - origin * turn, turn
 
     def _in_world(self, ahead: float) -> complex:
         """Return the commanded velocity in the world after a time in s, m/s."""
@@ -344,21 +339,13 @@ class QuadrupedWalker(Walker):
     def _sway_in_world(self, sway: float) -> complex:
         return sway * cmath.rect(1.0, self._heading + 0.5 * math.pi)
 
-    def _move_body(self, cycle: _Cycle, ground: Ground) -> None:
-        """Set the references of the centre of mass; its height follows the ground."""
-        place = self._body + self._sway_in_world(self._sway[0])
-        velocity = self._body_velocity + self._sway_in_world(self._sway[1])
-        push = self._sway_in_world(self._sway[2])
+    def _move_body(self) -> None:
+        """Set the reference of the centre of mass."""
+        left = cmath.rect(1.0, self._heading + 0.5 * math.pi)
+        place, velocity = self._body + self._sway[0] * left, self._body_velocity + self._sway[1] * left
+        push = self._sway[2] * left
         self._references[self.tasks.balance] = Reference(
             np.array([place.real, place.imag, 0.0]),
             np.array([velocity.real, velocity.imag, 0.0]),
             np.array([push.real, push.imag, 0.0]),
         )
-        rate = height_rate(ground.height_at(cycle.com) + self._clearance - self._height)
-        self._height += rate * cycle.dt
-        self._references[self.tasks.height] = reference([0.0, 0.0, self._height], [0.0, 0.0, rate])
-
-    def _turn(self) -> None:
-        turn = about_z(self._heading)
-        for name, rotation in self._orientations.items():
-            self._references[name] = reference(quaternion_of(turn @ rotation), [0.0, 0.0, self.velocity.turning])

@@ -1,5 +1,6 @@
 """References at fixed rates, and the smooth step."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,6 +14,12 @@ _HEIGHT_RATE, _FASTEST_HEIGHT = 3.0, 0.2
 def reference(position: Array | Sequence[float], velocity: Sequence[float]) -> Reference:
     """Return a reference without acceleration."""
     return Reference(np.array(position), np.array(velocity), np.zeros(len(velocity)))
+
+
+def turned(quaternion: Sequence[float], angle: float) -> list[float]:
+    """Return a quaternion (x, y, z, w), turned about the vertical by an angle in rad."""
+    (x, y, z, w), c, s = quaternion, math.cos(0.5 * angle), math.sin(0.5 * angle)
+    return [c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z]
 
 
 def smooth_step(share: float) -> tuple[float, float]:

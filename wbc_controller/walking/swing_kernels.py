@@ -78,7 +78,7 @@ def move_foot(
 
 
 @compiled
-def growing(x: float, v: float, a: float, goal: float, left: float, omega: float) -> float:
+def integrate_axis(x: float, v: float, a: float, goal: float, left: float, omega: float) -> float:
     """Return ∫ e^{ω(T - t)} ẍ(t) dt in m/s over the quintic to rest at a goal, in the remaining time T.
 
     With I_k = ∫ e^{ω(T - t)} tᵏ dt: I_0 = (e^{ωT} - 1) / ω and I_k = (k I_{k-1} - Tᵏ) / ω.
@@ -94,9 +94,9 @@ def growing(x: float, v: float, a: float, goal: float, left: float, omega: float
 
 
 @compiled
-def growing_to(foot: Matrix, place: complex, left: float, omega: float) -> complex:
-    """Return the integral of `growing` for the horizontal motion of a foot to a place, x + i y in m/s."""
+def integrate_foot(foot: Matrix, place: complex, left: float, omega: float) -> complex:
+    """Return the integral of `integrate_axis` for the horizontal motion of a foot to a place, x + i y in m/s."""
     if foot.shape != (3, 4):
-        raise ValueError("growing_to: wrong size")
-    x = growing(foot[0, 0], foot[1, 0], foot[2, 0], place.real, left, omega)
-    return complex(x, growing(foot[0, 1], foot[1, 1], foot[2, 1], place.imag, left, omega))
+        raise ValueError("integrate_foot: wrong size")
+    x = integrate_axis(foot[0, 0], foot[1, 0], foot[2, 0], place.real, left, omega)
+    return complex(x, integrate_axis(foot[0, 1], foot[1, 1], foot[2, 1], place.imag, left, omega))

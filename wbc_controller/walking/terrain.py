@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wbc_controller.records import Array
+from wbc_controller.walking.terrain_kernels import plane_below
 
 #: Number of footholds of the plane.
 FOOTHOLDS = 4
@@ -41,20 +42,8 @@ class Ground:
 
     @classmethod
     def below(cls, points: Iterable[Array]) -> "Ground":
-        """Return the plane with the smallest squared vertical distances to points, at least three, not on a line.
-
-        With x, y and z relative to their means, the rise s solves Σ (x, y)ᵀ(x, y) s = Σ (x, y)ᵀ z.
-        """
-        rows = [point.tolist() for point in points]
-        n = len(rows)
-        x0, y0, z0 = (sum(row[i] for row in rows) / n for i in range(3))
-        xx = xy = yy = xz = yz = 0.0
-        for x, y, z in rows:
-            x, y, z = x - x0, y - y0, z - z0
-            xx, xy, yy, xz, yz = xx + x * x, xy + x * y, yy + y * y, xz + x * z, yz + y * z
-        determinant = xx * yy - xy * xy
-        slope = complex(xz * yy - yz * xy, yz * xx - xz * xy) / determinant
-        return cls(complex(x0, y0), z0, slope)
+        """Return the plane with the smallest squared vertical distances to points, at least three, not on a line."""
+        return cls(*plane_below(np.array([*points])))
 
 
 def plane_through(footholds: Sequence[Ground]) -> Ground:

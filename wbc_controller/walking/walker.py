@@ -5,6 +5,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from wbc_controller.errors import InputRefused
 from wbc_controller.inverse_dynamics.references.changes import Change, EnableTask, SetSetpoint
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
@@ -13,6 +15,7 @@ from wbc_controller.walking.footsteps import Velocity
 from wbc_controller.walking.gait import Gait, Phase, QuadrupedGait
 from wbc_controller.walking.goal import Goal, velocity_to
 from wbc_controller.walking.plan import WalkingPlan
+from wbc_controller.walking.references import height_rate, reference, turned
 
 
 @dataclass(slots=True)
@@ -76,6 +79,11 @@ class Walker(ABC):
         self.steps = 0
         self.watched, self.fall = -math.inf, ""
         self._lifted: tuple[str, ...] = ()  # swing feet whose contact sensor has shown the lift-off
+        self._since = self._last = 0.0  # start of the phase, and last cycle, s
+        self._clearance = 0.0  # of the centre of mass above the ground, m
+        self._height = self._heading = 0.0  # references of its height in the world, m, and of the heading, rad
+        #: Quaternions (x, y, z, w) of the tasks on orientations at the heading 0.
+        self._orientations: dict[str, list[float]] = {}
         self._references: dict[str, Reference] = {}  # of the last cycle, by task
 
     def ask(self, command: Velocity | None, until: float = math.inf) -> None:
@@ -153,7 +161,21 @@ class Walker(ABC):
             self._lifted = (*self._lifted, contact)
         return sensor if contact in self._lifted else None
 
-    def _begin_tasks(self, decision: Decision) -> None:
+    def _hold_height(self, ground: float, dt: float) -> None:
+        """Follow the height of the ground, m."""
+        rate = height_rate(ground + self._clearance - self._height)
+        self._height += rate * dt
+        self._references[self.tasks.height] = reference([0.0, 0.0, self._height], [0.0, 0.0, rate])
+
+    def _turn_tasks(self, rate: float) -> None:
+        """Turn the tasks on orientations to the heading, which changes at a rate in rad/s."""
+        rates, zeros = np.array([0.0, 0.0, rate]), np.zeros(3)
+        for name, quaternion in self._orientations.items():
+            self._references[name] = Reference(np.array(turned(quaternion, self._heading)), rates, zeros)
+
+    def _begin_tasks(self, orientations: Mapping[str, Array], decision: Decision) -> None:
+        """Enable the tasks of the walker; tasks on orientations continue from their present references."""
+        self._orientations = {name: turned(each.tolist(), -self._heading) for name, each in orientations.items()}
         decision.changes += [EnableTask(name, False) for name in self.tasks.suspended]
         decision.changes += [EnableTask(name, True) for name in self.tasks.own]
 
