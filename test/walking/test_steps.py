@@ -222,6 +222,8 @@ def test_a_late_foot_moves_further_down():
     assert all(after.velocity <= before.velocity for before, after in itertools.pairwise(late))
     fallen = DT * sum(each.velocity for each in late[1:])
     assert late[-1].position - late[0].position == pytest.approx(fallen, abs=1e-9)
+    accelerations = np.diff([each.velocity for each in late]) / DT
+    assert [each.acceleration for each in late[1:]] == pytest.approx(accelerations.tolist())
     assert feet[-1].x.velocity == 0.0
 
 
@@ -235,6 +237,7 @@ def test_a_late_foot_moves_further_down():
         (0.8, -0.1, -0.3, [0.0, 0.1, -0.25], None, False),
         (1.0, 0.0, -0.1, [0.0, 0.1, -0.1], None, False),  # the ground is lower than planned
         (1.0, 0.0, -0.1, [0.0, 0.1, -0.04], None, True),
+        (1.1, 0.02, -0.3, [0.0, 0.0, -0.1], None, False),  # late; the foot falls behind its reference
         (0.9, -0.05, -0.1, [1.0, 0.0, -0.04], None, False),  # still swinging
         (0.9, -0.05, -0.4, [0.3, 0.0, 0.2], None, True),  # rebounding
         (1.2, LATEST, -0.1, [0.0, 0.1, -0.1], None, True),
