@@ -8,6 +8,8 @@ from hypothesis import strategies as st
 
 import wbc_controller as wbc
 from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
+from wbc_controller.validation.accuracy.walk_grounds import terrain_of
+from wbc_controller.validation.accuracy.walks import WalkTrial
 from wbc_controller.walking.feet import Foot
 from wbc_controller.walking.gait import Phase
 from wbc_controller.walking.swing import SwingFoot
@@ -78,6 +80,16 @@ def test_a_robot_walks_onto_a_step_and_a_slope(block, height):
         simulation.run(3.0)
         assert walker.phase is Phase.STAND
         assert heights(simulation) == pytest.approx([height, height], abs=0.002)
+
+
+def test_the_stance_foot_does_not_turn_on_slippery_ground():
+    """The yaw moment of the swing leg turned it, as the configured friction 0.7 allows 13 N·m at the corners."""
+    trial = WalkTrial("g1", "good", 0, terrain_of("slippery", 0))
+    assert trial.settings.contacts["left_foot"].friction > trial.settings.mock.friction == 0.4
+    trial.stand()
+    trial.walk(2.5, lambda now: np.array([0.3, 0.0, 0.0]))
+    assert trial.controller.walker.steps >= 3
+    assert trial.meter.figures().slip < 0.002
 
 
 def test_a_robot_walks_on_soft_ground():

@@ -218,11 +218,12 @@ def test_noise_of_ground_and_step_time_needs_no_large_acceleration(seed):
 
 def test_a_late_foot_moves_further_down():
     feet, landing = swung(0.1, 100)
-    height, speed, _ = np.array([foot.motion[:, 2] for foot in feet[50:]]).T
+    height, speed, acceleration = np.array([foot.motion[:, 2] for foot in feet[50:]]).T
     assert speed[-1] == -LATE_SPEED
     assert height[-1] < landing.height - 0.02
     assert all(np.diff(speed) <= 0.0)
     assert height[-1] - height[0] == pytest.approx(DT * sum(speed[1:]), abs=1e-9)
+    assert acceleration[1:] == pytest.approx(np.diff(speed) / DT)
     assert feet[-1].motion[1, 0] == 0.0
 
 
@@ -236,6 +237,7 @@ def test_a_late_foot_moves_further_down():
         (0.8, -0.1, -0.3, [0.0, 0.1, -0.25], None, False),
         (1.0, 0.0, -0.1, [0.0, 0.1, -0.1], None, False),  # the ground is lower than planned
         (1.0, 0.0, -0.1, [0.0, 0.1, -0.04], None, True),
+        (1.1, 0.02, -0.3, [0.0, 0.0, -0.1], None, False),  # late; the foot falls behind its reference
         (0.9, -0.05, -0.1, [1.0, 0.0, -0.04], None, False),  # still swinging
         (0.9, -0.05, -0.4, [0.3, 0.0, 0.2], None, True),  # rebounding
         (1.2, LATEST, -0.1, [0.0, 0.1, -0.1], None, True),

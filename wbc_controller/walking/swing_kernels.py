@@ -72,8 +72,9 @@ def move_foot(
         elif left > _SHORTEST:
             moved = move_axis(x, v, a, height, -TOUCHDOWN_SPEED, left, dt)
         else:
-            v = max(min(v, -TOUCHDOWN_SPEED) - _LATE_ACCELERATION * dt, -LATE_SPEED)
-            moved = (x + v * dt, v, 0.0)
+            before = min(v, -TOUCHDOWN_SPEED)
+            v = max(before - _LATE_ACCELERATION * dt, -LATE_SPEED)
+            moved = (x + v * dt, v, (v - before) / dt)
         out[0, i], out[1, i], out[2, i] = moved
 
 

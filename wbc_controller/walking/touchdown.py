@@ -1,6 +1,7 @@
 """Touchdown by a contact sensor or by motion."""
 
 from wbc_controller.records import Array
+from wbc_controller.walking.swing_kernels import TOUCHDOWN_SPEED
 
 #: Least share of the planned swing for a touchdown.
 COUNTS = 0.6
@@ -30,6 +31,6 @@ def lands(share: float, late: float, wanted: float, velocity: Array, touching: b
         return True
     if touching:
         return True
-    stopped = wanted <= -_DESCENDING and velocity[2] > _STOPPED * wanted
+    stopped = wanted <= -_DESCENDING and velocity[2] > _STOPPED * max(wanted, -TOUCHDOWN_SPEED)
     rebounds = velocity[2] > 0.0
     return bool(stopped and (rebounds or velocity.dot(velocity) < _SLOW * _SLOW))

@@ -76,6 +76,15 @@ def test_surface_cone_keeps_corner_forces_within_coulomb_friction(load):
     np.testing.assert_allclose(contact.cone, wrench_cone(0.8 / math.sqrt(2.0), 0.1, 0.05))
 
 
+@pytest.mark.parametrize("moment", [-9.0, 4.0])
+def test_a_share_of_the_yaw_moment(load, moment):
+    model, _ = load("g1")
+    place = "foot", model, FRAME, pin.SE3.Identity(), Rectangle(0.1, 0.05)
+    wrench, yaw = np.array([20.0, -10.0, 300.0, 3.0, 8.0, 0.0]), np.array([0.0, 0.0, 0.0, 0.0, 0.0, moment])
+    half, whole = (SurfaceContact(*place, yaw_share=share).cone for share in (0.5, 1.0))
+    np.testing.assert_allclose(half @ (wrench + yaw), whole @ (wrench + 2.0 * yaw))
+
+
 @pytest.mark.parametrize("share", [0.05, 0.6, 1.0])
 @pytest.mark.parametrize("shape", ["ball", "rectangle", "polygon"])
 def test_cone_for_a_share_of_the_friction_is_that_of_a_contact_with_this_friction(load, shape, share):

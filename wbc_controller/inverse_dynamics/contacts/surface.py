@@ -31,6 +31,7 @@ class SurfaceContact(UnilateralContact):
         *,
         against: str | None = None,
         friction: float = 0.7,
+        yaw_share: float = 1.0,
         **limits: float,
     ) -> None:
         """Make a surface contact; other arguments as `PointContact`.
@@ -38,11 +39,12 @@ class SurfaceContact(UnilateralContact):
         Args:
             placement: of the contact in the frame; z points away from the touched surface.
             support: shape of the contact area.
+            yaw_share: allowed share of the yaw moment of corner forces.
         """
         super().__init__(
             name,
             np.eye(6),
-            support.cone(friction / math.sqrt(2.0)),
+            support.cone(friction / math.sqrt(2.0)) / np.array([1.0, 1.0, 1.0, 1.0, 1.0, yaw_share]),
             frame,
             internal=against is not None,
             friction=friction,
