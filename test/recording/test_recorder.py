@@ -21,6 +21,7 @@ from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTranspo
 from wbc_controller.recording.mcap_file import McapMessages
 from wbc_controller.recording.recorder import recording
 from wbc_controller.recording.recording_file import Recording
+from wbc_controller.recording.recording_transport import RecordingTransport
 from wbc_controller.recording.replay.recording_summary import summarize
 from wbc_controller.records import ChangeSettings
 
@@ -100,7 +101,7 @@ def test_a_whole_run_contains_markers_without_subscription(robot_of, tmp_path):
     (markers,) = (topic for topic in endpoints(CONTROLLER_TOPICS, "controller") if topic.key == "markers")
     for file, expected in ((tmp_path / "a.mcap", True), (None, False)):
         with recording(settings.model_copy(deep=True), file) as recorder:
-            tapped = recorder.wrap(MemoryTransport(MemoryBus()), time.time_ns)
+            tapped = RecordingTransport(MemoryTransport(MemoryBus()), recorder)
             tapped.advertise(markers)
             assert tapped.has_reader(markers) == expected
 

@@ -232,7 +232,11 @@ def test_ranges(key, low, high):
         ("tasks.hand.damping", [], "tasks.hand.damping = []: 0 values; expected one number, or"),
         ("tasks.hand.damping", [1.0] * 5 + [-1.0], "tasks.hand.damping.5 = -1.0: input should be greater than or"),
         ("tasks.com.stiffness", [1.0, "x", 1.0], "tasks.com.stiffness.1 = 'x': input should be a valid number"),
-        ("robot.posture", [float("nan")], "robot.posture.0 = nan: must be finite (Nominal position of each joint"),
+        (
+            "robot.posture",
+            [float("nan")],
+            "robot.posture.0 = nan: input should be a finite number (Nominal",
+        ),
         ("robot.joints", [], "robot.joints = []: list should have at least 1 item"),
         ("limits.torque_speed.cornr", 0.5, "limits.torque_speed.cornr: unknown key; did you mean 'corner'? Valid: ac"),
         ("limits.torque_speed.corner", 1.2, "limits.torque_speed.no_load = 1.0: must be above corner = 1.2"),

@@ -157,20 +157,15 @@ class AbsolutePoses:
                 )
             else:
                 self._waiting.append(sample)
-        waiting = list(self._waiting)
-        self._waiting.clear()
-        for sample in waiting:
-            if sample.stamp > newest:
-                self._waiting.append(sample)
-            elif sample.stamp < self._past[0].stamp:
-                if sample.stamp >= self._first_stamp:
-                    refused.append(
-                        f"header.stamp is {newest - sample.stamp:.3f} s before the IMU's (limit {HISTORY:g} s)"
-                    )
-            else:
+        ready = [sample for sample in self._waiting if sample.stamp <= newest]
+        self._waiting = deque((sample for sample in self._waiting if sample.stamp > newest), _MOST_WAITING)
+        for sample in ready:
+            reason = ""
+            if sample.stamp >= self._past[0].stamp:
                 reason = self._correct(sample, controlled=controlled)
-                if reason:
-                    refused.append(reason)
+            elif sample.stamp >= self._first_stamp:
+                reason = f"header.stamp is {newest - sample.stamp:.3f} s before the IMU's (limit {HISTORY:g} s)"
+            refused += [reason] if reason else []
         return refused
 
     def frame_at(self, stamp: float) -> pin.SE3:

@@ -171,23 +171,15 @@ def _joint(axis: Array, nq: int) -> Any:
     return (pin.JointModelRevoluteUnaligned if nq == 1 else pin.JointModelRevoluteUnboundedUnaligned)(axis[3:])
 
 
-def _copy_bounds(result: CoordinateChange) -> None:
-    old_model, model = result.original, result.model
-    for attribute in _UNSIGNED:
-        values = np.array(getattr(model, attribute))
-        for name in result.signs:
-            old, new = result._joints(name)
-            values[new.idx_v] = getattr(old_model, attribute)[old.idx_v]
-        setattr(model, attribute, values)
-    bounds = [(pair, "idx_v") for pair in _VELOCITY_BOUNDS]
-    bounds.append((("lowerPositionLimit", "upperPositionLimit"), "idx_q"))
-    for (lower, upper), index in bounds:
-        low, high = np.array(getattr(model, lower)), np.array(getattr(model, upper))
-        for name, sign in result.signs.items():
-            old, new = result._joints(name)
-            if index == "idx_q" and old.nq != 1:
-                continue  # cosine and sine
-            ends = sorted(sign * getattr(old_model, bound)[getattr(old, index)] for bound in (lower, upper))
-            low[getattr(new, index)], high[getattr(new, index)] = ends
-        setattr(model, lower, low)
-        setattr(model, upper, high)
+def _copy_bounds(change: CoordinateChange) -> None:
+    original, model = change.original, change.model
+    for name, sign in change.signs.items():
+        old, new = change._joints(name)
+        for attribute in _UNSIGNED:
+            getattr(model, attribute)[new.idx_v] = getattr(original, attribute)[old.idx_v]
+        places = [(*pair, old.idx_v, new.idx_v) for pair in _VELOCITY_BOUNDS]
+        if old.nq == 1:  # otherwise cosine and sine
+            places.append(("lowerPositionLimit", "upperPositionLimit", old.idx_q, new.idx_q))
+        for lower, upper, i, j in places:
+            ends = sorted(sign * getattr(original, bound)[i] for bound in (lower, upper))
+            getattr(model, lower)[j], getattr(model, upper)[j] = ends

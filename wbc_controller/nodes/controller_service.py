@@ -37,6 +37,7 @@ from wbc_controller.nodes.simulated_clock import SimulatedClock, make_simulated_
 from wbc_controller.nodes.urdf import wait_for_urdf
 from wbc_controller.nodes.wiring import controller_endpoints, make_vocabulary
 from wbc_controller.recording.recorder import NOT_RECORDED, Recorder, recording
+from wbc_controller.recording.recording_transport import RecordingTransport
 from wbc_controller.records import ChangeSettings
 from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.settings.config import Config
@@ -112,7 +113,8 @@ def make_loop(
     graph = transport
     _subscribe_requests(recorder, graph, topics)
     if recorder is not None:
-        transport = recorder.wrap(transport, clock.stamp)
+        recorder.stamp = clock.stamp
+        transport = RecordingTransport(transport, recorder)
         observers = (*observers, recorder.observe)
     estimated = estimates_base(settings, model)
     scheduling = describe_scheduling()

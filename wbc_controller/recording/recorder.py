@@ -30,7 +30,6 @@ from wbc_controller.controller.live_settings import LivePart
 from wbc_controller.controller.memory import CycleRecord
 from wbc_controller.controller.report import CycleReport
 from wbc_controller.middleware.codec import TYPES, encode, message
-from wbc_controller.middleware.transports.transport import Transport
 from wbc_controller.recording.cycle_layout import (
     FORMAT,
     MODES,
@@ -41,7 +40,6 @@ from wbc_controller.recording.cycle_layout import (
     reference_slots,
 )
 from wbc_controller.recording.json_records import to_json
-from wbc_controller.recording.recording_transport import RecordingTransport
 from wbc_controller.recording.writer import PINNED, TOPICS, TRIGGER, frame
 from wbc_controller.recording.writer_process import WriterProcess
 from wbc_controller.records import Fault, Mode
@@ -129,15 +127,10 @@ class Recorder:
         self._mode: Mode | None = None
         self._fault: Fault | None = None
         self._live: LivePart
-        self._stamp: Callable[[], int] = time.time_ns
+        self.stamp: Callable[[], int] = time.time_ns  # time of a message, ns
         self._trigger: bytes | None = None
         self._snapshot_due = 0
         self._yaml: list[tuple[Settings, str]] = []  # of the start, and the newest
-
-    def wrap(self, transport: Transport, stamp: Callable[[], int]) -> Transport:
-        """Return a recording transport with times from `stamp`, ns."""
-        self._stamp = stamp
-        return RecordingTransport(transport, self)
 
     def attach(self, controller: Controller, node: str, robot: str) -> None:
         """Begin the recording of a controller, after all topics were opened."""
@@ -173,7 +166,7 @@ class Recorder:
             "layout": [[slot.group, slot.name, slot.size] for slot in (*slots, *references)],
             "modes": [mode.value for mode in MODES],
         }
-        at = self._stamp()
+        at = self.stamp()
         for number, text in ((about_topic, json.dumps(about)), (urdf_topic, urdf)):
             self._process.send(frame(PINNED, at, number.to_bytes(2, "little") + _string(text)))
         controller.cycle_records = []
@@ -202,7 +195,7 @@ class Recorder:
             return
         self._waiting_by_topic[topic] = taken + size
         self._waiting_bytes += size
-        self._messages.append((topic, self._stamp(), payload))
+        self._messages.append((topic, self.stamp(), payload))
 
     def record_outgoing(self, topic: int, payload: bytes) -> None:
         """Record an outgoing message at the time of its cycle."""
@@ -236,7 +229,7 @@ class Recorder:
         if controller is None or controller.cycle_records is None:
             return
         if controller.cycle_records:
-            self._cycles.append((controller.cycle_records, report, self._stamp(), len(self._messages)))
+            self._cycles.append((controller.cycle_records, report, self.stamp(), len(self._messages)))
             controller.cycle_records = []
         if len(self._cycles) >= _BATCH or self._trigger is not None:
             self._send()
@@ -325,7 +318,7 @@ class Recorder:
     def _record_memory(self, controller: Controller) -> None:
         self._snapshot_due = self._number + self._every
         content = {"cycle": self._number, "settings": self._live.settings, "memory": controller.memory()}
-        at = self._stamp()
+        at = self.stamp()
         self._jobs.put(lambda: frame(self._memories, at, _string(to_json(self._with_yaml(content)))))
 
     def _with_yaml(self, content: Mapping[str, Any]) -> dict[str, Any]:

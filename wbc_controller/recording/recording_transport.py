@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING
 
 from wbc_controller.middleware.topics import Endpoint
 from wbc_controller.middleware.transports.transport import Publish, Stream, Transport
-
-if TYPE_CHECKING:
-    from wbc_controller.recording.recorder import Recorder
+from wbc_controller.recording.recorder import Recorder
 
 
 class RecordingTransport:

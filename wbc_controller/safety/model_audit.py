@@ -5,7 +5,6 @@ gravity and contact forces (equation (26); S5), and every joint accelerates by t
 indicates a wrong model, torques not applied as sent, or an unknown force. Sums over a span of cycles enter the filter.
 """
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -164,44 +163,30 @@ class ModelAudit:
         force, torques = frozen(self._force), freeze(self._to_joints @ self._torques)
         size, over = float(np.linalg.norm(force)), np.abs(torques) / limits.torques
         worst = int(over.argmax())
-        most = over.item(worst)
-        wrong = {
-            "UNMODELLED_FORCE": size > limits.force,
-            "UNMODELLED_TORQUE": most > 1.0,
-            "ENERGY_RESIDUAL": abs(self._energy) > limits.energy * max(self._throughput, limits.power),
-        }
-        descriptions: dict[str, Callable[[], str]] = {
-            "UNMODELLED_FORCE": lambda: self._describe_force(force, size),
-            "UNMODELLED_TORQUE": lambda: self._describe_torque(worst, torques.item(worst)),
-            "ENERGY_RESIDUAL": self._describe_energy,
-        }
-        lasting = self._persistent(state.stamp * 1.0e-9, lasted, wrong)
-        warnings = tuple(f"{name}: {descriptions[name]()}" for name in lasting)
-        return AuditReport(self._energy, self._throughput, force, torques, warnings)
-
-    def _persistent(self, now: float, lasted: float, wrong: Mapping[str, bool]) -> list[str]:
-        found = []
-        for name, is_wrong in wrong.items():
-            if not is_wrong:
-                self._since.pop(name, None)
-            elif now - self._since.setdefault(name, now - lasted) >= self._limits.patience:
-                found.append(name)
-        return found
-
-    def _describe_energy(self) -> str:
-        return f"{self._energy:.3g} W of {self._throughput:.3g} W: a wrong torque, friction, or a wrong mass"
-
-    def _describe_force(self, force: Array, size: float) -> str:
         direction = ", ".join(f"{part / max(size, 1.0e-9):.2f}" for part in force)
-        return (
-            f"{size:.2f} N on the centre of mass along [{direction}], {100.0 * size / self._weight:.2f} % of the "
-            "weight: a push, a wrong mass, or a wrong contact"
-        )
-
-    def _describe_torque(self, joint: int, torque: float) -> str:
-        return (
-            f"{torque:.3g} N·m at {self._model.joints[joint]}: torque not applied as sent, friction, or a wrong inertia"
-        )
+        findings = {
+            "UNMODELLED_FORCE": (
+                size > limits.force,
+                f"{size:.2f} N on the centre of mass along [{direction}], {100.0 * size / self._weight:.2f} % of the "
+                "weight: a push, a wrong mass, or a wrong contact",
+            ),
+            "UNMODELLED_TORQUE": (
+                over.item(worst) > 1.0,
+                f"{torques.item(worst):.3g} N·m at {self._model.joints[worst]}: torque not applied as sent, friction, "
+                "or a wrong inertia",
+            ),
+            "ENERGY_RESIDUAL": (
+                abs(self._energy) > limits.energy * max(self._throughput, limits.power),
+                f"{self._energy:.3g} W of {self._throughput:.3g} W: a wrong torque, friction, or a wrong mass",
+            ),
+        }
+        now, warnings = state.stamp * 1.0e-9, []
+        for name, (is_too_large, text) in findings.items():
+            if not is_too_large:
+                self._since.pop(name, None)
+            elif now - self._since.setdefault(name, now - lasted) >= limits.patience:
+                warnings.append(f"{name}: {text}")
+        return AuditReport(self._energy, self._throughput, force, torques, tuple(warnings))
 
 
 def _powers(solution: Solution, dynamics: Dynamics) -> list[float]:

@@ -103,6 +103,13 @@ class RollingContact(_PushingContact):
     radius: Length = Field(description="Radius of the wheel, m. Its centre is the origin of the contact.")
 
 
+def _require_axis(mask: list[bool]) -> list[bool]:
+    if not any(mask):
+        raise ValueError("requires at least one axis")
+    return mask
+
+
+_Mask = Annotated[list[bool], AfterValidator(_require_axis)]
 _MASK = axes_mask(6, "Constrained axes: translation along x, y, z, then rotation about x, y, z.")
 
 
@@ -111,7 +118,7 @@ class FixedContact(_Contact):
 
     type: Literal["fixed"]
     rpy: Vector3 = Field([0.0, 0.0, 0.0], description="Orientation in `frame`: roll, pitch, yaw, rad.")
-    mask: list[bool] = _MASK
+    mask: _Mask = _MASK
     max_force: Annotated[Positive, Field(le=1.0e5)] = Field(description="Largest force along each axis, N.")
     max_moment: Annotated[Positive, Field(le=1.0e5)] | None = Field(
         None, description="Largest moment about each axis, N·m; required if `mask` contains a rotation."
@@ -119,8 +126,6 @@ class FixedContact(_Contact):
 
     @model_validator(mode="after")
     def _consistent(self) -> FixedContact:
-        if not any(self.mask):
-            raise ValueError(f"mask = {self.mask}: requires at least one axis")
         if any(self.mask[3:]) and self.max_moment is None:
             raise ValueError("max_moment = None: required, as the mask contains a rotation")
         return self
@@ -138,11 +143,5 @@ class LoopSettings(Section):
     rpy_a: Vector3 = Field([0.0, 0.0, 0.0], description="Orientation of the joint in `frame_a`: roll, pitch, yaw, rad.")
     translation_b: Vector3 = Field([0.0, 0.0, 0.0], description="Origin of the joint in `frame_b`, m.")
     rpy_b: Vector3 = Field([0.0, 0.0, 0.0], description="Orientation of the joint in `frame_b`: roll, pitch, yaw, rad.")
-    mask: list[bool] = _MASK
+    mask: _Mask = _MASK
     stiffness: Gain = Field(400.0, description="Stiffness of Baumgarte's stabilization, 1/s²; critically damped.")
-
-    @model_validator(mode="after")
-    def _consistent(self) -> LoopSettings:
-        if not any(self.mask):
-            raise ValueError(f"mask = {self.mask}: requires at least one axis")
-        return self

@@ -124,12 +124,10 @@ class RobotSettings(Section):
 
     @model_validator(mode="after")
     def _consistent(self) -> RobotSettings:
-        twice = sorted({name for name in self.joints if self.joints.count(name) > 1})
-        if twice:
-            raise ValueError(f"joints: duplicate {', '.join(map(repr, twice))}; name each joint once")
-        again = sorted({name for name in self.actuators if self.actuators.count(name) > 1})
-        if again:
-            raise ValueError(f"actuators: duplicate {', '.join(map(repr, again))}; name each actuator once")
+        for kind, names in (("joint", self.joints), ("actuator", self.actuators)):
+            twice = sorted({name for name in names if names.count(name) > 1})
+            if twice:
+                raise ValueError(f"{kind}s: duplicate {', '.join(map(repr, twice))}; name each {kind} once")
         if len(self.posture) != len(self.joints):
             raise ValueError(
                 f"posture has {len(self.posture)} values for {len(self.joints)} joints; "

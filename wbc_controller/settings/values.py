@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag
-
-
-def _finite(value: float) -> float:
-    if not math.isfinite(value):
-        raise ValueError("must be finite")
-    return value
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, Tag
 
 
 def _name(value: str) -> str:
@@ -30,7 +23,7 @@ def _name(value: str) -> str:
 _LONGEST_NAME = 100
 #: Name of a task, contact or loop, part of topic names.
 Name = Annotated[str, AfterValidator(_name)]
-Finite = Annotated[float, AfterValidator(_finite)]
+Finite = FiniteFloat
 Positive = Annotated[Finite, Field(gt=0.0)]
 NonNegative = Annotated[Finite, Field(ge=0.0)]
 Vector3 = Annotated[list[Finite], Field(min_length=3, max_length=3)]

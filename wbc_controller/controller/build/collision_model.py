@@ -73,9 +73,12 @@ def build_collision_model(
     if pairs:
         chosen = {_parse_pair(pair, every) for pair in pairs}
     else:
-        disabled = _disabled_pairs(srdf) if srdf else set()
+        root = parse_xml(srdf, "limits.self_collision.srdf", "SRDF") if srdf else ElementTree.Element("robot")
+        disabled = {frozenset((each.get("link1"), each.get("link2"))) for each in root.iter("disable_collisions")}
         chosen = {pair for pair in combinations(every, 2) if frozenset(pair) not in disabled}
-        chosen -= {(a, b) for a, b in chosen if _are_connected(model, joints[a], joints[b])}
+        parents = model.pinocchio.parents
+        near_joints = {link: (j, parents[j], parents[parents[j]]) for link, j in joints.items()}
+        chosen -= {(a, b) for a, b in chosen if joints[a] in near_joints[b] or joints[b] in near_joints[a]}
     needed = {link for pair in chosen for link in pair}
     geometry, replaced = _shapes(model, {frame: own for frame, own in elements.items()
                                          if model.pinocchio.frames[frame].name in needed})  # fmt: skip
@@ -165,12 +168,6 @@ def _distance_outside_hull(points: Array, corners: Array) -> float:
     return float((faces[:, :3] @ points.T + faces[:, 3:]).max())
 
 
-def _are_connected(model: RobotModel, a: int, b: int) -> bool:
-    parents = model.pinocchio.parents
-    carriers = [(link, parents[link], parents[parents[link]]) for link in (a, b)]
-    return bool(b in carriers[0] or a in carriers[1])
-
-
 def _parse_pair(pair: str, links: Sequence[str]) -> tuple[str, str]:
     first, _, second = pair.partition("/")
     for link in (first, second):
@@ -182,13 +179,6 @@ def _parse_pair(pair: str, links: Sequence[str]) -> tuple[str, str]:
     if first == second:
         raise ConfigurationError(f"limits.self_collision.pairs: {pair!r}: the links must differ")
     return first, second
-
-
-def _disabled_pairs(srdf: str) -> set[frozenset[str]]:
-    root = parse_xml(srdf, "limits.self_collision.srdf", "SRDF")
-    return {
-        frozenset((element.get("link1", ""), element.get("link2", ""))) for element in root.iter("disable_collisions")
-    }
 
 
 def _remove_near_pairs(model: RobotModel, geometry: pin.GeometryModel, margin: float) -> tuple[tuple[str, str], ...]:

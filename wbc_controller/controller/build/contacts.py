@@ -28,54 +28,32 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 YAW_SHARE = 0.5
 
 
-def _surface(name: str, contact: schema.SurfaceContact, model: RobotModel, **pushing: float) -> Contact:
-    support = (
-        Polygon(np.array(contact.vertices), f"contacts.{name}.vertices")
-        if contact.vertices is not None
-        else Rectangle(float(contact.half_length or 0.0), float(contact.half_width or 0.0))
-    )
-    return SurfaceContact(
-        name,
-        model,
-        contact.frame,
-        placement_of(contact.translation, contact.rpy),
-        support,
-        against=contact.against,
-        yaw_share=YAW_SHARE,
-        max_yaw_moment=np.inf if contact.max_yaw_moment is None else contact.max_yaw_moment,
-        **pushing,
-    )
-
-
 def make_contact(name: str, contact: schema.ContactSettings, model: RobotModel) -> Contact:
     """Build one contact."""
+    base, translation = (name, model, contact.frame), np.array(contact.translation)
+    keys = ["against", "damping", "stiffness"]
     if isinstance(contact, schema.FixedContact):
-        return FixedContact(
-            name,
-            model,
-            contact.frame,
-            placement_of(contact.translation, contact.rpy),
-            contact.mask,
-            against=contact.against,
-            max_force=contact.max_force,
-            max_moment=contact.max_moment or 0.0,
-            damping=contact.damping,
-            stiffness=contact.stiffness,
-        )
+        given = {key: getattr(contact, key) for key in [*keys, "max_force"]}
+        placement = placement_of(contact.translation, contact.rpy)
+        return FixedContact(*base, placement, contact.mask, max_moment=contact.max_moment or 0.0, **given)
     if contact.min_normal_force > contact.max_normal_force:
         raise ConfigurationError(
             f"contacts.{name}: min_normal_force = {contact.min_normal_force} is larger than "
             f"max_normal_force = {contact.max_normal_force}"
         )
-    keys = ("friction", "min_normal_force", "max_normal_force", "damping", "stiffness")
-    pushing = {key: getattr(contact, key) for key in keys}
+    keys += ["friction", "min_normal_force", "max_normal_force"]
+    given = {key: getattr(contact, key) for key in keys}
     if isinstance(contact, schema.SurfaceContact):
-        return _surface(name, contact, model, **pushing)
-    place = name, model, contact.frame, np.array(contact.translation), contact.radius
-    normal, against = np.array(contact.normal), contact.against
+        support: Polygon | Rectangle = Rectangle(contact.half_length or 0.0, contact.half_width or 0.0)
+        if contact.vertices is not None:
+            support = Polygon(np.array(contact.vertices), f"contacts.{name}.vertices")
+        given |= {"yaw_share": YAW_SHARE}
+        given |= {"max_yaw_moment": np.inf if contact.max_yaw_moment is None else contact.max_yaw_moment}
+        return SurfaceContact(*base, placement_of(contact.translation, contact.rpy), support, **given)
+    normal = np.array(contact.normal)
     if isinstance(contact, schema.RollingContact):
-        return RollingContact(*place, np.array(contact.axis), normal=normal, against=against, **pushing)
-    return PointContact(*place, normal=normal, against=against, **pushing)
+        return RollingContact(*base, translation, contact.radius, np.array(contact.axis), normal=normal, **given)
+    return PointContact(*base, translation, contact.radius, normal=normal, **given)
 
 
 def make_contact_plan(contact: Contact, enabled: bool, ramp: float) -> ContactPlan:

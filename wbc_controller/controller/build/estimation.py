@@ -61,15 +61,9 @@ def make_model_error(settings: Settings, model: RobotModel, contacts: Mapping[st
     for joint in friction:
         if joint not in model.joints:
             raise ConfigurationError(f"robot.friction.{joint}: unknown joint; {valid_choices(joint, model.joints)}")
-    known = (
-        FrictionCompensation(
-            model,
-            {joint: each.dry for joint, each in friction.items()},
-            {joint: each.viscous for joint, each in friction.items()},
-        )
-        if friction
-        else None
-    )
+    dry = {joint: each.dry for joint, each in friction.items()}
+    viscous = {joint: each.viscous for joint, each in friction.items()}
+    known = FrictionCompensation(model, dry, viscous) if friction else None
     observer = DisturbanceObserver(model, disturbance_limits(settings))
     contact_forces = None
     if estimates_base(settings, model):
@@ -138,11 +132,8 @@ def make_estimator(settings: Settings, model: RobotModel, contacts: Mapping[str,
         known.contact_noise,
     )
     sensors = Sensors(noise, known.accelerometer_bias, known.settling, known.stillness)
-    poses = (
-        PoseSensor(pose_frame(settings, model), known.pose_noise, known.pose_turn_noise)
-        if known.absolute_pose
-        else None
-    )
+    sensor = PoseSensor(pose_frame(settings, model), known.pose_noise, known.pose_turn_noise)
+    poses = sensor if known.absolute_pose else None
     return BaseEstimator(legs, sensors, np.array(model.pinocchio.gravity.linear), poses)
 
 

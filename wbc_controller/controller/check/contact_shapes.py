@@ -104,11 +104,9 @@ def undersides(settings: Settings, qp: WholeBodyQP) -> dict[str, Array]:
     for name, contact in qp.contacts.items():
         if not isinstance(contact, UnilateralContact) or contact.internal:
             continue
-        plane = (
-            contact.placement(qp.dynamics)
-            if isinstance(contact, SurfaceContact)
-            else pin.SE3(np.eye(3), contact.points(qp.dynamics)[0])
-        )
+        plane = pin.SE3(np.eye(3), contact.points(qp.dynamics)[0])
+        if isinstance(contact, SurfaceContact):
+            plane = contact.placement(qp.dynamics)
         region = _footprint_of_link(settings, qp, elements, name, plane, _TREAD)
         if region is not None:
             corners = np.column_stack([region.polygon, np.full(len(region.polygon), region.height)])
