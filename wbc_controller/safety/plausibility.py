@@ -63,7 +63,10 @@ class StateWatch:
         self.fault: Fault | None = None
         self._limits = limits
         self._speed_limits = joint_speed_limits(model, limits.joint_speed)
-        self._names = _names(model)
+        self._joints = frozenset(model.v_index.tolist())
+        names = dict(enumerate(AXES if model.floating_base else ()))
+        names |= {int(i): f"joint {name!r}" for i, name in zip(model.v_index, model.joints, strict=True)}
+        self._names = [names.get(i, f"generalized velocity {i}") for i in range(model.nv)]
         # Largest |v|, |x| and |u| (`StateMemory`).
         self._bounds = np.full((3, model.nv), np.inf)
         self._fastest, self._tolerance, self._stuck = self._bounds
@@ -145,9 +148,9 @@ class StateWatch:
         if all_true(good):
             return None
         i = int((~good).argmax())
-        key = "max_joint_speed" if i in self._names.joints else "max_base_speed" if i < 3 else "max_base_turn"
+        key = "max_joint_speed" if i in self._joints else "max_base_speed" if i < 3 else "max_base_turn"
         return _fault(
-            f"{self._names.of(i)} has the velocity {state.v[i]:.3g} {'m/s' if key == 'max_base_speed' else 'rad/s'} "
+            f"{self._names[i]} has the velocity {state.v[i]:.3g} {'m/s' if key == 'max_base_speed' else 'rad/s'} "
             f"(limit {self._fastest[i]:.3g}, safety.{key})"
         )
 
@@ -174,9 +177,11 @@ class StateWatch:
 
     def _limit_fault(self, what: str, values: Array, limits: Array) -> Fault:
         i = int((~(np.abs(values) <= limits)).argmax())
-        key = "frozen_motion" if what is _STUCK else self._names.mismatch_key(i)
-        sentence = what.format(name=self._names.of(i), value=values[i], unit="m" if key == "base_mismatch" else "rad")
-        hint = wrap_hint(float(values[i])) if what is _JUMP and i in self._names.joints else ""
+        of_joint = i in self._joints
+        mismatch = "joint_mismatch" if of_joint else "base_mismatch" if i < 3 else "base_turn_mismatch"
+        key = "frozen_motion" if what is _STUCK else mismatch
+        sentence = what.format(name=self._names[i], value=values[i], unit="m" if key == "base_mismatch" else "rad")
+        hint = wrap_hint(float(values[i])) if what is _JUMP and of_joint else ""
         return _fault(f"{sentence}{hint} (limit {limits[i]:.3g}, safety.{key})")
 
 
@@ -207,26 +212,6 @@ class _ValueGroup:
 
 _JUMP = "{name}: the position differs by {value:.3g} {unit} from the integrated velocity"
 _STUCK = "{name}: the position is constant, but the integrated velocity is {value:.3g} {unit}"
-
-
-class _Names:
-    def __init__(self, names: dict[int, str], joints: frozenset[int]) -> None:
-        self.joints = joints
-        self._names = names
-
-    def of(self, i: int) -> str:
-        return self._names.get(i, f"generalized velocity {i}")
-
-    def mismatch_key(self, i: int) -> str:
-        return "joint_mismatch" if i in self.joints else "base_mismatch" if i < 3 else "base_turn_mismatch"
-
-
-def _names(model: RobotModel) -> _Names:
-    places = model.v_index.tolist()
-    names = {place: f"joint {name!r}" for place, name in zip(places, model.joints, strict=True)}
-    if model.floating_base:
-        names |= dict(enumerate(AXES))
-    return _Names(names, frozenset(places))
 
 
 def wrap_hint(change: float) -> str:
