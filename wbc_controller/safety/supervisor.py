@@ -127,7 +127,7 @@ class Supervisor:
 
     @property
     def torques_sent(self) -> Array:
-        """Torques sent last, (na,) in N·m; set them if a command was replaced or not sent."""
+        """Torques sent last, (na,) in N·m; to be set for a replaced or withdrawn command."""
         return self._tau
 
     @torques_sent.setter

@@ -164,7 +164,7 @@ class MockRobot:
             self.advance()
 
     def _wait_for_torques(self) -> None:
-        """Pause simulated time while an active controller is late; its last torques are zero."""
+        """Pause simulated time while torques after nonzero ones are late."""
         active = self._tau is not None and bool(self._tau.any())
         late = active and self.plant.time - self._last_torques >= max(LEAST_LEAD, 2.0 * self._period)
         if self._efforts is not None and self._efforts.wait(PATIENCE if late else 0.0):

@@ -31,10 +31,10 @@ _FRICTION = {"surface": 0.7, "point": 0.6, "rolling": 0.6}  # assumed friction o
 _DAMPING, _MOST_DAMPING = 0.009, 2.0
 _MARGIN = 0.1  # share of the smallest range
 _MAX_SPEED = 8.0  # largest fully used joint speed, rad/s
-#: Smallest number of joints of an arm with a hand task: on a legged robot, where heads have fewer, and on a fixed base.
+#: Smallest number of joints of an arm with a hand task on a legged robot (heads have fewer) and a fixed base.
 _ARM_JOINTS, _FIXED_ARM_JOINTS = 4, 3
 _POSE_JOINTS = 6
-#: Largest weight of an arm's posture, m², and per squared lever of a hand, whose stationary error is then 2 %.
+#: Weight of an arm's posture: largest, m², and per squared lever of a hand (stationary error 2 %).
 _POSTURE, _POSTURE_PER_AREA = 0.1, 0.2
 _IMMOBILE = 1.0e-2  # largest singular value of an immobile direction, m or 1
 _ROUNDING_ANGLE = 0.005  # rounding of a mesh, rad
@@ -99,7 +99,7 @@ def put_standing_tasks(
 
 
 def put_arm_tasks(model: RobotModel, arms: Sequence[Limb], posture: Array, draft: Draft) -> None:
-    """Write the tasks of a robot on a fixed base, with its `posture`, (nj,) in rad."""
+    """Write the tasks of a robot on a fixed base; `posture`: (nj,) in rad."""
     draft.note("tasks", "Weights and stiffnesses of the arm in examples/fixed_arm.py; the weight of the posture in "
                "proportion to the squared length of a shorter arm.", "guess")  # fmt: skip
     hands = _put_hands(model, arms, set(), 100.0, _FIXED_ARM_JOINTS, draft)
@@ -120,7 +120,7 @@ def _lever(model: RobotModel, link: str, posture: Array) -> float:
 def _put_hands(
     model: RobotModel, arms: Sequence[Limb], feet: set[int], stiffness: float, min_joints: int, draft: Draft
 ) -> list[str]:
-    """Write the tasks of hands; return their links."""
+    """Return the links of the hands."""
     own, hands = set(model.v_index.tolist()), []
     for arm in arms:
         joints = [joint for joint in arm.joints if model.pinocchio.joints[joint].idx_v in own]  # without mimic joints

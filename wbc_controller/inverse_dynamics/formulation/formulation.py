@@ -42,7 +42,7 @@ class Formulation:
 
     Attributes:
         task_errors: of each level in the last cycle.
-        redundancy: contacts, True to separate them in every cycle (`formulation.redundancy`), and the examined q.
+        redundancy: contacts, True to separate them in every cycle, and examined q (`formulation.redundancy`).
     """
 
     def __init__(
@@ -154,7 +154,7 @@ class Formulation:
         return True
 
     def _has_moved(self, examined: Array) -> bool:
-        moved = np.abs(self.dynamics.q - examined)[self._joint_positions]  # the base does not change the mobility
+        moved = np.abs(self.dynamics.q - examined)[self._joint_positions]
         return not (moved.max(initial=0.0) <= EXAMINED_MOTION)
 
     def _mobility(self, layout: Layout) -> float:

@@ -23,8 +23,8 @@ from wbc_controller.records import Array
 
 #: Relative to a free body of the robot's mass; shipped robots have 1.3 near their stances, 0.2 with straight knees.
 LEAST_MOBILITY = 0.01
-EXAMINED_MOBILITY = 0.1  # below it, rows are separated in every cycle
-EXAMINED_MOTION = 0.05  # motion of a joint until the next examination, rad or m; √(m μ) changes by up to 5/rad
+EXAMINED_MOBILITY = 0.1  # for separation in every cycle
+EXAMINED_MOTION = 0.05  # joint motion until the next examination, rad or m
 REDUNDANT_WEIGHT, _LARGEST = 1.0e4, 1.0e4  # for ρ = ½, (m/s²)⁻²; largest ρ / (1 - ρ)
 
 
