@@ -35,7 +35,7 @@ from wbc_controller.walking.footstep_plan import Footstep
 from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity
 from wbc_controller.walking.gait import Phase
 from wbc_controller.walking.goal import Goal
-from wbc_controller.walking.swing import Landing, SwingFoot
+from wbc_controller.walking.swing import Landing
 from wbc_controller.walking.terrain import Ground
 
 #: Valid records of a recording.
@@ -44,7 +44,7 @@ _RECORDS: Mapping[str, Callable[..., Any]] = {
     for kind in (
         ChangeSettings, EnableContact, EnableTask, Fault, Footstep, Goal, Ground, Infeasibility, Knot, Landing,
         NominalStep, Prediction, Ramp, Reference, RobotState, SetExternalWrench, SetSetpoint, SetSlippingContacts,
-        SetTrajectory, SetWeight, SoftRamp, Stance, Step, SwingFoot, Tuning, TuningRamp, Velocity, Walk,
+        SetTrajectory, SetWeight, SoftRamp, Stance, Step, Tuning, TuningRamp, Velocity, Walk,
         WalkFootsteps, WalkTo,
     )
 }  # fmt: skip
