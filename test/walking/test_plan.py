@@ -8,7 +8,7 @@ import pytest
 import wbc_controller as wbc
 from wbc_controller.walking.gait import Phase
 from wbc_controller.walking.plan import margin, swing_path
-from wbc_controller.walking.swing import Landing, SwingFoot
+from wbc_controller.walking.swing import Landing, at_rest
 
 SQUARE = [0j, 2.0 + 0j, 2.0 + 1j, 1j]
 
@@ -30,7 +30,7 @@ def test_margin(point, corners, distance):
 
 
 def test_swing_path_ends_at_the_landing():
-    foot, landing = SwingFoot.at_rest(np.array([0.0, 0.1, 0.0]), 0.0), Landing(0.3 + 0.12j, 0.01, 0.2, 0.5)
+    foot, landing = at_rest(np.array([0.0, 0.1, 0.0]), 0.0), Landing(0.3 + 0.12j, 0.01, 0.2, 0.5)
     path = swing_path(foot, landing, 0.05, 0.0)
     np.testing.assert_allclose(path[0], [0.0, 0.1, 0.0])
     np.testing.assert_allclose(path[-1], [0.3, 0.12, 0.01], atol=1e-6)

@@ -16,7 +16,7 @@ from wbc_controller.walking.feet import Foot, about_z
 from wbc_controller.walking.footsteps import Stance, Velocity, nominal_step
 from wbc_controller.walking.gait import Gait
 from wbc_controller.walking.pendulum import before, later
-from wbc_controller.walking.swing import Landing, SwingFoot
+from wbc_controller.walking.swing import Landing, at_rest, moved
 from wbc_controller.walking.swing_kernels import LATE_SPEED, TOUCHDOWN_SPEED, integrate_foot
 from wbc_controller.walking.touchdown import LATEST, lands
 
@@ -86,22 +86,22 @@ def walked(disturbance, *, elapsed=0.1, cycles=150):
     """Adapt a step after a change of the DCM, for as long as the swing lasts; return landings and the last offset."""
     at, nominal = stance(), nominal_step(Velocity(0.2), stance(), GAIT, GAIT.single)
     landing, landings = Landing(nominal.place, 0.0, 0.0, GAIT.single), []
-    swing, share = SwingFoot.at_rest(np.array([1.0, 2.2, 0.0]), 0.0), GAIT.reaction / at.omega
+    swing, share = at_rest(np.array([1.0, 2.2, 0.0]), 0.0), GAIT.reaction / at.omega
 
     def push():
-        return share * integrate_foot(swing.motion, landing.place, landing.time - elapsed, at.omega)
+        return share * integrate_foot(swing, landing.place, landing.time - elapsed, at.omega)
 
     dcm = before(nominal.place + nominal.offset, at.place, at.omega, GAIT.single - elapsed, push()) + disturbance
     for _ in range(cycles):
         place, time = adapt(
             landing.place, landing.time, nominal.place, nominal.offset, GAIT.single,
             at.place, at.heading, at.side, GAIT.length, GAIT.least_width, GAIT.greatest_width,
-            dcm, at.omega, GAIT.reaction, swing.motion, elapsed, DT,
+            dcm, at.omega, GAIT.reaction, swing, elapsed, DT,
         )  # fmt: skip
         landing = Landing(place, 0.0, 0.0, time)
         landings.append(landing)
-        swing = swing.moved(landing, GAIT.clearance, elapsed, DT)
-        dcm = later(dcm, at.place, at.omega, DT) + share * complex(*swing.motion[2, :2]) * DT
+        swing = moved(swing, landing, GAIT.clearance, elapsed, DT)
+        dcm = later(dcm, at.place, at.omega, DT) + share * complex(*swing[2, :2]) * DT
         elapsed += DT
     return nominal, landings, later(dcm, at.place, at.omega, time - elapsed) + push() - place
 
@@ -136,12 +136,12 @@ def test_steps_stay_within_reach_and_time(push):
 
 
 def swung(duration, cycles, change=0j):
-    foot, feet = SwingFoot.at_rest(np.array([0.0, 0.1, 0.0]), 0.0), []
+    foot, feet = at_rest(np.array([0.0, 0.1, 0.0]), 0.0), []
     landing = Landing(0.3 + 0.12j, 0.01, 0.2, duration)
     for i in range(cycles):
         if i == cycles // 2:
             landing = replace(landing, place=landing.place + change)
-        foot = foot.moved(landing, GAIT.clearance, i * DT, DT)
+        foot = moved(foot, landing, GAIT.clearance, i * DT, DT)
         feet.append(foot)
     return feet, landing
 
@@ -150,34 +150,31 @@ def swung(duration, cycles, change=0j):
 def test_a_foot_lands_at_its_target_at_rest(change):
     feet, landing = swung(0.5, 250, change)
     place = landing.place
-    assert feet[-1].motion[0] == pytest.approx([place.real, place.imag, landing.height, landing.heading], abs=1e-6)
-    assert feet[-1].motion[1, :3] == pytest.approx([0.0, 0.0, -TOUCHDOWN_SPEED], abs=1e-3)
-    heights = [foot.motion[0, 2] for foot in feet]
+    assert feet[-1][0] == pytest.approx([place.real, place.imag, landing.height, landing.heading], abs=1e-6)
+    assert feet[-1][1, :3] == pytest.approx([0.0, 0.0, -TOUCHDOWN_SPEED], abs=1e-3)
+    heights = [foot[0, 2] for foot in feet]
     assert max(heights) == pytest.approx(landing.height + GAIT.clearance, abs=2e-3)
 
 
 def test_the_push_of_a_swing_is_the_integral_of_its_acceleration():
     """A foot that starts at rest pushes the DCM forward: its acceleration grows longer than its deceleration."""
-    omega, feet = 3.8, [SwingFoot.at_rest(np.array([0.0, 0.1, 0.0]), 0.0)]
+    omega, feet = 3.8, [at_rest(np.array([0.0, 0.1, 0.0]), 0.0)]
     goal, cycles = 0.3 + 0.12j, 500
     for i in range(cycles):
-        feet.append(feet[-1].moved(Landing(goal, 0.0, 0.0, 0.5), GAIT.clearance, i * 0.001, 0.001))
+        feet.append(moved(feet[-1], Landing(goal, 0.0, 0.0, 0.5), GAIT.clearance, i * 0.001, 0.001))
     for begin in (0, 200):
         summed = sum(
-            math.exp(omega * (0.5 - (i + 0.5) * 0.001))
-            * 0.5
-            * complex(*(feet[i].motion[2] + feet[i + 1].motion[2])[:2])
-            * 0.001
+            math.exp(omega * (0.5 - (i + 0.5) * 0.001)) * 0.5 * complex(*(feet[i][2] + feet[i + 1][2])[:2]) * 0.001
             for i in range(begin, cycles)
         )
-        assert integrate_foot(feet[begin].motion, goal, 0.5 - begin * 0.001, omega) == pytest.approx(summed, rel=1e-3)
-    assert integrate_foot(feet[0].motion, goal, 0.5, omega).real > 0.0
+        assert integrate_foot(feet[begin], goal, 0.5 - begin * 0.001, omega) == pytest.approx(summed, rel=1e-3)
+    assert integrate_foot(feet[0], goal, 0.5, omega).real > 0.0
 
 
 def test_a_swing_is_continuous_when_its_target_changes():
     feet, _ = swung(0.5, 250, 0.05)
     for old, new in itertools.pairwise(feet):
-        assert new.motion[0] - old.motion[0] == pytest.approx(0.5 * DT * (old.motion[1] + new.motion[1]), abs=1e-5)
+        assert new[0] - old[0] == pytest.approx(0.5 * DT * (old[1] + new[1]), abs=1e-5)
 
 
 def test_the_reference_of_the_frame_moves_with_the_sole():
@@ -187,7 +184,7 @@ def test_the_reference_of_the_frame_moves_with_the_sole():
 
     def reference(time):
         a, b, c = np.array([[0.3, 0.1, 0.2, 0.7], [1.0, -0.5, 0.4, 1.5], [2.0, 1.0, -3.0, -2.0]])
-        return foot.in_swing(SwingFoot(np.array([a + b * time + c * time**2, b + 2.0 * c * time, 2.0 * c])), 0j)
+        return foot.in_swing(np.array([a + b * time + c * time**2, b + 2.0 * c * time, 2.0 * c]), 0j)
 
     now = reference(0.0)
     sole = pin.SE3(about_z(0.7), np.array([0.3, 0.1, 0.2]))
@@ -206,25 +203,25 @@ def test_the_reference_of_the_frame_moves_with_the_sole():
 @pytest.mark.parametrize("seed", range(3))
 def test_noise_of_ground_and_step_time_needs_no_large_acceleration(seed):
     """With a short time to the apex, changes by millimetres and milliseconds threw the foot to the ground."""
-    rng, foot = np.random.default_rng(seed), SwingFoot(np.zeros((3, 4)))
+    rng, foot = np.random.default_rng(seed), np.zeros((3, 4))
     duration, accelerations = 0.5, []
     for i in range(225):  # until the target is frozen, 0.05 s before touchdown
         duration += DT * rng.uniform(-1.0, 1.0)
         landing = Landing(0.3 + 0.12j, 0.001 * rng.standard_normal(), 0.0, duration)
-        foot = foot.moved(landing, GAIT.clearance, i * DT, DT)
-        accelerations.append(foot.motion[2, 2])
+        foot = moved(foot, landing, GAIT.clearance, i * DT, DT)
+        accelerations.append(foot[2, 2])
     assert max(map(abs, accelerations)) < 20.0  # 9 m/s² without noise
 
 
 def test_a_late_foot_moves_further_down():
     feet, landing = swung(0.1, 100)
-    height, speed, acceleration = np.array([foot.motion[:, 2] for foot in feet[50:]]).T
+    height, speed, acceleration = np.array([foot[:, 2] for foot in feet[50:]]).T
     assert speed[-1] == -LATE_SPEED
     assert height[-1] < landing.height - 0.02
     assert all(np.diff(speed) <= 0.0)
     assert height[-1] - height[0] == pytest.approx(DT * sum(speed[1:]), abs=1e-9)
     assert acceleration[1:] == pytest.approx(np.diff(speed) / DT)
-    assert feet[-1].motion[1, 0] == 0.0
+    assert feet[-1][1, 0] == 0.0
 
 
 @pytest.mark.parametrize(

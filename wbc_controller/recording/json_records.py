@@ -24,7 +24,7 @@ from wbc_controller.walking.footstep_plan import Footstep
 from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity
 from wbc_controller.walking.gait import Phase
 from wbc_controller.walking.goal import Goal
-from wbc_controller.walking.swing import Landing, SwingFoot
+from wbc_controller.walking.swing import Landing
 from wbc_controller.walking.terrain import Ground
 
 #: Valid records of a recording.
@@ -32,7 +32,7 @@ _RECORDS: Mapping[str, Callable[..., Any]] = {
     kind.__name__: kind
     for kind in (
         *get_args(Change), ChangeSettings, Fault, Footstep, Goal, Ground, Infeasibility, Knot, Landing,
-        NominalStep, Prediction, Ramp, Reference, RobotState, SoftRamp, Stance, Step, SwingFoot, Tuning,
+        NominalStep, Prediction, Ramp, Reference, RobotState, SoftRamp, Stance, Step, Tuning,
         TuningRamp, Velocity,
     )
 }  # fmt: skip

@@ -21,7 +21,7 @@ from wbc_controller.walking.pendulum import before, later, natural_frequency, tr
 from wbc_controller.walking.plan import WalkingPlan, margin, swing_path
 from wbc_controller.walking.references import reference, smooth_step
 from wbc_controller.walking.support_kernels import nearest_in_support
-from wbc_controller.walking.swing import Landing, SwingFoot
+from wbc_controller.walking.swing import Landing, at_rest, moved
 from wbc_controller.walking.swing_kernels import integrate_foot
 from wbc_controller.walking.terrain import FOOTHOLDS, Ground, plane_through
 from wbc_controller.walking.touchdown import COUNTS, lands
@@ -58,7 +58,7 @@ class Step:
     stance: Stance
     nominal: NominalStep
     landing: Landing
-    swing: SwingFoot
+    swing: Array
     ground: Ground
     slope: complex
     planned: bool
@@ -209,7 +209,7 @@ class BipedWalker(Walker):
         self._predict_fall(cycle)
         rate = omega * (cycle.dcm - pressure)
         if self.phase is Phase.SINGLE and self._step is not None:
-            x, y, _, _ = self._step.swing.motion[2].tolist()
+            x, y, _, _ = self._step.swing[2].tolist()
             rate += self.gait.reaction / omega * complex(x, y)
         self._references[self.tasks.balance] = reference([cycle.dcm.real, cycle.dcm.imag], [rate.real, rate.imag])
         self._hold_height(soles[self._stance].height, dt)
@@ -302,7 +302,7 @@ class BipedWalker(Walker):
         if self.phase is Phase.SHIFT:
             stance = Stance(foot.place, foot.heading, -self._stance, cycle.omega)
             nominal = self._nominal(Velocity(), stance)
-            swing = SwingFoot.at_rest(soles[-self._stance].centre, 0.0)
+            swing = at_rest(soles[-self._stance].centre, 0.0)
             goal = self._wanted(nominal, stance, swing, self.gait.single)
         else:
             goal = 0.5 * (soles[1].place + soles[-1].place)
@@ -331,16 +331,16 @@ class BipedWalker(Walker):
             stance=stance,
             nominal=nominal,
             landing=Landing(nominal.place, ground.height_at(nominal.place), nominal.heading, self.gait.single),
-            swing=SwingFoot.at_rest(foot.centre, foot.heading),
+            swing=at_rest(foot.centre, foot.heading),
             ground=ground,
             slope=foot.ground.slope,
             planned=planned,
         )
         self._blend = self._dcm_wanted - self._wanted(nominal, stance, self._step.swing, self.gait.single)
 
-    def _wanted(self, nominal: NominalStep, stance: Stance, swing: SwingFoot, left: float) -> complex:
+    def _wanted(self, nominal: NominalStep, stance: Stance, swing: Array, left: float) -> complex:
         """Return the DCM that leads to the nominal offset after the remaining time, s."""
-        push = self.gait.reaction / stance.omega * integrate_foot(swing.motion, nominal.place, left, stance.omega)
+        push = self.gait.reaction / stance.omega * integrate_foot(swing, nominal.place, left, stance.omega)
         return before(nominal.place + nominal.offset, stance.place, stance.omega, left, push)
 
     def _single(self, step: Step, cycle: _Cycle, decision: Decision) -> complex:
@@ -354,9 +354,9 @@ class BipedWalker(Walker):
             place, duration = adapt(
                 landing.place, landing.time, nominal.place, nominal.offset, gait.single,
                 stance.place, stance.heading, stance.side, gait.length, gait.least_width, gait.greatest_width,
-                cycle.dcm, stance.omega, gait.reaction, swing.motion, elapsed, dt,
+                cycle.dcm, stance.omega, gait.reaction, swing, elapsed, dt,
             )  # fmt: skip
-            heading = swing.motion.item(0, 3)
+            heading = swing.item(0, 3)
             heading += math.remainder(nominal.heading - heading, math.tau)
             # The ground has sunk since lift-off, also by drift of the estimate.
             sunk = cycle.soles[self._stance].height - self._footholds[0].height
@@ -365,13 +365,13 @@ class BipedWalker(Walker):
         left = max(landing.time - elapsed, 0.0)
         self._dcm_wanted = self._wanted(nominal, stance, swing, left) + self._blend * (1.0 - share)
         if dt > 0.0:
-            swing = swing.moved(landing, gait.clearance, elapsed - dt, dt)
+            swing = moved(swing, landing, gait.clearance, elapsed - dt, dt)
             slope += (step.ground.slope - slope) * min(1.0, dt / _LEVELLING)
         self._step = step = Step(stance, nominal, landing, swing, step.ground, slope, step.planned)
         self._references[foot.task] = foot.in_swing(swing, slope)
         share, late = elapsed / landing.time, elapsed - landing.time
         sensor = self._sensor(foot.contact, cycle.touching)
-        if share >= COUNTS and lands(share, late, swing.motion[1, 2], foot.velocity(cycle.dynamics), sensor):
+        if share >= COUNTS and lands(share, late, swing[1, 2], foot.velocity(cycle.dynamics), sensor):
             self._land(step, cycle, late, decision)
         return self._corrected(stance.place, cycle, stance.place, stance.place)
 

@@ -11,7 +11,6 @@ from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.instruction import placement_numbers
 from wbc_controller.records import Array, Reference
 from wbc_controller.walking.feet_kernels import frame_in_swing
-from wbc_controller.walking.swing import SwingFoot
 from wbc_controller.walking.terrain import Ground
 
 
@@ -89,10 +88,10 @@ class Foot:
         frame = pin.SE3(sole.rotation, sole.centre) * self.placement.inverse()
         return Reference(pin.SE3ToXYZQUAT(frame), np.zeros(6), np.zeros(6))
 
-    def in_swing(self, swing: SwingFoot, slope: complex) -> Reference:
-        """Return the reference of the frame for a sole in the air, parallel to a slope."""
+    def in_swing(self, swing: Array, slope: complex) -> Reference:
+        """Return the reference of the frame for the motion of a sole in the air, (3, 4), parallel to a slope."""
         out = np.empty(19)
-        frame_in_swing(swing.motion, slope, self.frame_in_sole, out)
+        frame_in_swing(swing, slope, self.frame_in_sole, out)
         return Reference(out[:7], out[7:13], out[13:])
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wbc_controller.records import Array
-from wbc_controller.walking.swing import Landing, SwingFoot
+from wbc_controller.walking.swing import Landing, moved
 
 #: Points of the path of a swing foot.
 _POINTS = 10
@@ -36,12 +36,12 @@ class WalkingPlan:
     margin: float
 
 
-def swing_path(swing: SwingFoot, landing: Landing, clearance: float, elapsed: float) -> Array:
-    """Return the path from the present reference to a fixed touchdown, (n, 3); arguments of `SwingFoot.moved`."""
+def swing_path(swing: Array, landing: Landing, clearance: float, elapsed: float) -> Array:
+    """Return the path from the present reference to a fixed touchdown, (n, 3); arguments of `moved`."""
     dt, feet = max(0.0, landing.time - elapsed) / _POINTS, [swing]
     for i in range(_POINTS):
-        feet.append(feet[-1].moved(landing, clearance, elapsed + i * dt, dt))
-    return np.array([foot.motion[0, :3] for foot in feet])
+        feet.append(moved(feet[-1], landing, clearance, elapsed + i * dt, dt))
+    return np.array([foot[0, :3] for foot in feet])
 
 
 def margin(point: complex, corners: Sequence[complex]) -> float:

@@ -17,7 +17,7 @@ from wbc_controller.walking.gait import Phase, QuadrupedGait
 from wbc_controller.walking.pendulum import natural_frequency
 from wbc_controller.walking.plan import WalkingPlan, margin, swing_path
 from wbc_controller.walking.references import smooth_step
-from wbc_controller.walking.swing import Landing, SwingFoot
+from wbc_controller.walking.swing import Landing, at_rest, moved
 from wbc_controller.walking.swing_kernels import move_axis
 from wbc_controller.walking.terrain import Ground
 from wbc_controller.walking.touchdown import COUNTS, lands
@@ -94,7 +94,7 @@ class QuadrupedWalker(Walker):
         self._body_velocity = 0j  # its velocity, m/s
         self._sway = 0.0, 0.0, 0.0  # reference of its sway to the left with its rates, m
         self._start = 0j  # `_body` at the start of the phase
-        self._swings: dict[str, SwingFoot] = {}  # feet in the air, by contact
+        self._swings: dict[str, Array] = {}  # feet in the air, by contact
         self._landings: dict[str, Landing] = {}  # their planned touchdowns
         self._places: dict[str, Array] = {}  # last positions of the feet on the ground, by contact, (3,) in m
         self._latest: _Cycle | None = None  # last cycle, for `plan`
@@ -256,7 +256,7 @@ class QuadrupedWalker(Walker):
         self.phase, self._since, self._landings, self._lifted = Phase.SINGLE, cycle.time, {}, ()
         for name in self.gait.groups[self._group]:
             decision.changes.append(EnableContact(name, False, 0.0))
-            self._swings[name] = SwingFoot.at_rest(cycle.points[name], 0.0)
+            self._swings[name] = at_rest(cycle.points[name], 0.0)
 
     def _single(self, cycle: _Cycle, ground: Ground, decision: Decision) -> None:
         """Move the feet in the air."""
@@ -273,11 +273,11 @@ class QuadrupedWalker(Walker):
                 self._landings[name] = Landing(place, height, 0.0, gait.swing)
             landing = self._landings[name]
             if cycle.dt > 0.0:
-                swing = swing.moved(landing, gait.clearance, elapsed - cycle.dt, cycle.dt, descent=0.0)
+                swing = moved(swing, landing, gait.clearance, elapsed - cycle.dt, cycle.dt, descent=0.0)
             self._swings[name] = swing
-            self._references[foot.task] = Reference(*swing.motion[:, :3])
+            self._references[foot.task] = Reference(*swing[:, :3])
             share, late, sensor = elapsed / gait.swing, elapsed - gait.swing, self._sensor(name, cycle.touching)
-            if share >= COUNTS and lands(share, late, swing.motion[1, 2], foot.velocity(cycle.dynamics), sensor):
+            if share >= COUNTS and lands(share, late, swing[1, 2], foot.velocity(cycle.dynamics), sensor):
                 decision.changes.append(EnableContact(name, True, 0.0))
                 del self._swings[name]
         if not self._swings:

@@ -1,4 +1,4 @@
-"""Swing foot and its planned touchdown."""
+"""Planned touchdown of a swing foot, and its motion in one cycle."""
 
 from dataclasses import dataclass
 
@@ -29,36 +29,22 @@ class Landing:
     time: float
 
 
-@dataclass(frozen=True, slots=True)
-class SwingFoot:
-    """Reference of the sole in the air.
+def at_rest(centre: Array, heading: float) -> Array:
+    """Return the motion, (3, 4), of a sole at rest; centre (3,) in m, heading in rad."""
+    return np.array([[*centre.tolist(), heading], [0.0] * 4, [0.0] * 4])
 
-    Attributes:
-        motion: position, velocity and acceleration of x, y, z in m in the world and of the heading in rad, (3, 4).
+
+def moved(
+    foot: Array, landing: Landing, clearance: float, elapsed: float, dt: float, descent: float = _DESCENT
+) -> Array:
+    """Return the motion of a foot, (3, 4), after one cycle; a late foot accelerates downwards. All times in s.
+
+    Args:
+        clearance: height of the foot above the ground at the apex, m.
+        elapsed: time since lift-off.
+        descent: time before the apex at which the plan changes to the ground.
     """
-
-    motion: Array
-
-    @classmethod
-    def at_rest(cls, centre: Array, heading: float) -> "SwingFoot":
-        """Return the reference of a sole at rest; centre (3,) in m, heading in rad."""
-        motion = np.zeros((3, 4))
-        motion[0, :3], motion[0, 3] = centre, heading
-        return cls(motion)
-
-    def moved(
-        self, landing: Landing, clearance: float, elapsed: float, dt: float, descent: float = _DESCENT
-    ) -> "SwingFoot":
-        """Return the reference after one cycle; a late foot accelerates downwards. All times in s.
-
-        Args:
-            clearance: height of the foot above the ground at the apex, m.
-            elapsed: time since lift-off.
-            descent: time before the apex at which the plan changes to the ground.
-        """
-        out = np.empty((3, 4))
-        move_foot(
-            self.motion, landing.place, landing.height, landing.heading, landing.time, clearance, elapsed, dt, descent,
-            out,
-        )  # fmt: skip
-        return SwingFoot(out)
+    place, height, heading, time = landing.place, landing.height, landing.heading, landing.time
+    out = np.empty((3, 4))
+    move_foot(foot, place, height, heading, time, clearance, elapsed, dt, descent, out)
+    return out

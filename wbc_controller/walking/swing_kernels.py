@@ -58,7 +58,7 @@ def move_foot(
     foot: Matrix, place: complex, height: float, heading: float, duration: float, clearance: float, elapsed: float,
     dt: float, descent: float, out: OutMatrix,
 ) -> None:  # fmt: skip
-    """Write the motion after one cycle to a touchdown; arguments of `SwingFoot.moved`."""
+    """Write the motion after one cycle to a touchdown; arguments of `swing.moved`."""
     if foot.shape != (3, 4) or out.shape != (3, 4):
         raise ValueError("move_foot: wrong sizes")
     left, top = duration - elapsed, APEX * duration
