@@ -173,7 +173,7 @@ class ControlCycle:
     @property
     def state_timeout(self) -> float:
         """Largest age of a state, s."""
-        return self._live.state_timeout
+        return self._live.settings.safety.state_timeout
 
     def cycle(self, inputs: CycleInputs) -> CycleResult:
         """Run one cycle: requests, changes, quadratic program, supervisor."""

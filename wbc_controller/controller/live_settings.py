@@ -32,7 +32,6 @@ class LivePart:
     settings: Settings
     board: BoardPlan  # plans of references, gains and limits
     supervisor: SupervisorLimits
-    state_timeout: float  # largest age of a state, s
     disturbance: DisturbanceLimits
 
 
@@ -128,5 +127,4 @@ def _out_of_live_range(configured: BaseModel, old: BaseModel, new: BaseModel, pr
 def live_part(settings: Settings, qp: WholeBodyQP) -> LivePart:
     """Derive the live part of the settings."""
     supervisor = make_supervisor_limits(settings, qp.model)
-    plan = make_board_plan(settings, qp)
-    return LivePart(settings, plan, supervisor, settings.safety.state_timeout, disturbance_limits(settings))
+    return LivePart(settings, make_board_plan(settings, qp), supervisor, disturbance_limits(settings))

@@ -23,9 +23,7 @@ class ActuatorTorqueSpeed(Section):
     corner: Positive = Field(le=1.0e4, description="Highest speed with the full effort limit, rad/s.")
     no_load: Positive = Field(le=1.0e4, description="Speed of zero torque, rad/s.")
 
-    @model_validator(mode="after")
-    def _ordered_speeds(self) -> ActuatorTorqueSpeed:
-        return _require_falling(self)
+    _ordered_speeds = model_validator(mode="after")(_require_falling)
 
 
 class TorqueSpeedSettings(Section):
@@ -44,9 +42,7 @@ class TorqueSpeedSettings(Section):
         default_factory=dict, description="Curves of single actuators; required for actuators in `robot.transmission`."
     )
 
-    @model_validator(mode="after")
-    def _ordered_speeds(self) -> TorqueSpeedSettings:
-        return _require_falling(self)
+    _ordered_speeds = model_validator(mode="after")(_require_falling)
 
 
 class SelfCollisionSettings(Section):
