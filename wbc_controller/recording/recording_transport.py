@@ -4,19 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from wbc_controller.middleware.topics import Endpoint
 from wbc_controller.middleware.transports.transport import Publish, Stream, Transport
 
-if TYPE_CHECKING:
-    from wbc_controller.recording.recorder import Recorder
+
+class MessageRecorder(Protocol):
+    """Recorder of messages by number of the topic; with `whole_run` also of topics without other subscriptions."""
+
+    whole_run: bool
+
+    def channel(self, topic: str, kind: str) -> int: ...  # noqa: D102
+
+    def record_incoming(self, topic: int, payload: bytes) -> None: ...  # noqa: D102
+
+    def record_outgoing(self, topic: int, payload: bytes) -> None: ...  # noqa: D102
 
 
 class RecordingTransport:
     """Wrapper that records messages; outgoing ones after they were sent."""
 
-    def __init__(self, transport: Transport, recorder: Recorder) -> None:
+    def __init__(self, transport: Transport, recorder: MessageRecorder) -> None:
         self.discovery_time = transport.discovery_time
         self._transport, self._recorder = transport, recorder
 
