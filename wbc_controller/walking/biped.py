@@ -233,7 +233,7 @@ class BipedWalker(Walker):
         feet = [cycle.soles[self._stance]] if one else [*cycle.soles.values()]
         soles = [(sole.place, cmath.rect(1.0, sole.heading)) for sole in feet]
         distance = missed(cycle.dcm, soles, self._feet[1].half, gait, cycle.omega, max(remaining, 0.0))
-        self._compare(cycle.time, distance, captured_by_steps(gait, cycle.omega, single + gait.double) + MARGIN)
+        self._compare(cycle.time, distance, captured_by_steps(gait, cycle.omega, gait.step_time) + MARGIN)
 
     def watch_standing(self, time: float, dynamics: Dynamics, active: Collection[str]) -> None:
         """Predict a fall of a robot that is supported by its feet alone, at the time of a state, s."""
