@@ -122,9 +122,8 @@ class SwingFoot:
         elif left > _SHORTEST:
             z = self.z.moved(landing.height, -TOUCHDOWN_SPEED, left, dt)
         else:
-            before = min(self.z.velocity, -TOUCHDOWN_SPEED)
-            speed = max(before - _LATE_ACCELERATION * dt, -LATE_SPEED)
-            z = Axis(self.z.position + speed * dt, speed, (speed - before) / dt)
+            speed = max(min(self.z.velocity, -TOUCHDOWN_SPEED) - _LATE_ACCELERATION * dt, -LATE_SPEED)
+            z = Axis(self.z.position + speed * dt, speed, -_LATE_ACCELERATION if speed > -LATE_SPEED else 0.0)
         return SwingFoot(
             self.x.moved(landing.place.real, 0.0, left, dt),
             self.y.moved(landing.place.imag, 0.0, left, dt),
