@@ -2,6 +2,7 @@
 
 import cmath
 import math
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from wbc_controller.errors import NoSolution
 from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 from wbc_controller.walking.adaptation_kernels import SHORTEST
 from wbc_controller.walking.fall_kernels import captured_by_steps, missed, nearest_support
+from wbc_controller.walking.footsteps import Velocity
 from wbc_controller.walking.gait import Gait
 from wbc_controller.walking.pendulum import later
 
@@ -83,6 +85,19 @@ def test_a_push_that_a_standing_robot_survives_raises_no_alarm(impulse):
     simulation.run(2.0)
     assert simulation.controller.walker.fall == ""
     assert np.abs(simulation.plant.state()[1]).max() < 0.5
+
+
+@pytest.mark.parametrize(("push", "falls"), [(200.0, True), (-200.0, False)])
+def test_a_fall_while_walking_is_predicted_before_the_base_tilts(push, falls):
+    """Pushes outwards and inwards for 0.1 s, in N."""
+    simulation = wbc.Simulation("g1")
+    controller = simulation.controller
+    controller.walker.ask(Velocity())
+    simulation.run(2.22)
+    simulation.plant.push(controller.model.base_link, [0.0, push, 0.0, 0.0, 0.0, 0.0], 0.1)
+    with pytest.raises(NoSolution, match="FALLING") if falls else nullcontext():
+        simulation.run(1.5)
+    assert bool(controller.walker.fall) is falls
 
 
 def test_the_lead_time_of_a_fall_ends_at_the_ground():

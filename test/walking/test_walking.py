@@ -132,7 +132,7 @@ def test_a_walk_continues_exactly_from_a_saved_state(ask):
     simulation = wbc.Simulation("g1")
     controller = simulation.controller
     ask(controller)
-    simulation.run(1.7)
+    simulation.run(1.6)
     assert controller.walker.phase is Phase.SINGLE
     saved = from_json(to_json(controller.memory()))
     states = []

@@ -230,7 +230,7 @@ class BipedWalker(Walker):
             cycle.dcm, first.place, first.heading, second.place, second.heading, *self._feet[1].half,
             gait.length, gait.greatest_width, cycle.omega, max(remaining, 0.0),
         )  # fmt: skip
-        self._compare(cycle.time, distance, captured_by_steps(gait, cycle.omega, single + gait.double) + MARGIN)
+        self._compare(cycle.time, distance, captured_by_steps(gait, cycle.omega, gait.step_time) + MARGIN)
 
     def watch_standing(self, time: float, dynamics: Dynamics, active: Collection[str]) -> None:
         """Predict a fall of a robot that is supported by its feet alone, at the time of a state, s."""

@@ -2,7 +2,7 @@
 
 While the centre of pressure is at p, the point of the support next to the DCM ξ, the DCM moves within the time t of
 the fastest step to ξ_t = p + (ξ - p) e^{ωt}. A foot can then be placed within the reach of the leg. From there, steps
-of the length L and the shortest step time T stop the DCM if it is at most
+of the length L and the nominal step time T stop the DCM if it is at most
 
     L e^{-ωT} + L e^{-2ωT} + … = L / (e^{ωT} - 1)
 

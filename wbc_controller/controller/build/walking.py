@@ -48,7 +48,7 @@ def make_walking_tasks(settings: Settings, model: RobotModel) -> list[Task]:
         return make_quadruped_tasks(settings, model)
     left, right = find_feet(settings, model)
     tasks: dict[str, tuple[float, Task]] = {
-        # Large, so that a late foot or a limited yaw moment disturbs trunk and feet, not the centre of pressure.
+        # With 500, the centre of pressure left its reference at the limits of the forces.
         DCM: (5000.0, CapturePointTask(DCM, model.gravity, gain=GAIN)),
         HEIGHT: (50.0, ComTask(HEIGHT, [False, False, True], stiffness=100.0, damping=20.0)),
         POSTURE: (0.05, PostureTask(POSTURE, model, _without_legs(model, left, right), stiffness=50.0)),
