@@ -111,7 +111,7 @@ class ModelAudit:
 
     def _previous(self, state: RobotState, dynamics: Dynamics, solution: Solution, command: JointCommand) -> _Previous:
         model, mass = self._model, self._model.mass
-        predicts = np.array_equal(solution.tau, command.tau)
+        predicts = solution.tau.tobytes() == command.tau.tobytes()
         return _Previous(
             state=state,
             tau=command.tau,
@@ -127,9 +127,9 @@ class ModelAudit:
         sums, solution = self._sums, before.solution
         sums.lasted += gap
         force = self._model.actuation.generalized_force(before.tau) + self._other_force(before, after.springs)
-        work = force * self._model.difference(before.state.q, after.state.q)  # contact forces do no work
-        sums.work += float(work.sum())
-        sums.throughput += float(np.abs(work).sum())
+        work = (force * self._model.difference(before.state.q, after.state.q)).tolist()  # contact forces do no work
+        sums.work += sum(work)
+        sums.throughput += sum(map(abs, work))
         if solution is not None:
             sums.predicted += gap
             sums.velocity += after.state.v - before.state.v - gap * solution.v_dot
