@@ -223,9 +223,9 @@ def test_a_late_foot_moves_further_down():
     fallen = DT * sum(each.velocity for each in late[1:])
     assert late[-1].position - late[0].position == pytest.approx(fallen, abs=1e-9)
     assert late[-1].acceleration == 0.0
-    for before, after in itertools.pairwise(late):
-        if after.velocity > -LATE_SPEED:
-            assert after.acceleration == pytest.approx((after.velocity - before.velocity) / DT)
+    for last, now in itertools.pairwise(late):
+        if now.velocity > -LATE_SPEED:
+            assert now.acceleration == pytest.approx((now.velocity - last.velocity) / DT)
     assert feet[-1].x.velocity == 0.0
 
 
