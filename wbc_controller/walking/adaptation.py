@@ -10,8 +10,8 @@ which the next step starts. Like Khadiv et al., the walker minimizes
     w_u |u - u*|² + w_b |b - b*|² + w_T (e^{ω (T - T*)} - 1)²
 
 with the nominal u*, b* and T*, and u within the reach of the leg. For a given T, u follows in closed form. The cost is
-convex in e^{ωT}, so one step of T towards lower cost per cycle, no larger than a rate limit, finds the minimum; then T
-changes continuously.
+convex in e^{ωT}, so one step of T towards lower cost per cycle finds the minimum; then T changes continuously. After a
+push to the outside of the stance foot, the swing foot lands as early as possible and near: then the stance leg can step.
 
 Source: Khadiv, Herzog, Moosavian and Righetti, Walking control based on step timing adaptation, IEEE T-RO 36, 2020.
 """
@@ -23,18 +23,18 @@ from dataclasses import dataclass
 from wbc_controller.walking.footsteps import NominalStep, Stance
 from wbc_controller.walking.gait import Gait
 from wbc_controller.walking.pendulum import later
-from wbc_controller.walking.swing import SwingFoot
+from wbc_controller.walking.swing import Axis, SwingFoot
 
 #: Weights of place and offset, 1/m², and of time.
 W_PLACE, W_OFFSET, W_TIME = 1.0, 200.0, 0.02
 #: Shortest and longest single support, as shares of the nominal one.
-SHORTEST, LONGEST = 0.4, 1.6
-#: Largest rate of change of the step time.
-TIME_RATE = 1.0
+SHORTEST, LONGEST = 0.25, 1.6
+#: Rate of change of the step time, and the one of a large decrease.
+TIME_RATE, SHORTENING = 1.0, 10.0
 #: Shortest remaining time of an adaptation, s.
 _AHEAD = 0.04
-#: Largest mean speed of the swing foot, m/s.
-FOOT_SPEED = 2.0
+#: Largest mean speed of the swing foot, m/s, and vertical acceleration, m/s².
+FOOT_SPEED, FOOT_ACCELERATION = 2.5, 30.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ class StepTarget:
 
 def adapted(
     before: StepTarget, nominal: NominalStep, stance: Stance, gait: Gait, dcm: complex, swing: SwingFoot,
-    elapsed: float, dt: float,
+    elapsed: float, dt: float, ground: float,
 ) -> StepTarget:  # fmt: skip
     """Return the target of the step for the measured DCM.
 
@@ -63,17 +63,26 @@ def adapted(
         dcm: ξ, measured.
         elapsed: t, since the start of the single support, s.
         dt: time since the last cycle, s.
+        ground: height of the ground, m.
     """
-    earliest = max(SHORTEST * gait.single, elapsed + _AHEAD)
+    earliest = max(SHORTEST * gait.single, elapsed + max(_AHEAD, descent_time(swing.z, ground)))
     latest = max(LONGEST * gait.single, earliest)
-    change = TIME_RATE * dt
     tried = [
         _placed(
-            max(earliest, min(latest, before.time + step)), before.place, nominal, stance, gait, dcm, swing, elapsed
+            max(earliest, min(latest, before.time + rate * dt)), before.place, nominal, stance, gait, dcm, swing, elapsed
         )
-        for step in (0.0, -change, change)
+        for rate in (0.0, -TIME_RATE, TIME_RATE, -SHORTENING)
     ]
     return min(tried, key=lambda each: each[0])[1]
+
+
+def descent_time(z: Axis, ground: float) -> float:
+    """Return the shortest time to rest on the ground, s, at the largest acceleration a.
+
+    From the height h with the upward speed v: (v + 2 √(v²/2 + a h)) / a.
+    """
+    a, v, h = FOOT_ACCELERATION, z.velocity, max(z.position - ground, 0.0)
+    return (v + 2.0 * math.sqrt(0.5 * v * v + a * h)) / a
 
 
 def _placed(

@@ -36,6 +36,10 @@ _BLEND = 0.2
 _FREEZE = 0.05
 #: Error of the planned touchdown on flat ground, and shortest double support, s.
 _ON_TIME, _SHORTEST_DOUBLE = 0.03, 0.02
+#: Height of the reference below which a touchdown counts, as a share of the clearance.
+_LOW = 0.5
+#: Error of the DCM at touchdown, m, after which the double support is the shortest one.
+_ASTRAY = 0.1
 #: Time constant of the swing foot's rotation to the slope of the ground, s.
 _LEVELLING = 0.05
 #: Rate at which the heading follows its goal, 1/s.
@@ -357,7 +361,8 @@ class BipedWalker(Walker):
         stance, sole, foot = step.stance, cycle.soles[self._stance], self._feet[-self._stance]
         if step.target.time - elapsed > _FREEZE:
             nominal = step.nominal if step.planned else nominal_step(self.velocity, stance, gait, step.target.time)
-            target = adapted(step.target, nominal, stance, gait, cycle.dcm, step.swing, elapsed, dt)
+            ground = step.landing.height
+            target = adapted(step.target, nominal, stance, gait, cycle.dcm, step.swing, elapsed, dt, ground)
             heading = step.swing.heading.position
             heading += math.remainder(nominal.heading - heading, math.tau)
             sunk = sole.ground.height - self._footholds[0].height  # since lift-off, also by drift of the estimate
@@ -375,7 +380,8 @@ class BipedWalker(Walker):
         self._references[foot.task] = foot.in_swing(step.swing, step.slope)
         share, late = elapsed / target.time, elapsed - target.time
         sensor = self._sensor(foot.contact, cycle.touching)
-        touches = share >= COUNTS and lands(share, late, step.swing.z.velocity, foot.velocity(cycle.dynamics), sensor)
+        low = step.swing.z.position - step.landing.height < _LOW * gait.clearance
+        touches = low and share >= COUNTS and lands(share, late, step.swing.z.velocity, foot.velocity(cycle.dynamics), sensor)
         if touches:
             self._land(step, cycle, late, decision)
         return self._corrected(stance.place, cycle, stance.place, stance.place)
@@ -393,6 +399,8 @@ class BipedWalker(Walker):
         self._early = max(0.0, -late - _ON_TIME)
         self._double_support = max(self.gait.double - max(0.0, late - _ON_TIME), _SHORTEST_DOUBLE)
         self._touchdown = sole.place + step.nominal.offset, step.stance.place, sole.place
+        if abs(cycle.dcm - self._touchdown[0]) > _ASTRAY:
+            self._double_support = _SHORTEST_DOUBLE
         self._stance = -self._stance
         if step.planned and not self.footsteps:
             self.command = None
