@@ -11,7 +11,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
-from wbc_controller.walking.adaptation_kernels import FOOT_SPEED, LONGEST, SHORTEST, TIME_RATE, adapt
+from wbc_controller.walking.adaptation_kernels import (
+    FOOT_ACCELERATION,
+    FOOT_SPEED,
+    LONGEST,
+    SHORTENING,
+    SHORTEST,
+    adapt,
+    descent_time,
+)
 from wbc_controller.walking.feet import Foot, about_z
 from wbc_controller.walking.footsteps import Stance, Velocity, nominal_step
 from wbc_controller.walking.gait import Gait
@@ -96,7 +104,7 @@ def walked(disturbance, *, elapsed=0.1, cycles=150):
         place, time = adapt(
             landing.place, landing.time, nominal.place, nominal.offset, GAIT.single,
             at.place, at.heading, at.side, GAIT.length, GAIT.least_width, GAIT.greatest_width,
-            dcm, at.omega, GAIT.reaction, swing, elapsed, DT,
+            dcm, at.omega, GAIT.reaction, swing, 0.0, elapsed, DT,
         )  # fmt: skip
         landing = Landing(place, 0.0, 0.0, time)
         landings.append(landing)
@@ -126,13 +134,30 @@ def test_steps_stay_within_reach_and_time(push):
     time = GAIT.single
     for target in targets:
         local = target.place - stance().place
-        assert abs(target.time - time) <= TIME_RATE * DT + 1e-12
+        assert abs(target.time - time) <= SHORTENING * DT + 1e-12
         assert SHORTEST * GAIT.single <= target.time <= LONGEST * GAIT.single
         time = target.time
         reached = abs(target.place - stance().place - 0.2j) <= FOOT_SPEED * target.time
         inside = abs(local.real) <= GAIT.length + 1e-9 and -1e-9 <= local.imag <= GAIT.greatest_width + 1e-9
         assert reached
         assert inside
+
+
+def test_a_push_to_the_outside_ends_the_swing_as_early_as_the_foot_can_land():
+    """The place is nearest to the stance foot; before, the step time shrank by 1 s per second."""
+    _, landings, _ = walked(-0.12j, cycles=20)
+    assert landings[-1].time < 0.3
+    assert landings[-1].place.imag == pytest.approx(2.0 + GAIT.least_width)
+
+
+@pytest.mark.parametrize(("height", "speed"), [(0.0, 0.0), (0.05, 0.0), (0.01, 0.4), (0.04, -0.3)])
+def test_the_shortest_descent_brakes_as_fast_as_it_accelerates(height, speed):
+    time = descent_time(height, speed)
+    falls = 0.5 * (time + speed / FOOT_ACCELERATION)  # until the speed a (t - t_falls) of the rest is reached
+    z, v = height, speed
+    for begin, end, a in ((0.0, falls, -FOOT_ACCELERATION), (falls, time, FOOT_ACCELERATION)):
+        z, v = z + v * (end - begin) + 0.5 * a * (end - begin) ** 2, v + a * (end - begin)
+    assert (z, v) == (pytest.approx(0.0, abs=1e-12), pytest.approx(0.0, abs=1e-12))
 
 
 def swung(duration, cycles, change=0j):

@@ -10,8 +10,8 @@ which the next step starts. Like Khadiv et al., the walker minimizes
     w_u |u - u*|² + w_b |b - b*|² + w_T (e^{ω (T - T*)} - 1)²
 
 with the nominal u*, b* and T*, and u within the reach of the leg. For a given T, u follows in closed form. The cost is
-convex in e^{ωT}, so one step of T towards lower cost per cycle, no larger than a rate limit, finds the minimum; then T
-changes continuously.
+convex in e^{ωT}, so one step of T towards lower cost per cycle finds the minimum; then T changes continuously. After a
+push to the outside of the stance foot, the swing foot lands as early as possible and near; then the stance leg steps.
 
 Source: Khadiv, Herzog, Moosavian and Righetti, Walking control based on step timing adaptation, IEEE T-RO 36, 2020.
 """
@@ -27,13 +27,23 @@ from wbc_controller.walking.swing_kernels import integrate_foot
 #: Weights of place and offset, 1/m², and of time.
 W_PLACE, W_OFFSET, W_TIME = 1.0, 200.0, 0.02
 #: Shortest and longest single support, as shares of the nominal one.
-SHORTEST, LONGEST = 0.4, 1.6
-#: Largest rate of change of the step time.
-TIME_RATE = 1.0
+SHORTEST, LONGEST = 0.25, 1.6
+#: Rate of change of the step time, and the one of a large decrease.
+TIME_RATE, SHORTENING = 1.0, 10.0
 #: Shortest remaining time of an adaptation, s.
 _AHEAD = 0.04
-#: Largest mean speed of the swing foot, m/s.
-FOOT_SPEED = 2.0
+#: Largest mean speed of the swing foot, m/s, and vertical acceleration, m/s².
+FOOT_SPEED, FOOT_ACCELERATION = 2.5, 30.0
+
+
+@compiled
+def descent_time(height: float, speed: float) -> float:
+    """Return the shortest time to rest on the ground, s, at the largest acceleration a.
+
+    From the height h with the upward speed v: (v + 2 √(v²/2 + a h)) / a.
+    """
+    h = max(height, 0.0)
+    return (speed + 2.0 * math.sqrt(0.5 * speed * speed + FOOT_ACCELERATION * h)) / FOOT_ACCELERATION
 
 
 @part
@@ -51,7 +61,7 @@ def _within_reach(
 def adapt(
     place: complex, time: float, nominal_place: complex, nominal_offset: complex, nominal_time: float,
     stance: complex, heading: float, side: int, length: float, least_width: float, greatest_width: float,
-    dcm: complex, omega: float, reaction: float, swing: Matrix, elapsed: float, dt: float,
+    dcm: complex, omega: float, reaction: float, swing: Matrix, ground: float, elapsed: float, dt: float,
 ) -> tuple[complex, float]:  # fmt: skip
     """Return place and time of the touchdown for the measured DCM.
 
@@ -66,14 +76,15 @@ def adapt(
         omega: ω, 1/s.
         reaction: μ.
         swing: motion of the swing foot, (3, 4).
+        ground: height of the ground, m.
         elapsed: t, since the start of the single support, s.
         dt: time since the last cycle, s.
     """
-    earliest = max(SHORTEST * nominal_time, elapsed + _AHEAD)
+    earliest = max(SHORTEST * nominal_time, elapsed + max(_AHEAD, descent_time(swing[0, 2] - ground, swing[1, 2])))
     latest = max(LONGEST * nominal_time, earliest)
     axes, lowest, best = cmath.rect(1.0, heading), math.inf, (place, time)
-    for step in (0.0, -TIME_RATE * dt, TIME_RATE * dt):
-        T = max(earliest, min(latest, time + step))
+    for rate in (0.0, -TIME_RATE, TIME_RATE, -SHORTENING):
+        T = max(earliest, min(latest, time + rate * dt))
         left = T - elapsed
         push = reaction / omega * integrate_foot(swing, place, left, omega)
         end = stance + (dcm - stance) * math.exp(omega * left) + push  # ξ_T

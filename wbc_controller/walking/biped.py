@@ -37,6 +37,10 @@ _BLEND = 0.2
 _FREEZE = 0.05
 #: Error of the planned touchdown on flat ground, and shortest double support, s.
 _ON_TIME, _SHORTEST_DOUBLE = 0.03, 0.02
+#: Height of the reference below which a touchdown counts, as a share of the clearance.
+_LOW = 0.5
+#: Error of the DCM at touchdown, m, after which the double support is the shortest one.
+_ASTRAY = 0.1
 #: Time constant of the swing foot's rotation to the slope of the ground, s.
 _LEVELLING = 0.05
 #: Rate at which the heading follows its goal, 1/s.
@@ -354,7 +358,7 @@ class BipedWalker(Walker):
             place, duration = adapt(
                 landing.place, landing.time, nominal.place, nominal.offset, gait.single,
                 stance.place, stance.heading, stance.side, gait.length, gait.least_width, gait.greatest_width,
-                cycle.dcm, stance.omega, gait.reaction, swing, elapsed, dt,
+                cycle.dcm, stance.omega, gait.reaction, swing, landing.height, elapsed, dt,
             )  # fmt: skip
             heading = swing.item(0, 3)
             heading += math.remainder(nominal.heading - heading, math.tau)
@@ -371,7 +375,8 @@ class BipedWalker(Walker):
         self._references[foot.task] = foot.in_swing(swing, slope)
         share, late = elapsed / landing.time, elapsed - landing.time
         sensor = self._sensor(foot.contact, cycle.touching)
-        if share >= COUNTS and lands(share, late, swing[1, 2], foot.velocity(cycle.dynamics), sensor):
+        low = swing.item(0, 2) - landing.height < _LOW * gait.clearance
+        if low and share >= COUNTS and lands(share, late, swing.item(1, 2), foot.velocity(cycle.dynamics), sensor):
             self._land(step, cycle, late, decision)
         return self._corrected(stance.place, cycle, stance.place, stance.place)
 
@@ -388,6 +393,8 @@ class BipedWalker(Walker):
         self._early = max(0.0, -late - _ON_TIME)
         self._double_support = max(self.gait.double - max(0.0, late - _ON_TIME), _SHORTEST_DOUBLE)
         self._touchdown = sole.place + step.nominal.offset, step.stance.place, sole.place
+        if abs(cycle.dcm - self._touchdown[0]) > _ASTRAY:
+            self._double_support = _SHORTEST_DOUBLE
         self._stance = -self._stance
         if step.planned and not self.footsteps:
             self.command = None
