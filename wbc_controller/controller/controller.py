@@ -74,12 +74,7 @@ class Controller(ControlCycle):
         self._commands, self._streamed = [], {}
         self._failure, self._explained_at = None, -np.inf
         self.supervisor = Supervisor(self.model, self._live.supervisor)
-        self.qp.dynamics.update(state.q, state.v)
-        self.board.reset(self.qp.dynamics, self._time)
-        self._solution = None
-        self.model_error.restart()
-        if self.walker is not None:
-            self.walker.reset()
+        self._start(state)
         self.supervisor.request("activate", self._time, None)
 
     def stance(self) -> Array:

@@ -112,7 +112,6 @@ class ControlCycle:
         self._defect: Fault | None = None  # outside the cycle
         self.cycle_records: list[CycleRecord] | None = None
         self._solution: Solution | None = None
-        self._holding_inputs: tuple[Mapping[str, float], tuple[str, ...]] | None = None  # inputs of `holding`
         self._changed_outside = False  # state changed between two cycles
 
     def _prepare_walking(self, walker: Walker) -> None:
@@ -209,28 +208,15 @@ class ControlCycle:
                 f"{len(remaining)} task or contact commands: the controller is {self.mode.value}; send {requests} first"
             )
         if references is not None and supervisor.solving:
-            activations, unloaded = references.contacts, self.model_error.unloaded_contacts
-            if (
-                self._holding_inputs is None
-                or self._holding_inputs[0] is not activations
-                or self._holding_inputs[1] is not unloaded
-            ):
-                self._holding_inputs = activations, unloaded
-                active = [name for name, activation in activations.items() if activation > 0.0]
-                self.holding = tuple(name for name in active if name not in unloaded)
+            active = [name for name, activation in references.contacts.items() if activation > 0.0]
+            self.holding = tuple(name for name in active if name not in self.model_error.unloaded_contacts)
         else:
-            self.holding, self._holding_inputs = self._enabled_contacts(), None
+            self.holding = self._enabled_contacts()
         self._failure = outcome if isinstance(outcome, NoSolution) and was_active else None
-        if self._explanation is not None:
-            self._report_explanation()
+        self._report_explanation()
         stages = {"compute": computed - started, "supervise": self._timer() - computed}
-        solution_stages = None if solution is None else solution.stage_seconds
-        if solution_stages:
-            stages |= {
-                "compute/build": solution_stages["build"],
-                "compute/solve": solution_stages["solve"],
-                "compute/unpack": solution_stages["unpack"],
-            }
+        if solution is not None:
+            stages |= {f"compute/{stage}": duration for stage, duration in solution.stage_seconds.items()}
         result = CycleResult(
             qp=self.qp,
             time=now,
@@ -387,12 +373,7 @@ class ControlCycle:
         references = None
         try:
             if starts:
-                self.qp.dynamics.update(state.q, state.v)
-                self.board.reset(self.qp.dynamics, seconds(state))
-                self._solution = None
-                self.model_error.restart()
-                if self.walker is not None:
-                    self.walker.reset()
+                self._start(state)
             elif changes or self.board.slipping or (self.walker is not None and self.walker.moves):
                 self.qp.formulation.prepare(state)  # anchors and steps begin at the present state
             if changes:
@@ -423,6 +404,15 @@ class ControlCycle:
             return failure, references
         except Exception as error:
             return _defect(error), references
+
+    def _start(self, state: RobotState) -> None:
+        """Start the references and the walker at a state."""
+        self.qp.dynamics.update(state.q, state.v)
+        self.board.reset(self.qp.dynamics, seconds(state))
+        self._solution = None
+        self.model_error.restart()
+        if self.walker is not None:
+            self.walker.reset()
 
     def _apply(self, changes: Sequence[Change], time: float) -> None:
         """Apply a set of changes of references, all or none, or raise `InputRefused`."""

@@ -63,16 +63,11 @@ def arrays_of(owner: Named, method: str, values: Any, shapes: Sequence[Shape]) -
 
 
 def bounds_of(owner: Named, method: str, bounds: Any, size: int) -> tuple[Array, Array]:
-    """Check bounds (size,) returned by a method: lower ≤ upper, possibly infinite.
-
-    Bounds without conversion are returned as the same object.
-    """
+    """Check bounds (size,) returned by a method: lower ≤ upper, possibly infinite."""
     if not isinstance(bounds, tuple | list) or len(bounds) != 2:
         raise MethodError(f"{_title(owner, method)} returned {_short(bounds)}, expected lower and upper bounds")
     lower, upper = (checked(owner, method, bound, (size,)) for bound in bounds)
     require_bounds(owner, method, lower, upper)
-    if isinstance(bounds, tuple) and lower is bounds[0] and upper is bounds[1]:
-        return bounds
     return lower, upper
 
 

@@ -250,9 +250,6 @@ class WholeBodyQP:
             self._first_sets[self._change], self._change = solver.active_set.side.copy(), None
         if answer.x is None and answer.status != NOT_FINITE and self.formulation.find_redundancy(layout):
             answer = self._solve_levels(layout) if self._priorities else solver.solve(layout.problem)
-        known = answer.residuals
-        if known is not None and answer.cost is not None and known.violation <= solver.tolerance:
-            return answer
         if self._is_solution(answer, layout, solver.tolerance):
             return answer
         if answer.status == NOT_FINITE:

@@ -216,25 +216,18 @@ class UnilateralContact(AnchoredContact):
         self.max_normal_force = max_normal_force
         self.max_yaw_moment = max_yaw_moment
         self.bound_groups = (("normal_force", 2, 3),)
-        self._largest = (np.nan, np.nan, np.nan)
-        self._bounds = (np.zeros(0), np.zeros(0))
         if max_yaw_moment < np.inf:
             self.bound_groups += (("yaw_moment", 5, 6),)
 
     def bounds(self, activation: float) -> tuple[Array, Array]:
-        """Return bounds of f; the same arrays until activation or limits change."""
-        largest = (activation * self.max_normal_force, activation * self.max_yaw_moment, self.min_normal_force)
-        if largest == self._largest:
-            return self._bounds
-        normal, yaw, smallest = largest
+        """Return bounds of f."""
         lower, upper = np.full(self.size, -np.inf), np.full(self.size, np.inf)
-        upper[2] = normal
-        lower[2] = min(smallest, normal)
+        upper[2] = activation * self.max_normal_force
+        lower[2] = min(self.min_normal_force, upper[2])
         if self.max_yaw_moment < np.inf:
-            upper[5] = yaw
-            lower[5] = -yaw
-        self._largest, self._bounds = largest, (lower, upper)
-        return self._bounds
+            upper[5] = activation * self.max_yaw_moment
+            lower[5] = -upper[5]
+        return lower, upper
 
     def cone_for(self, friction: float) -> Array:
         """Return the cone for a share s of the friction, (rows, k).

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts.contact import Contact
-from wbc_controller.inverse_dynamics.contacts.mount import hinge_of, pose_displacement
+from wbc_controller.inverse_dynamics.contacts.mount import Mount, hinge_of, pose_displacement
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
@@ -68,24 +68,17 @@ class LoopClosure(Contact):
         )
         self.stiffness = stiffness
         self._a = model.frame_id(frames[0], f"loops.{name}.frame_a")
-        self._b = model.frame_id(frames[1], f"loops.{name}.frame_b")
-        joints = [model.pinocchio.frames[frame].parentJoint for frame in (self._a, self._b)]
-        if joints[0] == joints[1]:
+        b = model.frame_id(frames[1], f"loops.{name}.frame_b")
+        if model.pinocchio.frames[self._a].parentJoint == model.pinocchio.frames[b].parentJoint:
             raise ConfigurationError(
                 f"loops.{name}: no joint is between frame_a = {frames[0]!r} and frame_b = {frames[1]!r}"
             )
-        self._placements = placements
-        self._to_b: Array = placements[1].inverse().toActionMatrix()
+        self._placement = placements[0]
+        self._mount = Mount(model, name, frames[1], placements[1], frames[0])
         self._hinge = hinge_of(mask)
 
     def _pose(self, dynamics: Dynamics) -> pin.SE3:
-        a = dynamics.placement(self._a) * self._placements[0]
-        return a.actInv(dynamics.placement(self._b) * self._placements[1])
-
-    def _a_to_b(self, dynamics: Dynamics) -> Array:
-        b = dynamics.placement(self._b) * self._placements[1]
-        change: Array = b.actInv(dynamics.placement(self._a)).toActionMatrix()
-        return change
+        return self._placement.actInv(self._mount.pose(dynamics))
 
     def _along_held_axes(self, dynamics: Dynamics, values: Array) -> Array:
         """Return the held components in the axes of A of values in the axes of B, (k,) or (k, nv)."""
@@ -94,17 +87,11 @@ class LoopClosure(Contact):
 
     def jacobian(self, dynamics: Dynamics) -> Array:
         """Return the Jacobian of γ along the held axes, (k, nv)."""
-        J = self._to_b @ dynamics.jacobian(self._b, pin.LOCAL)
-        J -= self._a_to_b(dynamics) @ dynamics.jacobian(self._a, pin.LOCAL)
-        return self._along_held_axes(dynamics, J)
+        return self._along_held_axes(dynamics, self._mount.jacobian(dynamics))
 
     def drift(self, dynamics: Dynamics) -> Array:
         """Return γ̇ at v̇ = 0 along the held axes, (k,)."""
-        X = self._a_to_b(dynamics)
-        carried = X @ dynamics.velocity(self._a, pin.LOCAL)
-        nu = self._to_b @ dynamics.velocity(self._b, pin.LOCAL) - carried
-        nu_dot = self._to_b @ dynamics.drift_local(self._b) - X @ dynamics.drift_local(self._a)
-        nu_dot += pin.Motion(nu).cross(pin.Motion(carried)).vector
+        nu, nu_dot = self._mount.twist(dynamics), self._mount.drift(dynamics)
         nu_dot[:3] += pin.skew(nu[3:]) @ nu[:3]  # ω × ω = 0
         return self._along_held_axes(dynamics, nu_dot)
 
@@ -118,13 +105,12 @@ class LoopClosure(Contact):
 
     def points(self, dynamics: Dynamics) -> Array:
         """Return the origin of A in the world, (1, 3) in m."""
-        return np.array((dynamics.placement(self._a) * self._placements[0]).translation)[None, :]
+        return np.array((dynamics.placement(self._a) * self._placement).translation)[None, :]
 
     def wrench_in_world(self, dynamics: Dynamics, force: Array) -> Array:
         """Return the wrench on B, (6,)."""
-        b = dynamics.placement(self._b) * self._placements[1]
-        axes = (dynamics.placement(self._a) * self._placements[0]).rotation
-        return np.asarray(pin.SE3(axes, b.translation).act(pin.Force(self.basis @ force)).vector)
+        axes, b = dynamics.placement(self._a) * self._placement, self._mount.placement(dynamics)
+        return np.asarray(pin.SE3(axes.rotation, b.translation).act(pin.Force(self.basis @ force)).vector)
 
     def bounds(self, activation: float) -> tuple[Array, Array]:
         """Return infinite bounds, (k,)."""

@@ -101,15 +101,20 @@ class Mount:
             J -= self._from_other(dynamics, self._other) @ dynamics.jacobian(self._other, pin.LOCAL)
         return np.asarray(J)
 
+    def twist(self, dynamics: Dynamics) -> Array:
+        """Return ν, (6,)."""
+        nu = self._placement.toActionMatrixInverse() @ dynamics.velocity(self._id, pin.LOCAL)
+        if self._other is not None:
+            nu -= self._from_other(dynamics, self._other) @ dynamics.velocity(self._other, pin.LOCAL)
+        return np.asarray(nu)
+
     def drift(self, dynamics: Dynamics) -> Array:
         """Return ν̇ at v̇ = 0, (6,)."""
-        own = self._placement.toActionMatrixInverse()
-        drift = own @ dynamics.drift_local(self._id)
+        drift = self._placement.toActionMatrixInverse() @ dynamics.drift_local(self._id)
         if self._other is not None:
             X = self._from_other(dynamics, self._other)
-            carried = X @ dynamics.velocity(self._other, pin.LOCAL)
-            nu = own @ dynamics.velocity(self._id, pin.LOCAL) - carried
-            drift += pin.Motion(nu).cross(pin.Motion(carried)).vector - X @ dynamics.drift_local(self._other)
+            nu, carried = pin.Motion(self.twist(dynamics)), pin.Motion(X @ dynamics.velocity(self._other, pin.LOCAL))
+            drift += nu.cross(carried).vector - X @ dynamics.drift_local(self._other)
         return np.asarray(drift)
 
     def _from_other(self, dynamics: Dynamics, other: int) -> Array:

@@ -180,9 +180,7 @@ class Residuals:
     @property
     def violation(self) -> float:
         """Largest violation of a constraint, at least 0, or NaN."""
-        if math.isnan(self.least_room + self.largest_equality):
-            return math.nan
-        return max(0.0, -self.least_room, self.largest_equality)
+        return max(-self.least_room, self.largest_equality, 0.0)  # the least room is NaN if any residual is
 
 
 @dataclass(frozen=True, slots=True)

@@ -40,7 +40,7 @@ def dot(a: Array, b: Array) -> float:
 def residuals(
     constraints: Constraints, value: OutVector, room: OutMatrix, equalities: OutVector, outputs: OutVector
 ) -> tuple[float, float]:
-    """Compute the residuals of constraints at a point x; return the smallest room and the largest |A x - b|.
+    """Compute the residuals of constraints at x; return the smallest room, or NaN, and the largest |A x - b|.
 
     The outputs are as in `formulation.problem.Residuals`; `value` contains x in its first n entries.
     """
@@ -66,4 +66,4 @@ def residuals(
         for side in range(2):
             if room[side, i] < least or room[side, i] != room[side, i]:
                 least = room[side, i]
-    return least, largest
+    return least if largest == largest else math.nan, largest

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
-from wbc_controller.inverse_dynamics.robot.frame_kernels import JOINTS, FrameRows, copy_reference
+from wbc_controller.inverse_dynamics.robot.frame_kernels import JOINTS, FrameRows
 from wbc_controller.inverse_dynamics.robot.instruction import Instruction
 from wbc_controller.inverse_dynamics.tasks.task import AccelerationTask
 from wbc_controller.records import Array, Reference
@@ -26,7 +26,8 @@ class RowEntry:
 class _TaskNumbers:
     task: AccelerationTask
     gains: Array  # K and D, (2, size)
-    reference: Array  # position, velocity, acceleration
+    position: Array  # of the reference
+    motion: Array  # its velocity and acceleration, (2, size)
     copied: Reference | None = None  # last read-only reference
 
 
@@ -69,11 +70,11 @@ class CompiledRows:
             if task is None:
                 continue
             values = self.arrays.numbers[step_numbers + len(entry.instruction.constants) :]
-            size, reference = task.size, 2 * task.size + (task.form.size + 2 * task.size)
-            gains = values[: 2 * size].reshape(2, size)
-            self._tasks.append(_TaskNumbers(task, gains, values[2 * size : reference]))
+            ends = np.cumsum([2 * task.size, task.form.size, 2 * task.size, 2 * task.size])
+            gains, position, motion, shares, _ = np.split(values, ends)
+            self._tasks.append(_TaskNumbers(task, gains.reshape(2, -1), position, motion.reshape(2, -1)))
             if entry.instruction.kind == JOINTS:
-                self.factors[task.name] = values[reference : reference + 2 * size].reshape(2, size)
+                self.factors[task.name] = shares.reshape(2, -1)
 
     def set_gains(self) -> None:
         """Copy the gains of the tasks."""
@@ -92,10 +93,11 @@ class CompiledRows:
             if wanted is own.copied:
                 continue
             position, velocity, acceleration = wanted.position, wanted.velocity, wanted.acceleration
-            if not copy_reference(position, velocity, acceleration, task.size, own.reference):
+            if not (len(position) == len(own.position) and len(velocity) == len(acceleration) == task.size):
                 raise ValueError(
                     f"the reference of task {task.name!r} has {len(position)} positions, {len(velocity)} velocities "
                     f"and {len(acceleration)} accelerations; expected {task.form.size}, {task.size} and {task.size}"
                 )
+            own.position[:], own.motion[0], own.motion[1] = position, velocity, acceleration
             writeable = position.flags.writeable or velocity.flags.writeable or acceleration.flags.writeable
             own.copied = None if writeable else wanted

@@ -11,7 +11,6 @@ from wbc_controller.compilation import (
     Indices,
     OutMatrix,
     OutVector,
-    StridedVector,
     Struct,
     Vector,
     compiled,
@@ -257,21 +256,6 @@ def _joint_targets(
         target[column] += table[5, i] * way
         rest += 0.5 * table[6, i] * way * way
     return rest
-
-
-@compiled
-def copy_reference(
-    position: StridedVector, velocity: StridedVector, acceleration: StridedVector, size: int, wanted: OutVector
-) -> bool:
-    """Copy a reference to the numbers of `fill_rows`; return False for wrong sizes."""
-    length = len(wanted) - 2 * size
-    if len(position) != length or len(velocity) != size or len(acceleration) != size:
-        return False
-    for i in range(length):
-        wanted[i] = position[i]
-    for i in range(size):
-        wanted[length + i], wanted[length + size + i] = velocity[i], acceleration[i]
-    return True
 
 
 @compiled

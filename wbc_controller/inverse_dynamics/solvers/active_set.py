@@ -102,10 +102,8 @@ class ActiveSet:
         if squares is None or len(squares.weights) > _MOST_ROWS * self._n:
             return self._full(problem)
         memory = LevelWorkspace(problem, squares.base)
-        side = self.side.copy()
         outcome, number, cost = self.solve_level(problem, squares, memory, tries=_TRIES)
         if outcome != kernel.SOLVED:
-            self._set_sides(side)
             return None
         residuals = memory.residuals
         cost += problem.cost.squares_constant
@@ -117,7 +115,7 @@ class ActiveSet:
         """Solve the condensed system with the cost of a level.
 
         A wrong active set is replaced by the violated constraints and the multipliers of right sign (primal-dual active
-        set strategy: Hintermüller, Ito, Kunisch, SIAM J. Optim. 13, 2002).
+        set strategy: Hintermüller, Ito, Kunisch, SIAM J. Optim. 13, 2002). A failure restores the first set.
 
         `memory` has the kept rows of the levels above, and receives the solution. Lower levels must keep `kept` cost
         rows; `tries` is the largest number of active sets.
@@ -125,7 +123,7 @@ class ActiveSet:
         Returns:
             Outcome and number of the last try, and the sum of squares.
         """
-        found, number = memory.residuals, 0
+        found, number, side = memory.residuals, 0, None
         while True:
             number += 1
             outcome, cost, found.least_room, found.largest_equality = kernel.solve_condensed(
@@ -134,9 +132,12 @@ class ActiveSet:
             )  # fmt: skip
             if outcome != kernel.WRONG_SET or number == tries:
                 break
+            side = self.side.copy() if side is None else side
             self._set_sides(self._sides[1])
         if outcome == kernel.SOLVED:
             memory.above = (memory.above or len(problem.b) - squares.base) + kept
+        elif side is not None:
+            self._set_sides(side)
         return outcome, number, cost
 
     def _full(self, problem: QuadraticProgram) -> Answer | None:

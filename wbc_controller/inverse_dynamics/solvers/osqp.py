@@ -27,16 +27,11 @@ class OsqpSolver(Solver):
         self._lower = np.zeros(n + rows)
         self._upper = np.zeros(n + rows)
         self._equalities = equalities
-        self._upper_triangle = np.triu_indices(n)
         self._solver: osqp.OSQP | None = None
-        n_range = np.arange(n)
-        # CSC order.
-        order = np.lexsort((self._upper_triangle[0], self._upper_triangle[1]))
-        self._h_rows = self._upper_triangle[0][order]
-        self._h_columns = self._upper_triangle[1][order]
-        self._h_starts = np.concatenate([[0], np.cumsum(n_range + 1)])
-        self._a_rows = np.concatenate([np.append(np.arange(rows), rows + j) for j in n_range])
-        self._a_columns = np.repeat(n_range, rows + 1)
+        # Upper triangle of H, and rows above the identity, by columns (CSC).
+        self._h_columns, self._h_rows = np.tril_indices(n)
+        self._h_starts = np.append(0, np.cumsum(np.arange(1, n + 1)))
+        self._a_columns, self._a_rows = np.vstack([np.ones((rows, n)), np.eye(n)]).T.nonzero()
         self._a_starts = np.arange(n + 1) * (rows + 1)
 
     def _search(self, problem: QuadraticProgram) -> Answer:
