@@ -5,8 +5,6 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-import numpy as np
-
 from wbc_controller.errors import ConfigurationError, NoSolution
 from wbc_controller.inverse_dynamics.contacts import Contact
 from wbc_controller.inverse_dynamics.formulation.answer import NOT_FINITE, Answer
@@ -138,7 +136,7 @@ class WholeBodyQP:
         self.forget()
         self.dynamics.update(memory["q"], memory["v"])
         found = memory.get("redundancy")
-        self.formulation.redundancy = None if found is None else (tuple(found[0]), bool(found[1]), np.array(found[2]))
+        self.formulation.redundancy = None if found is None else (tuple(found[0]), bool(found[1]), found[2])
         self._solvers.clear()
         for key, remembered in memory["solvers"]:
             problem = self.formulation.layout(tuple(key)).problem
