@@ -40,4 +40,4 @@ def print_header(*columns: str) -> None:
 
 def print_row(*cells: object) -> None:
     """Print a row of a Markdown table."""
-    click.echo(f"| {' | '.join(map(str, cells))} |")
+    click.echo("|" + "|".join(f" {cell} " if str(cell) else " " for cell in cells) + "|")
