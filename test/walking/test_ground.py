@@ -86,10 +86,17 @@ def test_the_stance_foot_does_not_turn_on_slippery_ground():
     """The yaw moment of the swing leg turned it, as the configured friction 0.7 allows 13 N·m at the corners."""
     trial = WalkTrial("g1", "good", 0, terrain_of("slippery", 0))
     assert trial.settings.contacts["left_foot"].friction > trial.settings.mock.friction == 0.4
+    walker, errors = trial.controller.walker, []
+
+    def record():
+        plan = walker.plan()
+        errors.append(0.0 if plan is None else abs(plan.dcm - plan.wanted_dcm))
+
     trial.stand()
-    trial.walk(2.5, lambda now: np.array([0.3, 0.0, 0.0]))
-    assert trial.controller.walker.steps >= 3
+    trial.walk(2.5, lambda now: np.array([0.3, 0.0, 0.0]), record)
+    assert walker.steps >= 3
     assert trial.meter.figures().slip < 0.002
+    assert np.mean(errors) < 0.009  # 0.012 m with a tenth of the weight of the DCM
 
 
 def test_a_robot_walks_on_soft_ground():
