@@ -74,7 +74,7 @@ def move_foot(
         else:
             before = min(v, -TOUCHDOWN_SPEED)
             v = max(before - _LATE_ACCELERATION * dt, -LATE_SPEED)
-            moved = (x + v * dt, v, (v - before) / dt)
+            moved = (x + v * dt, v, -_LATE_ACCELERATION if v > -LATE_SPEED else 0.0)
         out[0, i], out[1, i], out[2, i] = moved
 
 
