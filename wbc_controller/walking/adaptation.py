@@ -10,8 +10,8 @@ which the next step starts. Like Khadiv et al., the walker minimizes
     w_u |u - u*|² + w_b |b - b*|² + w_T (e^{ω (T - T*)} - 1)²
 
 with the nominal u*, b* and T*, and u within the reach of the leg. For a given T, u follows in closed form. The cost is
-convex in e^{ωT}, so one step of T towards lower cost per cycle finds the minimum; then T changes continuously. After a
-push to the outside of the stance foot, the swing foot lands as early as possible and near: then the stance leg can step.
+convex in e^{ωT}, so one step of T towards lower cost per cycle finds the minimum; then T changes continuously. After an
+outward push, the swing foot lands early and near the stance foot, so that the stance leg can step.
 
 Source: Khadiv, Herzog, Moosavian and Righetti, Walking control based on step timing adaptation, IEEE T-RO 36, 2020.
 """
@@ -34,7 +34,7 @@ TIME_RATE, SHORTENING = 1.0, 10.0
 #: Shortest remaining time of an adaptation, s.
 _AHEAD = 0.04
 #: Largest mean speed of the swing foot, m/s, and vertical acceleration, m/s².
-FOOT_SPEED, FOOT_ACCELERATION = 2.5, 30.0
+FOOT_SPEED, FOOT_ACCELERATION = 2.5, 20.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,12 +67,9 @@ def adapted(
     """
     earliest = max(SHORTEST * gait.single, elapsed + max(_AHEAD, descent_time(swing.z, ground)))
     latest = max(LONGEST * gait.single, earliest)
-    tried = [
-        _placed(
-            max(earliest, min(latest, before.time + rate * dt)), before.place, nominal, stance, gait, dcm, swing, elapsed
-        )
-        for rate in (0.0, -TIME_RATE, TIME_RATE, -SHORTENING)
-    ]
+    rates = (0.0, -TIME_RATE, TIME_RATE, -SHORTENING)
+    times = [max(earliest, min(latest, before.time + rate * dt)) for rate in rates]
+    tried = [_placed(time, before.place, nominal, stance, gait, dcm, swing, elapsed) for time in times]
     return min(tried, key=lambda each: each[0])[1]
 
 

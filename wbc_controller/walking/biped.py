@@ -381,9 +381,10 @@ class BipedWalker(Walker):
         share, late = elapsed / target.time, elapsed - target.time
         sensor = self._sensor(foot.contact, cycle.touching)
         low = step.swing.z.position - step.landing.height < _LOW * gait.clearance
-        touches = low and share >= COUNTS and lands(share, late, step.swing.z.velocity, foot.velocity(cycle.dynamics), sensor)
-        if touches:
-            self._land(step, cycle, late, decision)
+        if low and share >= COUNTS:
+            velocity = foot.velocity(cycle.dynamics)
+            if lands(share, late, step.swing.z.velocity, velocity, sensor):
+                self._land(step, cycle, late, decision)
         return self._corrected(stance.place, cycle, stance.place, stance.place)
 
     def _land(self, step: Step, cycle: _Cycle, late: float, decision: Decision) -> None:
