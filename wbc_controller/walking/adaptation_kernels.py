@@ -10,8 +10,8 @@ which the next step starts. Like Khadiv et al., the walker minimizes
     w_u |u - u*|² + w_b |b - b*|² + w_T (e^{ω (T - T*)} - 1)²
 
 with the nominal u*, b* and T*, and u within the reach of the leg. For a given T, u follows in closed form. The cost is
-convex in e^{ωT}, so one step of T towards lower cost per cycle finds the minimum; then T changes continuously. After a
-push to the outside of the stance foot, the swing foot lands as early as possible and near; then the stance leg steps.
+convex in e^{ωT}, so one step of T towards lower cost per cycle finds the minimum; then T changes continuously. After an
+outward push, the swing foot lands early and near the stance foot, so that the stance leg can step.
 
 Source: Khadiv, Herzog, Moosavian and Righetti, Walking control based on step timing adaptation, IEEE T-RO 36, 2020.
 """
@@ -33,7 +33,7 @@ TIME_RATE, SHORTENING = 1.0, 10.0
 #: Shortest remaining time of an adaptation, s.
 _AHEAD = 0.04
 #: Largest mean speed of the swing foot, m/s, and vertical acceleration, m/s².
-FOOT_SPEED, FOOT_ACCELERATION = 2.5, 30.0
+FOOT_SPEED, FOOT_ACCELERATION = 2.5, 20.0
 
 
 @compiled

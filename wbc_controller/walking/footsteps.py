@@ -10,8 +10,6 @@ from wbc_controller.walking.swing_kernels import integrate_axis
 
 #: Largest backward speed, as a share of the forward speed.
 BACKWARD = 0.5
-#: Ratio of the largest deceleration to a stop to the largest acceleration.
-_BRAKING = 2.0
 #: Margin of the nominal width over the smallest one, m.
 _MARGIN = 0.01
 
@@ -42,11 +40,11 @@ class Velocity:
     def towards(self, wanted: "Velocity", limits: SpeedLimits, time: float) -> "Velocity":
         """Return the command after a time, s, on the way to another one at the largest acceleration.
 
-        A stop is twice as fast.
+        A stop is faster by the factor `limits.braking`.
         """
         if wanted == self:
             return self
-        time *= _BRAKING if wanted == Velocity() else 1.0
+        time *= limits.braking if wanted == Velocity() else 1.0
         forward, sideways, turning = limits.acceleration
         change = wanted.linear - self.linear
         return Velocity(

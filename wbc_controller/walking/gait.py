@@ -21,10 +21,12 @@ class SpeedLimits:
     Attributes:
         speed: largest speeds forward (backward: half of it), sideways and turning, m/s and rad/s.
         acceleration: largest rates of these speeds, m/s² and rad/s².
+        braking: ratio of the largest deceleration to a stop to the largest acceleration.
     """
 
     speed: tuple[float, float, float]
     acceleration: tuple[float, float, float] = (0.3, 0.3, 0.6)
+    braking: float = 2.0
 
 
 @dataclass(frozen=True, slots=True)
