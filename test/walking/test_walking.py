@@ -65,10 +65,13 @@ def test_a_stepping_robot_survives_a_change_of_its_velocity(kick):
         simulation.run(0.002)
     simulation.run(0.1)
     simulation.plant.data.qvel[:2] += [complex(kick).real, complex(kick).imag]
-    simulation.run(3.0)
+    simulation.run(2.0)
+    start, _ = simulation.plant.state()
+    simulation.run(2.0)
     assert walker.phase in (Phase.SINGLE, Phase.DOUBLE)
-    _, v = simulation.plant.state()
-    assert abs(complex(*v[:2])) < 0.25
+    moved = simulation.plant.state()[0][:2] - start[:2]
+    print(moved)
+    assert np.abs(moved).max() < 0.2  # about 0.1 m of sway
 
 
 def error_of_the_dcm(reaction):
