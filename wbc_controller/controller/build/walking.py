@@ -149,7 +149,7 @@ def make_gait(settings: Settings, left: Foot, right: Foot, qp: WholeBodyQP) -> B
         length=value_or(walking.max_step_length, 0.65 * z),
         greatest_width=value_or(walking.max_step_width, 0.8 * z),
         reaction=swing_reaction(dynamics, left, right, z),
-        braking=6.0,
+        braking=4.0,
         speed=(
             value_or(walking.max_speed, 0.12 * pace),
             value_or(walking.max_side_speed, 0.08 * pace),
