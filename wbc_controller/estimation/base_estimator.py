@@ -95,7 +95,7 @@ class BaseEstimator:
 
     @property
     def filter(self) -> InvariantFilter | None:
-        """Filter; None before the robot has stood still."""
+        """Filter; None before the robot was at rest."""
         return self._running.filter if self._running is not None else None
 
     @property

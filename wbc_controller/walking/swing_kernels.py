@@ -72,8 +72,7 @@ def move_foot(
         elif left > _SHORTEST:
             moved = move_axis(x, v, a, height, -TOUCHDOWN_SPEED, left, dt)
         else:
-            before = min(v, -TOUCHDOWN_SPEED)
-            v = max(before - _LATE_ACCELERATION * dt, -LATE_SPEED)
+            v = max(min(v, -TOUCHDOWN_SPEED) - _LATE_ACCELERATION * dt, -LATE_SPEED)
             moved = (x + v * dt, v, -_LATE_ACCELERATION if v > -LATE_SPEED else 0.0)
         out[0, i], out[1, i], out[2, i] = moved
 

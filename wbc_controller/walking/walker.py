@@ -53,7 +53,7 @@ class Walker(ABC):
     Attributes:
         command: commanded velocity within the largest speeds; None to stand.
         goal: pose to walk to, or None; it commands the velocity.
-        leaving: True if the controller is deactivated as soon as the robot stands; commands are refused.
+        leaving: True if the controller is deactivated as soon as the robot has stopped; commands are refused.
         velocity: present velocity, on the way to the command.
         steps: number of steps since the start.
         watched: time of the last prediction of a fall while standing, s.
@@ -110,7 +110,7 @@ class Walker(ABC):
         raise InputRefused("footsteps are refused: only bipeds take them; send a velocity or a goal")
 
     def leave(self) -> None:
-        """Stop walking; the controller is deactivated when the robot stands."""
+        """Stop walking; the controller is deactivated when the robot has stopped."""
         self.ask(None)
         self.leaving = True
 

@@ -65,7 +65,7 @@ class Scenario:
     reaches: tuple[Reach, ...] = ()
     shoves: tuple[Shove, ...] = ()
     walks: tuple[Walk, ...] = ()  # without a pause; then the robot stops
-    stop: float = 4.0  # until the robot stands after the walks, s
+    stop: float = 4.0  # until the robot has stopped after the walks, s
     recovery: float = 2.0  # until the centre of mass must return after a push, s
     recovery_target: float = 0.02  # largest distance then, m
     force_target: float = 0.01  # of the total vertical force, as a share of the weight

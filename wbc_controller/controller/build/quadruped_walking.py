@@ -46,7 +46,7 @@ def is_quadruped(settings: Settings, walking: WalkingSettings) -> bool:
 
 
 def make_quadruped_tasks(settings: Settings, model: RobotModel) -> list[Task]:
-    """Build the tasks of the walker, which are off while the robot stands."""
+    """Build the tasks of the walker, which are off without a gait."""
     feet = _feet(settings, model)
     tasks: dict[str, tuple[float, Task]] = {
         COM: (5.0, ComTask(COM, [True, True, False], stiffness=30.0, damping=11.0)),

@@ -37,7 +37,7 @@ _HIGHEST_LIFT = 0.15
 
 
 def make_walking_tasks(settings: Settings, model: RobotModel) -> list[Task]:
-    """Build the tasks of the walker, which are off while the robot stands; none without the section `walking`.
+    """Build the tasks of the walker, which are off without a gait; none without the section `walking`.
 
     Raises:
         ConfigurationError: if the feet are not two surface contacts, or a task has the name of one of these.

@@ -1,4 +1,4 @@
-"""Random starts and stops: steps until the robot stands."""
+"""Random starts and stops: steps until the robot has stopped."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from wbc_controller.settings.service import SensorQuality
 from wbc_controller.validation.accuracy.walks import WalkTrial
 from wbc_controller.walking.footsteps import BACKWARD
 
-#: Largest number of steps until the robot stands.
+#: Largest number of steps until the robot has stopped.
 MOST_STEPS = 3
 #: Shortest and longest time of a walk, and of standing, s; longest time of a stop, s.
 _WALK, _STAND, _STOP = (0.5, 4.0), (0.0, 1.0), 6.0

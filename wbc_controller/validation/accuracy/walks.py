@@ -101,7 +101,7 @@ class WalkTrial(EstimationTrial):
 
     @property
     def stands(self) -> bool:
-        """True if the robot stands without a commanded velocity."""
+        """True if the robot is at rest without a commanded velocity."""
         return self.controller.walker is not None and not self.controller.walker.moves
 
     def when(self, error: Exception) -> str:
