@@ -90,12 +90,6 @@ def bench(robot_of) -> Callable[..., Bench]:
     return build
 
 
-@pytest.fixture
-def whole_yaw_moment(monkeypatch):
-    """Configured soles exert the whole yaw moment of their corners, as when the seeds of the test were found."""
-    monkeypatch.setattr("wbc_controller.controller.build.contacts.YAW_SHARE", 1.0)
-
-
 @pytest.fixture(scope="session")
 def random_state() -> Callable[[RobotModel, np.random.Generator], tuple[Array, Array]]:
     """Return a function that draws (q, v) with any base orientation and joints within limits."""

@@ -256,7 +256,7 @@ def test_minimal_relaxation(bench, robot):
     assert {(), ("torque_rate",), ("joint_motion",), ("torque_rate", "joint_motion")} <= seen
 
 
-@pytest.mark.usefixtures("keep_contacts", "whole_yaw_moment")
+@pytest.mark.usefixtures("keep_contacts")
 @pytest.mark.parametrize(("robot", "seed", "most"), [("talos", 3926, 1.0e-7), ("g1", 7686, 1.0e-5)])
 def test_unsolved_soft_program_has_least_violations(bench, robot, seed, most):
     """DAQP reports a feasible soft program of Talos as infeasible; joints of G1 violate bounds by 10⁴ rad/s²."""

@@ -12,12 +12,12 @@ from wbc_controller.inverse_dynamics.references.changes import EnableContact
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.records import Array
 from wbc_controller.walking.adaptation_kernels import SHORTEST, adapt
-from wbc_controller.walking.fall_kernels import MARGIN, PERSISTS, STANDING, captured_by_steps, missed, nearest_support
+from wbc_controller.walking.fall_kernels import MARGIN, PERSISTS, STANDING, missed, nearest_support
 from wbc_controller.walking.feet import Foot, Sole, mean_angle
 from wbc_controller.walking.footstep_plan import Footstep, planned, step_towards
 from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity, nominal_step
 from wbc_controller.walking.gait import Gait, Phase
-from wbc_controller.walking.pendulum import before, later, natural_frequency, transferred
+from wbc_controller.walking.pendulum import before, captured_by_steps, later, natural_frequency, transferred
 from wbc_controller.walking.plan import WalkingPlan, margin, swing_path
 from wbc_controller.walking.references import reference, smooth_step
 from wbc_controller.walking.support_kernels import nearest_in_support
@@ -234,7 +234,8 @@ class BipedWalker(Walker):
             cycle.dcm, first.place, first.heading, second.place, second.heading, *self._feet[1].half,
             gait.length, gait.greatest_width, cycle.omega, max(remaining, 0.0),
         )  # fmt: skip
-        self._compare(cycle.time, distance, captured_by_steps(gait, cycle.omega, gait.step_time) + MARGIN)
+        captured = captured_by_steps(max(gait.length, gait.greatest_width), cycle.omega, gait.step_time)
+        self._compare(cycle.time, distance, captured + MARGIN)
 
     def watch_standing(self, time: float, dynamics: Dynamics, active: Collection[str]) -> None:
         """Predict a fall of a robot that is supported by its feet alone, at the time of a state, s."""

@@ -19,7 +19,6 @@ import cmath
 import math
 
 from wbc_controller.compilation import compiled, part
-from wbc_controller.walking.gait import Gait
 
 #: Time for which the DCM must be out of reach, s: an impact of a foot changes the velocity for a few cycles.
 PERSISTS = 0.02
@@ -77,8 +76,3 @@ def missed(
         local = (end - place) / cmath.rect(1.0, heading)
         distance = min(distance, abs(local - _clipped(local, step_length, step_width)))
     return distance
-
-
-def captured_by_steps(gait: Gait, omega: float, step_time: float) -> float:
-    """Return the largest distance of the DCM from a foot, m, for a capture by further steps of the time T, s."""
-    return max(gait.length, gait.greatest_width) / math.expm1(omega * step_time)

@@ -87,3 +87,8 @@ def _factors(omega: float, single: float, double: float) -> tuple[float, float, 
     """Return E, G and κ of `periodic_offset`."""
     E, G = math.exp(omega * double), math.exp(omega * single)
     return E, G, E - (E - 1.0) / (omega * double) if double > 0.0 else 0.0
+
+
+def captured_by_steps(length: float, omega: float, step_time: float) -> float:
+    """Return the largest distance of the DCM from a foot, m, for a capture by steps of a length, m, and time, s."""
+    return length / math.expm1(omega * step_time)

@@ -77,11 +77,11 @@ def test_surface_cone_keeps_corner_forces_within_coulomb_friction(load):
 
 
 @pytest.mark.parametrize("moment", [-9.0, 4.0])
-def test_a_share_of_the_yaw_moment(load, moment):
+def test_a_single_sole_has_half_of_the_yaw_moment(load, moment):
     model, _ = load("g1")
-    place = "foot", model, FRAME, pin.SE3.Identity(), Rectangle(0.1, 0.05)
+    contact = SurfaceContact("foot", model, FRAME, pin.SE3.Identity(), Rectangle(0.1, 0.05))
     wrench, yaw = np.array([20.0, -10.0, 300.0, 3.0, 8.0, 0.0]), np.array([0.0, 0.0, 0.0, 0.0, 0.0, moment])
-    half, whole = (SurfaceContact(*place, yaw_share=share).cone for share in (0.5, 1.0))
+    half, whole = (contact.cone_for(1.0, alone) for alone in (True, False))
     np.testing.assert_allclose(half @ (wrench + yaw), whole @ (wrench + 2.0 * yaw))
 
 
@@ -97,7 +97,7 @@ def test_cone_for_a_share_of_the_friction_is_that_of_a_contact_with_this_frictio
             return PointContact("foot", model, FRAME, np.zeros(3), RADIUS, friction=friction)
         return SurfaceContact("foot", model, FRAME, pin.SE3.Identity(), support, friction=friction)
 
-    np.testing.assert_allclose(contact(0.8).cone_for(share), contact(0.8 * share).cone, atol=1e-12)
+    np.testing.assert_allclose(contact(0.8).cone_for(share, alone=False), contact(0.8 * share).cone, atol=1e-12)
 
 
 @pytest.mark.parametrize(("x", "y"), [(0.1, 0.05), (0.06, 0.06), (0.092, 0.03)])

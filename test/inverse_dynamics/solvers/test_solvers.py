@@ -291,7 +291,6 @@ def test_overdetermined_active_set_is_refused():
 CORNERS = {"g1": (607, 1210, 1855, 3011, 3335, 3791, 5018, 6347), "talos": (9195,), "go2": (6507, 7419, 7559, 11695)}
 
 
-@pytest.mark.usefixtures("whole_yaw_moment")
 @pytest.mark.parametrize(("robot", "seed"), [(robot, seed) for robot, seeds in CORNERS.items() for seed in seeds])
 def test_feasible_problem_is_not_reported_as_infeasible(bench, robot, seed):
     """Joints near their limits with different weights: the solution is in a corner. quadprog is the reference."""

@@ -100,7 +100,9 @@ def _old_states(controller):
 
     controller.cycle = careless
     # The loop also uses the largest age.
-    controller._live = dataclasses.replace(controller._live, state_timeout=10.0)
+    settings = controller._live.settings
+    safety = settings.safety.model_copy(update={"state_timeout": 10.0})
+    controller._live = dataclasses.replace(controller._live, settings=settings.model_copy(update={"safety": safety}))
 
 
 def _fails(controller):

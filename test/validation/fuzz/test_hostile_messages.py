@@ -194,8 +194,8 @@ class TestWhatIsBrokenIsFound:
     def test_an_estimate_that_is_answered_to_a_refused_message(self, monkeypatch):
         original = Inputs._decode
 
-        def broken(self, endpoint, arrival, payload, refused):
-            original(self, endpoint, arrival, payload, refused)
+        def broken(self, queue, refused):
+            original(self, queue, refused)
             if refused and self.estimator is not None and self.estimator.base is not None:
                 self.estimator._running._last = dataclasses.replace(
                     self.estimator._running._last, stamp=self.estimator.stamp + 1e-6

@@ -24,9 +24,6 @@ from wbc_controller.inverse_dynamics.contacts.contact import UnilateralContact
 from wbc_controller.inverse_dynamics.references.board import ContactPlan
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 
-#: Share of the yaw moment of corner forces: an evenly loaded sole exerts 0.54 (square) to 0.71 (narrow) of it.
-YAW_SHARE = 0.5
-
 
 def make_contact(name: str, contact: schema.ContactSettings, model: RobotModel) -> Contact:
     """Build one contact."""
@@ -47,7 +44,6 @@ def make_contact(name: str, contact: schema.ContactSettings, model: RobotModel) 
         support: Polygon | Rectangle = Rectangle(contact.half_length or 0.0, contact.half_width or 0.0)
         if contact.vertices is not None:
             support = Polygon(np.array(contact.vertices), f"contacts.{name}.vertices")
-        given |= {"yaw_share": YAW_SHARE}
         given |= {"max_yaw_moment": np.inf if contact.max_yaw_moment is None else contact.max_yaw_moment}
         return SurfaceContact(*base, placement_of(contact.translation, contact.rpy), support, **given)
     normal = np.array(contact.normal)

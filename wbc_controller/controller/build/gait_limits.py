@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wbc_controller.controller.build.contacts import YAW_SHARE
 from wbc_controller.controller.build.leg import FeasibleSpeed, Leg, largest_speed, swing_of
 from wbc_controller.inverse_dynamics.contacts import Contact
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
@@ -115,8 +114,7 @@ class BipedLimits:
             f = by_base[:, 0] + by_base[:, 1:3] @ rates[base[:2]]
             found += [
                 self._torque_load(M @ rates + dynamics.h - J.T @ f),
-                # Trunk and arms compensate the rest of the yaw moment.
-                self._friction_load(contact.name, contact.cone, np.append(f[:5], YAW_SHARE * f[5])),
+                self._friction_load(contact.name, contact.cone, f),
             ]
         return found
 

@@ -68,8 +68,8 @@ class Contact(Tunable, ABC):
         """Kind and name, for errors."""
         return f"contact {self.name!r}"
 
-    def cone_for(self, friction: float) -> Array:
-        """Return the cone for a share of the friction, 0 to 1, (rows, k)."""
+    def cone_for(self, friction: float, alone: bool) -> Array:
+        """Return the cone for a share of the friction, 0 to 1, (rows, k); `alone`: the only contact with the world."""
         return self.cone
 
     @abstractmethod
@@ -229,7 +229,7 @@ class UnilateralContact(AnchoredContact):
             lower[5] = -upper[5]
         return lower, upper
 
-    def cone_for(self, friction: float) -> Array:
+    def cone_for(self, friction: float, alone: bool) -> Array:
         """Return the cone for a share s of the friction, (rows, k).
 
         Forces with s times the friction are forces in C with tangential forces and yaw moment times s, as the corners

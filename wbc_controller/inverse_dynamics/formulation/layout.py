@@ -84,6 +84,7 @@ class Layout:
         self.contact_motion = problem.b[:nf]
         self.damping = np.concatenate([np.zeros(0), *(np.full(c.size, c.damping) for c in contacts)])
         self.metric = np.concatenate([np.zeros(0), *(c.metric for c in contacts)])
+        self._alone = sum(not contact.internal for contact in contacts) == 1
         self.places: list[ContactPlace] = []
         row, cone = 0, na
         for contact in contacts:
@@ -93,7 +94,7 @@ class Layout:
             self.places.append(
                 ContactPlace(contact, motion, problem.A[motion, :nv], problem.b[motion], rows, columns, lower, upper)
             )
-            problem.C[rows, columns] = contact.cone
+            problem.C[rows, columns] = contact.cone_for(1.0, self._alone)
             problem.upper[rows] = 0.0
             row, cone = motion.stop, rows.stop
         self._friction: Mapping[str, float] = {}
@@ -162,7 +163,7 @@ class Layout:
             name = place.contact.name
             share = shares.get(name, 1.0)
             if share != self._friction.get(name, 1.0):
-                self.problem.C[place.cone, place.columns] = place.contact.cone_for(share)
+                self.problem.C[place.cone, place.columns] = place.contact.cone_for(share, self._alone)
         self._friction = dict(shares)
 
     @property

@@ -131,12 +131,13 @@ def plain_qp(
     A = np.vstack([in_columns(motion[:, :-1], 0, n), in_columns(actuation.C, 0, n), rows[:free]])
     b = np.concatenate([motion[:, -1], np.zeros(len(actuation.C)), -h[:free]])
     x_lower, x_upper = np.full(n, -np.inf), np.full(n, np.inf)
-    cone = np.zeros((0, n))
+    cone, alone = np.zeros((0, n)), sum(not contact.internal for contact in active) == 1
     for contact in active:
         own = columns[contact.name]
         lower, upper = contact.bounds(activations[contact.name])
         x_lower[own], x_upper[own] = lower / FORCE_UNIT, upper / FORCE_UNIT
-        cone = np.vstack([cone, in_columns(contact.cone_for(references.friction.get(contact.name, 1.0)), own.start, n)])
+        allowed = contact.cone_for(references.friction.get(contact.name, 1.0), alone)
+        cone = np.vstack([cone, in_columns(allowed, own.start, n)])
 
     # Limits: joint motion, τ, and other combinations G v̇.
     joints = dynamics.q[model.q_index], dynamics.v[model.v_index]

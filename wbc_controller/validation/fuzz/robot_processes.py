@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.controller.build.robot import make_model
+from wbc_controller.extras import require_libraries
 from wbc_controller.middleware.codec import decode, nanoseconds
 from wbc_controller.middleware.joint_states import JointStateReader
 from wbc_controller.middleware.states import OdometryReader
@@ -49,6 +50,7 @@ class RobotProcesses(Processes):
     def __init__(
         self, robot: str, folder: Path, domain: int = DOMAIN, changes: Mapping[str, Any] | None = None
     ) -> None:
+        require_libraries("mujoco")  # of the mock robot
         super().__init__(robot, folder, domain, changes)
         self.model = make_model(self.settings)
         self.record = folder / "cycles.mcap"
