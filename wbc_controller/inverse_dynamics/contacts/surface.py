@@ -58,9 +58,11 @@ class SurfaceContact(UnilateralContact):
         self.metric = 1.0 / np.array([1.0, 1.0, 1.0, y, x, x + y])
 
     def cone_for(self, friction: float, alone: bool) -> Array:
-        """Return the cone for a share of the friction, with half of the yaw moment if the sole is `alone`."""
+        """Return the cone for a share of the friction; if `alone`, with rows for half of the yaw moment added."""
         cone = super().cone_for(friction, alone)
-        return cone / np.array([1.0, 1.0, 1.0, 1.0, 1.0, _YAW_SHARE]) if alone else cone
+        if not alone:
+            return cone
+        return np.vstack([cone, cone[cone[:, 5] != 0.0] / np.array([1.0, 1.0, 1.0, 1.0, 1.0, _YAW_SHARE])])
 
     def placement(self, dynamics: Dynamics) -> pin.SE3:
         """Return the placement of the contact frame in the world."""

@@ -105,7 +105,7 @@ def named_constraints(layout: Layout, model: RobotModel, effort: tuple[Array, Ar
             CONTACT_SCALE * np.where(angular, _GRAVITY / MOMENT_LENGTH, _GRAVITY),
             ["rad/s²" if turns else "m/s²" for turns in angular], contact=contact,
         )  # fmt: skip
-        moments = np.abs(contact.cone[:, contact.moments]).sum(axis=1) > 0.0
+        moments = np.abs(problem.C[cone, columns][:, contact.moments]).sum(axis=1) > 0.0
         add(
             f"cone:{contact.name}", problem.C[cone], (problem.lower[cone], problem.upper[cone]),
             CONTACT_SCALE * np.where(moments, force * MOMENT_LENGTH, force),

@@ -70,7 +70,9 @@ class Layout:
         self.mechanism = slice(nf, nf + len(coupling) + free)
         self.torque = slice(0, na)
         self.joints = model.v_index
-        inequality = na + sum(len(contact.cone) for contact in contacts)
+        self._alone = sum(not contact.internal for contact in contacts) == 1
+        cones = [contact.cone_for(1.0, self._alone) for contact in contacts]
+        inequality = na + sum(map(len, cones))
         self.limits: list[slice] = []
         self.row_limits = tuple(limits)
         for limit in limits:
@@ -84,19 +86,18 @@ class Layout:
         self.contact_motion = problem.b[:nf]
         self.damping = np.concatenate([np.zeros(0), *(np.full(c.size, c.damping) for c in contacts)])
         self.metric = np.concatenate([np.zeros(0), *(c.metric for c in contacts)])
-        self._alone = sum(not contact.internal for contact in contacts) == 1
         self.places: list[ContactPlace] = []
-        row, cone = 0, na
-        for contact in contacts:
+        row, first = 0, na
+        for contact, cone in zip(contacts, cones, strict=True):
             motion, columns = slice(row, row + contact.size), slice(nv + row, nv + row + contact.size)
-            rows = slice(cone, cone + len(contact.cone))
+            rows = slice(first, first + len(cone))
             lower, upper = problem.bounds[:, columns]
             self.places.append(
                 ContactPlace(contact, motion, problem.A[motion, :nv], problem.b[motion], rows, columns, lower, upper)
             )
-            problem.C[rows, columns] = contact.cone_for(1.0, self._alone)
+            problem.C[rows, columns] = cone
             problem.upper[rows] = 0.0
-            row, cone = motion.stop, rows.stop
+            row, first = motion.stop, rows.stop
         self._friction: Mapping[str, float] = {}
         self.forces = slice(nv, nv + nf)
         self.forces_of = [(place.contact.name, place.motion) for place in self.places]
