@@ -87,6 +87,12 @@ def controller_double():
         transport.close()
 
 
+def take_terminal(inside):
+    """Make a terminal the controlling one of this process; end at Ctrl-C, which background jobs ignore."""
+    os.close(os.open(os.ttyname(inside), os.O_RDWR))
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @pytest.mark.live
 @pytest.mark.parametrize("ending", ["Ctrl-C", signal.SIGTERM, "closed terminal"])
 def test_driving_in_a_terminal(ending):
@@ -106,7 +112,7 @@ def test_driving_in_a_terminal(ending):
     with controller_double() as (received, diagnose):
         process = subprocess.Popen(
             words, stdin=inside, stdout=inside, stderr=inside, env=surroundings, start_new_session=True,
-            preexec_fn=lambda: os.close(os.open(os.ttyname(inside), os.O_RDWR)),  # its controlling terminal
+            preexec_fn=lambda: take_terminal(inside),
         )  # fmt: skip
 
         def shows(condition):
