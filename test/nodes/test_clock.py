@@ -490,7 +490,7 @@ def test_torques_of_a_state_that_became_stale_are_not_sent(starved, monkeypatch)
         return result
 
     before = 0.5 * starved.model.effort_limits
-    starved.loop.controller.supervisor._tau = before  # far from those of the solution and of damping
+    starved.loop.controller.supervisor.torques_sent = before  # far from those of the solution and of damping
     monkeypatch.setattr(starved.loop.controller, "cycle", slow)
     report = states_with_time(starved, 1)
     assert (report.mode, report.fault.code) == (Mode.DAMPING, "STALE_INPUT")

@@ -62,13 +62,14 @@ class SupervisorLimits:
 class Supervisor:
     """Decides in every cycle which command is sent to the joints.
 
-    `fault` is the reason for leaving the active mode, latched until `reset`. `limits` may be replaced between cycles.
+    `fault` is the reason for leaving the active mode, latched until `reset`. `torques_sent`, (na,) in N·m, are set for
+    a replaced or withdrawn command. `limits` may be replaced between cycles.
     """
 
     #: State between cycles.
     STATE_FIELDS = (
         "mode", "fault", "_since", "_last_step", "_activated", "_held_time", "_relaxed_time", "_relaxed",
-        "_was_relaxed", "_share", "_tau", "_held", "_reached_solution", "_watch", "_fall",
+        "_was_relaxed", "_share", "torques_sent", "_held", "_reached_solution", "_watch", "_fall",
     )  # fmt: skip
 
     def __init__(self, model: RobotModel, limits: SupervisorLimits) -> None:
@@ -87,7 +88,7 @@ class Supervisor:
         self._was_relaxed = False  # of the last solution
         self._share = Ramp(0.0, 0.0, 0.0, 0.0)  # sent share of the solution's torques
         self._no_torque = frozen(np.zeros(model.na))
-        self._tau = self._no_torque  # last torques sent
+        self.torques_sent = self._no_torque
         self._held = self._no_torque  # torques at the start of holding
         self._reached_solution = False  # since the activation
         self._no_state = RobotState(0, frozen(np.full(model.nq, np.nan)), frozen(np.full(model.nv, np.nan)))
@@ -126,15 +127,6 @@ class Supervisor:
         )
 
     @property
-    def torques_sent(self) -> Array:
-        """Torques sent last, (na,) in N·m; to be set for a replaced or withdrawn command."""
-        return self._tau
-
-    @torques_sent.setter
-    def torques_sent(self, tau: Array) -> None:
-        self._tau = tau
-
-    @property
     def solving(self) -> bool:
         """True if this cycle needs a solution."""
         return self.mode is Mode.ACTIVE or self.mode is Mode.HOLDING
@@ -142,7 +134,7 @@ class Supervisor:
     def torques_before(self, now: float) -> Array | None:
         """Return the torques for the rate limit of the QP; None during the ramp to the solution."""
         if self.mode is _ACTIVE and self._reached_solution and self._share.sample(now) >= 1.0:
-            return self._tau
+            return self.torques_sent
         return None
 
     def request(self, word: str, now: float, problem: Fault | None) -> bool:
@@ -154,7 +146,7 @@ class Supervisor:
             raise InputRefused(f"command {word!r} is unknown; {valid_choices(word, REQUESTS)}")
         if word == "estop":
             self._enter(Mode.FAULT, now, Fault("ESTOP", "emergency stop by command"))
-            self._tau = self._no_torque  # at once, without a rate
+            self.torques_sent = self._no_torque  # at once, without a rate
         elif word == "reset":
             if self.solving:
                 raise InputRefused(
@@ -180,11 +172,11 @@ class Supervisor:
 
     def shut_down(self, now: float) -> JointCommand | None:
         """Return a last command with zero torques at the end of the process; None if nothing was sent."""
-        if self.mode is Mode.INACTIVE and not self._tau.any():
+        if self.mode is Mode.INACTIVE and not self.torques_sent.any():
             return None
         self._enter(Mode.STOPPED, now, self.fault)
-        self._tau = self._no_torque  # at once
-        return self._command(self._tau, None, None)
+        self.torques_sent = self._no_torque  # at once
+        return self._command(self.torques_sent, None, None)
 
     def _activate(self, now: float, problem: Fault | None) -> bool:
         if self.solving:
@@ -226,7 +218,7 @@ class Supervisor:
                 problem = self._fall.check(now, state)
             if problem is not None and problem.code == UNEXPLAINED_MOTION:
                 self._enter(Mode.FAULT, now, problem)
-                self._tau = self._no_torque  # at once, and without damping: it may drive other joints
+                self.torques_sent = self._no_torque  # at once, and without damping: it may drive other joints
             elif problem is not None:
                 self._enter(Mode.DAMPING, now, problem)
             elif isinstance(outcome, Solution):
@@ -265,7 +257,7 @@ class Supervisor:
             self._torques_available[:] = self._available(joint_velocity)
         made, passed = np.empty(self._slices[-1].stop), self._elapsed
         usable = follow(
-            self._command_limits, solution.tau, solution.v_dot, seen.q, seen.v, self._tau, share, kept,
+            self._command_limits, solution.tau, solution.v_dot, seen.q, seen.v, self.torques_sent, share, kept,
             passed if passed < self._period else self._period, made,
         )  # fmt: skip
         if not usable:
@@ -282,11 +274,11 @@ class Supervisor:
             self._enter(Mode.INACTIVE, now, None)
             return None
         if share >= 1.0 and not self._reached_solution:
-            self._reached_solution = all_true(np.abs(solution.tau - self._tau) <= self._period * self._rate)
+            self._reached_solution = all_true(np.abs(solution.tau - self.torques_sent) <= self._period * self._rate)
         made.setflags(write=False)
         torques, positions, velocities = self._slices
-        self._tau = made[torques]
-        return JointCommand(seen.stamp, self._tau, made[positions], made[velocities])
+        self.torques_sent = made[torques]
+        return JointCommand(seen.stamp, self.torques_sent, made[positions], made[velocities])
 
     def _count_relaxation(self, now: float, solution: Solution) -> Fault | None:
         limits = self.limits
@@ -300,7 +292,7 @@ class Supervisor:
     def _hold(self, now: float, reason: Fault) -> None:
         if self.mode is Mode.ACTIVE:
             self._enter(Mode.HOLDING, now, reason)
-            self._held = self._tau
+            self._held = self.torques_sent
         lasted, limits = now - self._since, self.limits
         held = self._held_time.within(now, limits.hold_window)
         if lasted <= limits.hold_time and held <= limits.hold_time:
@@ -316,7 +308,7 @@ class Supervisor:
     ) -> JointCommand | None:
         if self.mode is Mode.DAMPING and now - self._since > self.limits.damping_time:
             self._enter(Mode.FAULT if self.fault else Mode.STOPPED, now, self.fault)
-        if self.mode is Mode.INACTIVE and not self._tau.any():
+        if self.mode is Mode.INACTIVE and not self.torques_sent.any():
             return None
         if joint_velocity is not None:
             joint_velocity = self._plausible_velocity(joint_velocity)
@@ -358,7 +350,9 @@ class Supervisor:
 
     def _command(self, tau: Array, state: RobotState | None, joint_velocity: Array | None) -> JointCommand:
         step = min(self._elapsed, self._period) * self._rate
-        limited = np.minimum(np.maximum(tau, self._tau - step), self._tau + step)
+        limited = np.minimum(np.maximum(tau, self.torques_sent - step), self.torques_sent + step)
         lower, upper = self._available(joint_velocity)
-        self._tau = freeze(np.minimum(np.maximum(limited, lower), upper))
-        return JointCommand(state.stamp if state is not None else 0, self._tau, self._no_motion, self._no_motion)
+        self.torques_sent = freeze(np.minimum(np.maximum(limited, lower), upper))
+        return JointCommand(
+            state.stamp if state is not None else 0, self.torques_sent, self._no_motion, self._no_motion
+        )

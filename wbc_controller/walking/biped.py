@@ -54,6 +54,7 @@ class Step:
     """A single support.
 
     Attributes:
+        swing: motion of the swing foot, (3, 4) (`swing_kernels`).
         ground: plane through the last footholds.
         slope: of the swing foot, dz/dx + i dz/dy.
         planned: True for a planned footstep.

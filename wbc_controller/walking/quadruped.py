@@ -341,9 +341,8 @@ class QuadrupedWalker(Walker):
 
     def _move_body(self) -> None:
         """Set the reference of the centre of mass."""
-        left = cmath.rect(1.0, self._heading + 0.5 * math.pi)
-        place, velocity = self._body + self._sway[0] * left, self._body_velocity + self._sway[1] * left
-        push = self._sway[2] * left
+        sway, rate, push = map(self._sway_in_world, self._sway)
+        place, velocity = self._body + sway, self._body_velocity + rate
         self._references[self.tasks.balance] = Reference(
             np.array([place.real, place.imag, 0.0]),
             np.array([velocity.real, velocity.imag, 0.0]),

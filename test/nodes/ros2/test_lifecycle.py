@@ -427,7 +427,7 @@ def test_a_loop_that_fails_sends_zeros_and_ends_in_error_processing(bring_up, lo
     loop = node._loop
     until(lambda: node.count_subscribers("/effort_controller/commands"), patience=10)
     time.sleep(0.5)  # until the writer has discovered the reader
-    loop.controller.supervisor._tau = loop.controller.supervisor._tau + 1.0  # as with active torques
+    loop.controller.supervisor.torques_sent = loop.controller.supervisor.torques_sent + 1.0  # as with active torques
 
     def broken():
         raise OSError("broken on purpose")

@@ -15,6 +15,8 @@ from wbc_controller.settings import Settings
 
 _ROUNDING, _SAME_TIME = 1.0e-9, 1.0e-6  # rounding tolerance: share of a limit, and time, s
 STALL = 0.02  # largest processor time of a cycle, s
+#: Faults that send zero torques at once, without a rate.
+ZEROS_AT_ONCE = ("ESTOP", UNEXPLAINED_MOTION)
 _IN_CONTROL = (Mode.ACTIVE, Mode.HOLDING)  # modes with torques from a solution
 #: Latency that looks like a slow clock without synchronized clocks (docs/safety.md, the age of a state): share of the
 #: elapsed time, and maximum between two messages, s.
@@ -91,7 +93,7 @@ class OutputMonitor:
     def cycle(self, report: CycleReport) -> None:
         """Check a report, after its torques."""
         code = report.fault.code if report.fault is not None else ""
-        at_once = code in ("ESTOP", UNEXPLAINED_MOTION) and not self._tau.any()
+        at_once = code in ZEROS_AT_ONCE and not self._tau.any()
         if self._too_fast is not None and not at_once:
             self.add_violation("over_rate", self._too_fast)
         self._too_fast = None

@@ -13,7 +13,7 @@ from wbc_controller.middleware.topics import Endpoint
 from wbc_controller.nodes.inputs import Inputs
 from wbc_controller.nodes.wiring import controller_endpoints, make_vocabulary
 from wbc_controller.records import Array, Mode
-from wbc_controller.safety.bring_up import UNEXPLAINED_MOTION
+from wbc_controller.validation.campaign.monitor import ZEROS_AT_ONCE
 from wbc_controller.validation.fuzz.examples import valid_message
 from wbc_controller.validation.fuzz.target import (
     CYCLE_LIMIT,
@@ -197,7 +197,7 @@ class ControllerTarget(Target):
         self._mock.advance()
         if report.fault is not None and report.fault.code == "INTERNAL_ERROR":
             raise InvariantViolation(f"{why} led to {report.fault.code}: {report.fault.sentence}")
-        stopped = report.fault is not None and report.fault.code in ("ESTOP", UNEXPLAINED_MOTION)
+        stopped = report.fault is not None and report.fault.code in ZEROS_AT_ONCE
         for payload in self.outputs["effort"]:
             tau: Array = np.asarray(decode(payload, self.types["effort"]).data)
             step = np.full(self._model.na, np.inf) if stopped and not tau.any() else self._step
