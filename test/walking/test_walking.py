@@ -74,6 +74,25 @@ def test_a_stepping_robot_survives_a_change_of_its_velocity(kick):
     assert np.abs(moved).max() < 0.2  # about 0.1 m of sway
 
 
+def test_a_touchdown_counts_only_near_the_ground(monkeypatch):
+    """A sensor that always reports a touchdown ends a swing in the lower half of the clearance."""
+    monkeypatch.setattr("wbc_controller.walking.biped.lands", lambda *arguments: True)
+    simulation = wbc.Simulation("g1")
+    walker, heights = simulation.controller.walker, []
+
+    def look(robot):
+        if walker.phase is Phase.SINGLE:
+            (contact,) = set(robot.controller.contacts) - set(robot.result.solution.forces)
+            heights.append(robot.plant.foot_placement(contact).translation[2])
+        elif heights:
+            assert heights[-1] - heights[0] < 0.6 * walker.gait.clearance < max(heights) - heights[0]
+            heights.clear()
+
+    simulation.controller.walk(0.0)
+    simulation.run(2.5, look)
+    assert walker.steps >= 2
+
+
 def error_of_the_dcm(reaction):
     """Return the mean distance of the DCM in single support to its reference, m, at 0.4 m/s."""
     simulation = wbc.Simulation("g1")
