@@ -42,8 +42,8 @@ def test_the_velocities_are_those_of_the_contact_points(robot_of, robot, frame):
         motion = pin.getFrameVelocity(model.pinocchio, data, link, pin.LOCAL_WORLD_ALIGNED)
         points = placement.translation + seen.positions[slice(*np.append(0, seen.ends)[i : i + 2])] @ R.T
         touching = points - legs.rolling.get(name, np.zeros(3))
-        expected = motion.linear + np.cross(motion.angular, touching - origin)
-        speeds.append(np.linalg.norm(expected.mean(axis=0)))
+        expected = motion.linear + np.cross(motion.angular, touching - origin)  # (points of the contact, 3)
+        speeds += np.linalg.norm(expected, axis=1).tolist()
     assert consistency.speed == pytest.approx(min(speeds), rel=1e-9)
     assert consistency.speed > 0.0
 
@@ -69,6 +69,31 @@ def test_a_contact_that_holds_no_longer_counts_until_it_moves(robot_of):
     assert consistency.speed > LIMIT
     pass_time(0.01, (), bent)
     assert consistency.speed == 0.0
+
+
+def test_a_sole_that_tips_over_a_corner_rests_there(robot_of):
+    _, model, legs, consistency = make(robot_of, "g1", "pelvis")
+    (name, _), omega = legs.points, np.array([0.0, 1.0, 0.0])
+    corner = legs.contact_points((name,)).positions[0]
+    legs.update(model.posture, np.zeros(model.nj))
+    for _ in range(50):  # the robot turns as a rigid body about the corner
+        consistency.update((name,), np.eye(3), -np.cross(omega, corner), omega, 0.01)
+    assert consistency.speed == pytest.approx(0.0, abs=1e-9)
+    for _ in range(50):  # and slides
+        consistency.update((name,), np.eye(3), -np.cross(omega, corner) + [0.0, 0.2, 0.0], omega, 0.01)
+    assert consistency.speed > LIMIT
+
+
+def test_the_motion_before_a_touchdown_does_not_count(robot_of):
+    """A foot counts as a contact while it still moves; then it comes to rest, and the other foot lifts off."""
+    _, model, legs, consistency = make(robot_of, "g1", "pelvis")
+    (left, _) = legs.points
+    legs.update(model.posture, np.zeros(model.nj))
+    for _ in range(3):
+        consistency.update((left,), np.eye(3), np.array([1.0, 0.0, 0.0]), OMEGA, 0.01)
+    assert consistency.speed > LIMIT
+    consistency.update((left,), np.eye(3), np.array([0.02, 0.0, 0.0]), OMEGA, 0.002)
+    assert consistency.speed == pytest.approx(0.02)
 
 
 def test_a_single_wrong_sample_does_not_decide(robot_of):
