@@ -26,7 +26,7 @@ from wbc_controller.walking.gait import Gait
 from wbc_controller.walking.pendulum import before, later
 from wbc_controller.walking.swing import Landing, at_rest, moved
 from wbc_controller.walking.swing_kernels import LATE_SPEED, TOUCHDOWN_SPEED, integrate_foot
-from wbc_controller.walking.touchdown import LATEST, lands
+from wbc_controller.walking.touchdown import LATEST, lands, rebounds
 
 GAIT = Gait(
     single=0.5, double=0.1, shift=0.8, lowering=0.02, clearance=0.05, width=0.2, least_width=0.14, length=0.45,
@@ -261,7 +261,7 @@ def test_a_late_foot_moves_further_down():
         (1.0, 0.0, -0.1, [0.0, 0.1, -0.04], None, True),
         (1.1, 0.02, -0.3, [0.0, 0.0, -0.1], None, False),  # late; the foot falls behind its reference
         (0.9, -0.05, -0.1, [1.0, 0.0, -0.04], None, False),  # still swinging
-        (0.9, -0.05, -0.4, [0.3, 0.0, 0.2], None, True),  # rebounding
+        (0.9, -0.01, -0.2, [-0.2, 2.7, 0.1], None, False),  # a sole that follows a short step late
         (1.2, LATEST, -0.1, [0.0, 0.1, -0.1], None, True),
         (0.9, -0.05, -0.1, [0.0, 0.1, -0.1], False, False),
         (0.9, -0.05, -0.1, [0.0, 0.1, 0.0], False, True),  # too light a touch for the sensor
@@ -270,3 +270,9 @@ def test_a_late_foot_moves_further_down():
 )
 def test_a_touchdown_is_told_by_sensor_or_motion(share, late, wanted, velocity, touching, landed):
     assert lands(share, late, wanted, np.array(velocity), touching) is landed
+
+
+def test_a_point_foot_rebounds_from_the_ground():
+    assert rebounds(-0.4, np.array([0.3, 0.0, 0.2]))
+    assert not rebounds(-0.4, np.array([0.3, 0.0, -0.01]))
+    assert not rebounds(-0.05, np.array([0.0, 0.0, 0.2]))  # the reference does not descend yet

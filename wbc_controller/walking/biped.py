@@ -37,7 +37,7 @@ _BLEND = 0.2
 _FREEZE = 0.05
 #: Error of the planned touchdown on flat ground, and shortest double support, s.
 _ON_TIME, _SHORTEST_DOUBLE = 0.03, 0.02
-#: Height of the reference below which a touchdown counts, as a share of the clearance.
+#: Height of the foot and its reference below which a touchdown counts, as a share of the clearance.
 _LOW = 0.5
 #: Error of the DCM at touchdown, m, after which the double support is the shortest one.
 _ASTRAY = 0.1
@@ -377,7 +377,7 @@ class BipedWalker(Walker):
         self._references[foot.task] = foot.in_swing(swing, slope)
         share, late = elapsed / landing.time, elapsed - landing.time
         sensor = self._sensor(foot.contact, cycle.touching)
-        low = swing.item(0, 2) - landing.height < _LOW * gait.clearance
+        low = max(swing.item(0, 2), cycle.soles[-self._stance].height) - landing.height < _LOW * gait.clearance
         if low and share >= COUNTS and lands(share, late, swing.item(1, 2), foot.velocity(cycle.dynamics), sensor):
             self._land(step, cycle, late, decision)
         return self._corrected(stance.place, cycle, stance.place, stance.place)

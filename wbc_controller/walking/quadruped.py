@@ -20,7 +20,7 @@ from wbc_controller.walking.references import smooth_step
 from wbc_controller.walking.swing import Landing, at_rest, moved
 from wbc_controller.walking.swing_kernels import move_axis
 from wbc_controller.walking.terrain import Ground
-from wbc_controller.walking.touchdown import COUNTS, lands
+from wbc_controller.walking.touchdown import COUNTS, lands, rebounds
 from wbc_controller.walking.trot_placement import SupportLine, middle_of_pair
 from wbc_controller.walking.walker import Decision, TaskSets, Walker
 
@@ -277,7 +277,10 @@ class QuadrupedWalker(Walker):
             self._swings[name] = swing
             self._references[foot.task] = Reference(*swing[:, :3])
             share, late, sensor = elapsed / gait.swing, elapsed - gait.swing, self._sensor(name, cycle.touching)
-            if share >= COUNTS and lands(share, late, swing[1, 2], foot.velocity(cycle.dynamics), sensor):
+            if share < COUNTS:
+                continue
+            wanted, velocity = swing[1, 2], foot.velocity(cycle.dynamics)
+            if rebounds(wanted, velocity) or lands(share, late, wanted, velocity, sensor):
                 decision.changes.append(EnableContact(name, True, 0.0))
                 del self._swings[name]
         if not self._swings:

@@ -32,5 +32,12 @@ def lands(share: float, late: float, wanted: float, velocity: Array, touching: b
     if touching:
         return True
     stopped = wanted <= -_DESCENDING and velocity[2] > _STOPPED * max(wanted, -TOUCHDOWN_SPEED)
-    rebounds = velocity[2] > 0.0
-    return bool(stopped and (rebounds or velocity.dot(velocity) < _SLOW * _SLOW))
+    return bool(stopped and velocity.dot(velocity) < _SLOW * _SLOW)
+
+
+def rebounds(wanted: float, velocity: Array) -> bool:
+    """Return whether a point foot moves up again while its reference descends; arguments of `lands`.
+
+    A sole does not rebound: if it moves up, it follows the reference of a short step late.
+    """
+    return bool(wanted <= -_DESCENDING and velocity[2] > 0.0)
