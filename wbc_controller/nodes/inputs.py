@@ -252,10 +252,12 @@ class Inputs:
                     self._contact_sensors.read(endpoint, arrival, payload)
                 return
             newest = source.reader.read(payload)
-            refusal = source.check.check(*newest[:3]) if source.check is not None else ""
-            reason = refusal or source.stamps.check_stamp(newest.stamp, arrival)
+            reason = source.stamps.refusal(newest.stamp, arrival)
+            if not reason and source.check is not None:  # it stores a plausible sample
+                reason = source.check.check(*newest[:3])
             if reason:
                 raise InputRefused(reason)
+            source.stamps.accept(newest.stamp, arrival)
         except Exception as error:
             self._refusals[key] = refusal_reason(endpoint, error) + self._publishers_note(endpoint.name)
             refused.append(f"{endpoint.name}: {self._refusals[key]}")
