@@ -30,6 +30,7 @@ from wbc_controller.middleware.stamps import header_time
 from wbc_controller.middleware.states import OdometryReader
 from wbc_controller.middleware.topics import MOCK_TOPICS, Direction, Endpoint, counterpart, endpoints
 from wbc_controller.middleware.transports.memory import MemoryTransport
+from wbc_controller.nodes.processes import end_with_parent
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.simulation.mock_robot import NODE_NAME as MOCK_NODE
@@ -203,7 +204,11 @@ class Processes:
     def start(self, *words: str) -> subprocess.Popen[bytes]:
         with (self._folder / f"{len(self._started)}-{words[0]}.log").open("wb") as log:
             process = subprocess.Popen(
-                [sys.executable, "-m", "wbc_controller", *words], env=self._environment, stdout=log, stderr=log
+                [sys.executable, "-m", "wbc_controller", *words],
+                env=self._environment,
+                stdout=log,
+                stderr=log,
+                preexec_fn=end_with_parent,
             )
         self._started.append(process)
         return process
@@ -306,7 +311,7 @@ def _on_ros2(request: pytest.FixtureRequest) -> Iterator[User]:
         subprocess.Popen(
             [sys.executable, "-c", f"from wbc_controller.node import {main}; {main}()", "--ros-args", "-p",
              f"robot:={robot}", *words],
-            env=environment,
+            env=environment, preexec_fn=end_with_parent,
         )
         for main, words in (("mock_main", ["-p", "real_time_factor:=0.4"]), ("main", ["-p", "use_sim_time:=true"]))
     ]  # fmt: skip

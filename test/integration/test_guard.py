@@ -121,10 +121,10 @@ def test_a_controller_that_stands_still_or_dies_is_followed_by_damping(user, pro
     step = user.settings.limits.torque_rate / user.settings.control.rate * limits
     taken_over = user.efforts(activated - 0.1)
     again = [said for when_, said in guard_states(user) if when_ > activated and said.startswith("damping")]
-    if again:  # after a gap, the controller's torques return at once
+    if again:
         print(f"this machine kept the controller from its commands, and the guard damped again: {again}")
-    else:
-        assert (np.abs(np.diff(taken_over, axis=0)) <= step + 1e-9).all()
+    # At a return, the first command and a last message of the guard may cross: two steps.
+    assert (np.abs(np.diff(taken_over, axis=0)) <= (2 if again else 1) * step + 1e-9).all()
     assert np.isfinite(taken_over).all()
     when, tau = torques(user, "effort")
     commanded = {row.tobytes() for row in torques(user, "joint_commands")[1]}

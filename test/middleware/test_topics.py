@@ -127,7 +127,7 @@ def test_every_type_exists_and_every_kind_of_task_has_its_types():
 
 
 def test_qualities_of_service():
-    states = {"joint_states", "odom", "imu", "measured_wrench", "holds", "pose", "clock"}
+    states = {"joint_states", "odom", "imu", "measured_wrench", "holds", "pose", "clock", "guard_commands"}
     for topic in CONTROLLER_TOPICS:
         if topic.key in states:
             assert topic.qos == Qos(reliable=False, latched=False, depth=1), topic.key
@@ -195,9 +195,9 @@ def test_the_guard_does_not_hear_itself():
 def test_there_is_no_dead_row(bench):
     """Every incoming row is subscribed and read, every outgoing row advertised and written."""
     incoming = {topic.key for topic in CONTROLLER_TOPICS if topic.direction is Direction.IN}
-    by_hand = {  # inputs.py, service/
+    by_hand = {  # inputs.py, takeover.py, service/
         "joint_states", "odom", "imu", "pose", "measured_wrench", "holds", "command", "robot_description", "clock",
-        "record",
+        "record", "guard_commands",
     }  # fmt: skip
     assert incoming == set(READERS) | by_hand
     assert not set(READERS) & by_hand

@@ -338,6 +338,26 @@ def test_single_implausible_samples_are_rejected_and_counted_and_a_sequence_damp
     assert report.fault.sentence.startswith(f"/{key}: 3 consecutive messages rejected: ")
 
 
+@pytest.mark.parametrize("lead", [-1.0, -0.0021, 60.0])
+@pytest.mark.parametrize("key", ["joint_states", "odom"])
+def test_other_samples_with_refused_stamps_do_not_displace_the_last_accepted_one(bench, key, lead):
+    """A second publisher with another clock, in every tenth period."""
+    controller = bench().activated(200)
+    for _ in range(5):
+        controller.give_state(joints=key != "joint_states", base=key != "odom")
+        time = controller.time + round(1e9 * lead)
+        if key == "odom":
+            controller.base(pose=[0.0, -1000.0, *controller.q[2:7]], time=time)
+        else:
+            controller.joints(position=np.zeros(controller.model.nj), time=time)
+        (sentence,) = controller.loop.cycle().refused
+        assert re.match(
+            rf"/{key}: header.stamp is .* (before the last message|ahead of the previous messages)", sentence
+        )
+        report = controller.cycle(9)
+        assert (report.mode, report.fault, report.refused) == (Mode.ACTIVE, None, ())
+
+
 @pytest.mark.parametrize("velocity", [1e160, 1e200])
 def test_velocities_whose_squares_overflow_reach_no_method_of_a_task(bench, caplog, velocity):
     spin = {"type": "angular_momentum", "weight": 1e-3, "damping": 10.0}

@@ -53,22 +53,25 @@ def test_a_timeout_has_the_condition_and_details():
     assert asked == [1]
 
 
-def test_processes_with_own_sessions_end_with_their_parent(tmp_path):
-    """Also after a kill, when it cannot stop them."""
+@pytest.mark.parametrize("stopped", [False, True])
+@pytest.mark.parametrize("own_sessions", [False, True])
+def test_processes_end_with_their_killed_parent(tmp_path, own_sessions, stopped):
     script = (
         "import sys, time, pathlib\n"
         "from wbc_controller.nodes.processes import Processes\n"
-        "processes = Processes('go2', pathlib.Path(sys.argv[1]), 0, own_sessions=True)\n"
+        f"processes = Processes('go2', pathlib.Path(sys.argv[1]), 0, own_sessions={own_sessions})\n"
         "started = processes.launch('sleeper', [sys.executable, '-c', 'import time; time.sleep(60)'])\n"
         "print(started.pid, flush=True)\n"
         "time.sleep(60)\n"
     )
     parent = subprocess.Popen([sys.executable, "-c", script, str(tmp_path)], stdout=subprocess.PIPE, text=True)
     child = int(parent.stdout.readline())
-    assert os.getsid(child) == child
+    assert (os.getsid(child) == child) is own_sessions
+    if stopped:
+        os.kill(child, signal.SIGSTOP)
     parent.kill()
     parent.wait()
-    until(lambda: _ended(child), "the process to end")
+    until(lambda: _ended(child), "the process to end", patience=5.0)
 
 
 def _ended(process):

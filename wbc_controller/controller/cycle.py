@@ -180,11 +180,11 @@ class ControlCycle:
         now, state, problem = inputs.now, inputs.state, inputs.problem or self._defect
         self._defect = None
         refused: list[str] = []
-        starts = self._handle_requests(inputs.requests, now, problem, refused) if inputs.requests else False
-        remaining: list[tuple[Change, ...]] = []
         supervisor = self.supervisor
         if inputs.torques_sent is not None:
             supervisor.torques_sent = inputs.torques_sent
+        starts = self._handle_requests(inputs.requests, now, problem, refused) if inputs.requests else False
+        remaining: list[tuple[Change, ...]] = []
         if inputs.changes or self.live.newest is not self._live:
             try:
                 remaining = self._accept_changes(inputs.changes, state, refused)

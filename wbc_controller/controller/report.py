@@ -54,7 +54,7 @@ class CycleInputs:
     changes: tuple[Sequence[Change | ChangeSettings], ...] = ()
     #: states of the contact sensors, by contact: True under load; without contacts that have no fresh sensor
     touching: Mapping[str, bool] = field(default_factory=dict)
-    torques_sent: Array | None = None  # (na,) in N·m, if the last command was not sent
+    torques_sent: Array | None = None  # (na,) in N·m, if not those of the last result
 
 
 @dataclass(slots=True)

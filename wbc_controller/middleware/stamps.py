@@ -71,9 +71,17 @@ class StampTracker:
         self._refused_advance = 0.0  # advance of refused timestamps since the last accepted one, s
         self._last_refused = False
         self._contradicted_since = math.inf  # on the local clock, s
+        self._new_time = False  # True if the last timestamp begins a new time
 
     def check_stamp(self, stamp: int, arrival: float) -> str | None:
-        """Process a timestamp, ns, with its local arrival, s; return the reason of a refusal, or None."""
+        """Accept a timestamp, ns, with its local arrival, s, or return the reason of its refusal."""
+        reason = self.refusal(stamp, arrival)
+        if reason is None:
+            self.accept(stamp, arrival)
+        return reason
+
+    def refusal(self, stamp: int, arrival: float) -> str | None:
+        """Return the reason to refuse a timestamp, ns, with its local arrival, s; None before `accept`."""
         if not stamp > 0:
             return "header.stamp is 0; it must be the time of the measurement"
         step = (stamp - self._newest_stamp) * 1.0e-9
@@ -83,18 +91,24 @@ class StampTracker:
         elif plausible:
             self.clock_stall += step
         self._newest_stamp, self._newest_arrival = stamp, arrival
+        self._new_time = False
         reason = self._too_early(stamp, arrival) or self._contradiction(stamp, arrival)
-        if reason is None:
-            self._may_rise = min(self._may_rise + _MAX_CLOCK_SLOWDOWN * (arrival - self._arrival), _GAP)
-            rise = min(max((stamp - self._stamp) * 1.0e-9, 0.0), self._may_rise)
-            self._may_rise -= rise
-            self._lag = arrival - stamp * 1.0e-9
-            self._offset = min(self._offset + rise, self._lag)
-            self._stamp, self._arrival, self._refused_advance = stamp, arrival, 0.0
-        elif self._last_refused and plausible:
+        if reason is not None and self._last_refused and plausible:
             self._refused_advance += step
         self._last_refused = reason is not None
         return reason
+
+    def accept(self, stamp: int, arrival: float) -> None:
+        """Store a timestamp without `refusal`."""
+        if self._new_time:
+            self._offset = math.inf
+        self._contradicted_since = math.inf
+        self._may_rise = min(self._may_rise + _MAX_CLOCK_SLOWDOWN * (arrival - self._arrival), _GAP)
+        rise = min(max((stamp - self._stamp) * 1.0e-9, 0.0), self._may_rise)
+        self._may_rise -= rise
+        self._lag = arrival - stamp * 1.0e-9
+        self._offset = min(self._offset + rise, self._lag)
+        self._stamp, self._arrival, self._refused_advance = stamp, arrival, 0.0
 
     def _too_early(self, stamp: int, arrival: float) -> str | None:
         if self._clock_offset is None:
@@ -112,11 +126,10 @@ class StampTracker:
             return None
         step, passed = (stamp - self._stamp) * 1.0e-9, arrival - self._arrival
         if step > 0.0 and (self._clock_offset is not None or step <= _MAX_ADVANCE + passed):
-            self._contradicted_since = math.inf
             return None
         self._contradicted_since = min(self._contradicted_since, arrival)
         if arrival - self._contradicted_since >= _REBASE:
-            self._offset = self._contradicted_since = math.inf
+            self._new_time = True
             return None
         if step == 0.0:
             return f"header.stamp does not advance from {stamp * 1e-9:.3f} s"

@@ -34,6 +34,7 @@ from wbc_controller.nodes.outputs import Outputs
 from wbc_controller.nodes.ownership import Ownership
 from wbc_controller.nodes.realtime import apply_realtime, describe_scheduling
 from wbc_controller.nodes.simulated_clock import SimulatedClock, make_simulated_clock
+from wbc_controller.nodes.takeover import Takeover
 from wbc_controller.nodes.urdf import wait_for_urdf
 from wbc_controller.nodes.wiring import controller_endpoints, make_vocabulary
 from wbc_controller.recording.recorder import NOT_RECORDED, Recorder, recording
@@ -145,7 +146,8 @@ def make_loop(
     )
     publishers = settings.safety.torque_publishers
     ownership = Ownership(graph, topics, publishers, node, simulated=isinstance(clock, SimulatedClock))
-    loop = ControlLoop(controller, inputs, outputs, ownership, clock, timer=timer, observers=observers)
+    takeover = Takeover(model, topics, transport, settings.guard.patience)
+    loop = ControlLoop(controller, inputs, outputs, ownership, takeover, clock, timer=timer, observers=observers)
     if recorder is not None:
         recorder.attach(controller, node if node.startswith("/") else f"/{node}", model.name)
     return loop

@@ -25,7 +25,7 @@ import numpy as np
 from wbc_controller.controller.build.robot_description import Description, describe
 from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.estimation.joint_velocity import VelocityFilter
-from wbc_controller.middleware.codec import decode, diagnostics, encode, message, torques
+from wbc_controller.middleware.codec import decode, diagnostics, encode, header, message, torques
 from wbc_controller.middleware.joint_states import JointStateReader
 from wbc_controller.middleware.log_limit import LogLimit
 from wbc_controller.middleware.topics import GUARD_NODE, GUARD_TOPICS, Direction, Endpoint, endpoints
@@ -73,7 +73,7 @@ class GuardService:
         self.guard = Guard(guard_limits(settings, robot.effort_limits, damping))
         self._clock = clock
         self._name, self._hardware = f"{namespace.strip('/')}/{NODE_NAME}: commands".strip("/"), robot.name
-        joints = settings.robot.joints
+        self._joints = joints = settings.robot.joints
         # One reader per thread: transport, and cycle.
         self._commands, self._unread_commands = (JointStateReader(joints, "effort") for _ in range(2))
         known = settings.estimation
@@ -87,6 +87,7 @@ class GuardService:
         self._unlogged, self._logged_at = 0, -math.inf  # changes since the last log line, and its time, s
         self._lock = threading.Lock()
         self._command_at, self._torques = -math.inf, np.zeros(len(robot.effort_limits))
+        self._command_stamp = 0  # ns
         self._drive = robot.drive
         self._unanswered_at = math.inf
         self._mode: Mode | None = None
@@ -125,13 +126,14 @@ class GuardService:
     def _process_command(self, reader: JointStateReader, payload: bytes) -> None:
         now, self._processed["joint_commands"] = self._clock.now(), payload
         try:
-            tau = self._torques_of(reader.read(payload).effort)
+            command = reader.read(payload)
+            tau = self._torques_of(command.effort)
         except InputRefused as refusal:  # does not count as a command
             self._refuse("joint_commands", refusal)
             return
         with self._lock:
             self._command_at, self._unanswered_at = now, math.inf
-            self._torques = tau
+            self._torques, self._command_stamp = tau, command.stamp
             self._refused.pop("joint_commands", None)
 
     def _torques_of(self, effort: Array) -> Array:
@@ -212,9 +214,22 @@ class GuardService:
             now, received = self._clock.now(), self._read_inputs()
         tau = self.guard.step(now, received)
         if tau is not None:
-            payload = encode(torques(self._drive.command(tau)))
+            stamp, payload = self._command_stamp, encode(torques(self._drive.command(tau)))
             if received.command_at == self._command_at:  # no command arrived during this cycle
                 self._publish["effort"](payload)
+                names, nothing, efforts = list(self._joints), np.zeros(0), self._drive.at_joints(tau)
+                self._publish["guard_commands"](
+                    encode(
+                        message(
+                            self._types["guard_commands"],
+                            header=header(stamp),
+                            name=names,
+                            position=nothing,
+                            velocity=nothing,
+                            effort=efforts,
+                        )
+                    )
+                )
         self._publish_diagnostics(now, received)
         if self.guard.sending:
             return now + self._period

@@ -44,7 +44,7 @@ _MAX_BYTES = {"joint_states": 1 << 18, "odom": 1 << 16, "imu": 1 << 16, "pose": 
 _MAX_IMU_SAMPLES = 20  # newest of one cycle, for an IMU faster than the loop
 _MAX_POSES = 4  # newest absolute poses of one cycle
 _STATE_DEPTH = 10  # an oversized message must not displace a valid one
-_NOT_LATCHED = ("robot_description", "clock", "record")  # rows outside the control cycle
+_NOT_LATCHED = ("robot_description", "clock", "record", "guard_commands")  # rows outside the control cycle
 ESTIMATE = "base estimate"  # in the ages of the inputs
 _PREEMPTED = 0.005  # age of taken joint states that indicates a preemption, s
 _MIN_DELAY = 0.01  # smallest reported transit time, s
@@ -252,10 +252,12 @@ class Inputs:
                     self._contact_sensors.read(endpoint, arrival, payload)
                 return
             newest = source.reader.read(payload)
-            refusal = source.check.check(*newest[:3]) if source.check is not None else ""
-            reason = refusal or source.stamps.check_stamp(newest.stamp, arrival)
+            reason = source.stamps.refusal(newest.stamp, arrival)
+            if not reason and source.check is not None:  # it stores a plausible sample
+                reason = source.check.check(*newest[:3])
             if reason:
                 raise InputRefused(reason)
+            source.stamps.accept(newest.stamp, arrival)
         except Exception as error:
             self._refusals[key] = refusal_reason(endpoint, error) + self._publishers_note(endpoint.name)
             refused.append(f"{endpoint.name}: {self._refusals[key]}")

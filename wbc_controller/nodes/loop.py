@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,7 +25,8 @@ from wbc_controller.nodes.clock import Clock
 from wbc_controller.nodes.inputs import Inputs
 from wbc_controller.nodes.outputs import Outputs
 from wbc_controller.nodes.ownership import Ownership
-from wbc_controller.records import AuditReport, Fault, Mode
+from wbc_controller.nodes.takeover import Takeover
+from wbc_controller.records import Array, AuditReport, Fault, Mode
 from wbc_controller.safety.bring_up import BringUpWatch
 from wbc_controller.safety.checks import stale_inputs
 
@@ -36,6 +38,7 @@ _MAX_MESSAGES = 20  # log messages in that time
 _FIGURES = re.compile(r"[-+\d.e]*\d[-+\d.e]*|'[^']*'")
 _SWITCH_INTERVAL = 5.0e-4  # longest wait of the loop for another thread, s
 _UNDER_CONTROL = (Mode.ACTIVE, Mode.HOLDING)  # modes with torques of the solution
+_RATE_LIMITED = (*_UNDER_CONTROL, Mode.DAMPING)  # modes without zero torques at once
 _ROUNDING = 1.0e-6  # of clock times, s
 _CANCEL_ACTIVATION = ("damp", "reset")  # requests that cancel an activation in the same cycle
 
@@ -49,6 +52,7 @@ class ControlLoop:
         inputs: Inputs,
         outputs: Outputs,
         ownership: Ownership,
+        takeover: Takeover,
         clock: Clock,
         *,
         timer: Callable[[], float] = time.perf_counter,
@@ -58,6 +62,8 @@ class ControlLoop:
         self.observers = tuple(observers)
         self._inputs = inputs
         self._outputs = outputs
+        self._takeover = takeover
+        self._torques_sent: Array | None = None  # (na,) in N·m, if not those of the last result
         settings, model = controller.config.settings, controller.model
         self._audit = make_audit(settings, model)
         self._bring_up = BringUpWatch(
@@ -120,6 +126,7 @@ class ControlLoop:
             requests=requests,
             changes=latched.requests.changes + slips,
             touching=latched.touching,
+            torques_sent=self._torques_sent,
         )
         result = controller.cycle(cycle_inputs)
         late = None
@@ -142,8 +149,11 @@ class ControlLoop:
             )
             result = controller.cycle(repeated_inputs)
         decided = timer()
+        result = self._after_takeover(result, decided)
         outputs.publish_command(result)
         sent = timer()
+        if result.command is not None:
+            self._takeover.record_command(sent, result.command.stamp)
         self._inputs.compare_odometry(controller.holding, controlled=controller.mode in _UNDER_CONTROL)
         controller.explain_failure(now)
         state, qp, audit = result.state, controller.qp, None
@@ -169,6 +179,18 @@ class ControlLoop:
             observer(report)
         self._cycle += 1
         return report
+
+    def _after_takeover(self, result: CycleResult, now: float) -> CycleResult:
+        """Continue from the torques of the guard if it took over since the last command; `now` is wall time, s."""
+        self._torques_sent, command = None, result.command
+        if command is None or result.mode not in _RATE_LIMITED:
+            return result
+        torques = self._takeover.torques(now)
+        if torques is None:
+            return result
+        command = self.controller.supervisor.continue_from(torques, command)
+        self._torques_sent = command.tau
+        return replace(result, command=command)
 
     def _changed_slips(self) -> tuple[tuple[SetSlippingContacts], ...]:
         """Return a change if the estimate has other slipping contacts than the controller."""
@@ -335,6 +357,7 @@ class ControlLoop:
             self._outputs.publish_zeros()
             supervisor = self.controller.supervisor
             supervisor.torques_sent = np.zeros_like(supervisor.torques_sent)
+            self._torques_sent = None
 
     def _wait_time(self, period: float) -> float:
         """Return the longest wait for the next joint state, s: until the last one is stale, then one period."""

@@ -76,7 +76,7 @@ class Processes:
                     stdout=log,
                     stderr=log,
                     start_new_session=self._own_sessions,
-                    preexec_fn=_end_with_parent if self._own_sessions else None,
+                    preexec_fn=end_with_parent,
                 )
         finally:
             signal.signal(signal.SIGHUP, handler)
@@ -101,8 +101,10 @@ class Processes:
         return path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
 
 
-def _end_with_parent() -> None:
-    _C.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+def end_with_parent() -> None:
+    """Kill this process, also a stopped one, when its parent ends."""
+    if sys.platform == "linux":
+        _C.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def until(

@@ -11,11 +11,11 @@ from collections.abc import Iterator
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
-def exit_by_signals() -> None:
-    """Raise `SystemExit` on SIGTERM and SIGHUP, to stop child processes."""
+def exit_by_signals(error: type[BaseException] = SystemExit) -> None:
+    """Raise an exception on SIGTERM and SIGHUP, to stop child processes."""
 
     def leave(number: int, frame: object) -> None:
-        raise SystemExit(128 + number)
+        raise error(128 + number)
 
     for number in (signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) is signal.SIG_DFL:

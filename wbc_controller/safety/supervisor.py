@@ -165,6 +165,12 @@ class Supervisor:
             self._share = self._share.towards(0.0, now, self.limits.activation_ramp)
         return False
 
+    def continue_from(self, torques: Array, command: JointCommand) -> JointCommand:
+        """Limit a command to one period's change from torques that the guard sent, (na,) in N·m."""
+        step = self._period * self._rate
+        self.torques_sent = freeze(np.clip(command.tau, torques - step, torques + step))
+        return command._replace(tau=self.torques_sent)
+
     def explain(self, failure: NoSolution) -> None:
         """Add the conflicting constraints to a present ``NO_SOLUTION`` fault."""
         if self.fault is not None and self.fault.code == "NO_SOLUTION":

@@ -1,5 +1,8 @@
 """Strategies: all kinds of hostile values occur, messages stay well-formed, draws are reproducible."""
 
+import os
+import signal
+
 import pytest
 import yaml
 from hypothesis import given, settings
@@ -8,6 +11,7 @@ from hypothesis import strategies as st
 from wbc_controller.errors import InputRefused
 from wbc_controller.middleware.codec import decode, encode
 from wbc_controller.validation.fuzz.examples import valid_message
+from wbc_controller.validation.fuzz.fuzz_commands import fuzz
 from wbc_controller.validation.fuzz.strategies import (
     draw_by_key,
     encoded,
@@ -84,3 +88,20 @@ def test_encodings():
     made = values(encoded("é" * 20), 300)
     assert made.count(("é" * 20).encode()) > 230
     assert len(set(made)) > 3
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_during_a_draw_ends_the_command(number, tmp_path, monkeypatch):
+    monkeypatch.setenv("HYPOTHESIS_STORAGE_DIRECTORY", str(tmp_path))
+    before, numbers = signal.signal(number, signal.SIG_DFL), [number]
+
+    def interrupted():
+        while numbers:
+            os.kill(os.getpid(), numbers.pop())
+
+    try:
+        fuzz.callback()
+        with pytest.raises(KeyboardInterrupt):
+            draw_by_key(st.builds(interrupted), 0)
+    finally:
+        signal.signal(number, before)

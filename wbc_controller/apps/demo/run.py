@@ -35,6 +35,7 @@ from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTranspo
 from wbc_controller.middleware.transports.transport import Transport
 from wbc_controller.nodes.clock import ManualClock
 from wbc_controller.nodes.controller_service import make_loop
+from wbc_controller.nodes.processes import end_with_parent
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.recording.recorder import Recorder
 from wbc_controller.recording.recording_file import Recording, add_topics
@@ -139,7 +140,9 @@ def _in_real_time(stage: _DemoSetup, real_time_factor: float) -> Iterator[_UserS
         }
         transport = DdsTransport("wbc_demo", domain_id=domain, discovery_range="LOCALHOST")
         processes = {
-            name: subprocess.Popen([sys.executable, "-m", "wbc_controller", *words], env=environment)  # noqa: S603  # our own
+            name: subprocess.Popen(  # noqa: S603  # our own
+                [sys.executable, "-m", "wbc_controller", *words], env=environment, preexec_fn=end_with_parent
+            )
             for name, words in commands.items()
         }
         try:
