@@ -1,7 +1,5 @@
 """Controller of one robot for Python users."""
 
-from __future__ import annotations
-
 import reprlib
 from collections.abc import Mapping, Sequence
 from typing import Any

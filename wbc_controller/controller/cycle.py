@@ -1,7 +1,5 @@
 """Control cycle: requests, changes, quadratic program, supervisor."""
 
-from __future__ import annotations
-
 import logging
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Settings changed between cycles."""
 
-from __future__ import annotations
-
 import logging
 import threading
 from collections.abc import Callable, Iterator, Mapping

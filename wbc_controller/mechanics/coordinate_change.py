@@ -1,7 +1,5 @@
 """Change of root link, order and direction of joints (Lemma 1, 2.1.2; S2)."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Files of robot models: search and reading."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import os
 from pathlib import Path

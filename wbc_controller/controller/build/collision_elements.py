@@ -1,7 +1,5 @@
 """Collision elements of a URDF."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

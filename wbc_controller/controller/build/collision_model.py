@@ -1,7 +1,5 @@
 """Collision model from URDF and SRDF."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Construction of contacts and loop closures."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

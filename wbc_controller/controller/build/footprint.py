@@ -1,7 +1,5 @@
 """Contact region of a body on a plane."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Construction of torque-speed curve and self-collision limit."""
 
-from __future__ import annotations
-
 import logging
 
 from wbc_controller.controller.build.collision_model import build_collision_model

@@ -1,7 +1,5 @@
 """Construction of reference board and live tuning."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from wbc_controller.controller.build.contacts import make_contact_plan

@@ -1,7 +1,5 @@
 """Construction of the robot's model."""
 
-from __future__ import annotations
-
 from wbc_controller.controller.build.robot_description import joint_limits, read_urdf, transmissions
 from wbc_controller.inverse_dynamics.robot.from_urdf import build_model
 from wbc_controller.inverse_dynamics.robot.model import RobotModel

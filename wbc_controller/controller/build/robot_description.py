@@ -1,7 +1,5 @@
 """Actuators and inertias, without Pinocchio."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

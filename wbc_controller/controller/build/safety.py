@@ -1,7 +1,5 @@
 """Times and limits of the safety supervisor; model audit."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from wbc_controller.controller.build.estimation import torque_filter, velocity_delay

@@ -1,7 +1,5 @@
 """Construction of tasks."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 
 import numpy as np

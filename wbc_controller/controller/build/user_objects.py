@@ -1,7 +1,5 @@
 """Construction of user-defined tasks, contacts and limits."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeVar
 

@@ -1,7 +1,5 @@
 """Comparison of contacts with collision shapes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import partial
 from math import degrees, tan

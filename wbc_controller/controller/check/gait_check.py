@@ -1,7 +1,5 @@
 """Feasible walking speeds with their limiting quantities."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Plausibility of the model."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from xml.etree import ElementTree

@@ -1,7 +1,5 @@
 """Pre-flight check, `wbc check`."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from math import acos, degrees
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Placement of a contact on its link."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """Contact of a rectangle or polygon."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

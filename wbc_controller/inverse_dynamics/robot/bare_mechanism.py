@@ -1,7 +1,5 @@
 """Mechanism of a URDF for Pinocchio and MuJoCo."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Collection, Mapping
 from xml.etree import ElementTree

@@ -1,7 +1,5 @@
 """Robot model from its URDF."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from types import MappingProxyType
 from xml.etree import ElementTree

@@ -3,8 +3,6 @@
 They keep their coordinates; `Actuation` eliminates the coupling force. Most algorithms of Pinocchio 4.1 refuse them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from xml.etree import ElementTree

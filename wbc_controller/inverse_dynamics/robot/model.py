@@ -1,7 +1,5 @@
 """Robot model: base, moving joints and actuation."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property

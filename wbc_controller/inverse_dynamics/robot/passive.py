@@ -1,7 +1,5 @@
 """Springs and dampers of passive joints."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Motors and transmissions, without Pinocchio."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 

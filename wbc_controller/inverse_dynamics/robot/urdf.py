@@ -3,8 +3,6 @@
 All functions raise `ConfigurationError` in one sentence. Other readers ignore invalid content, or crash.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass

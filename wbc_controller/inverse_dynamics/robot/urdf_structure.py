@@ -1,7 +1,5 @@
 """Structure checks of a URDF."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from xml.etree import ElementTree
 

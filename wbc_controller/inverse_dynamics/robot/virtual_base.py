@@ -1,7 +1,5 @@
 """Virtual joints in place of a floating base."""
 
-from __future__ import annotations
-
 from xml.etree import ElementTree
 
 import numpy as np

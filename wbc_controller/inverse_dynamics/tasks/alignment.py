@@ -1,7 +1,5 @@
 """Tasks that point an axis."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """Pose, position and orientation tasks."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Task on a relative pose."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

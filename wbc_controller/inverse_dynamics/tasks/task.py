@@ -1,7 +1,5 @@
 """Base classes: rows of the least-squares cost."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Protocol
