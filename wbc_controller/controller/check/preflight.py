@@ -13,17 +13,10 @@ from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.references import make_board
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.build.robot_description import read_urdf
+from wbc_controller.controller.check import model_plausibility
 from wbc_controller.controller.check.contact_shapes import compare_with_shapes, upside_down, upside_down_message
 from wbc_controller.controller.check.finding import Finding
 from wbc_controller.controller.check.gait_check import check_walking
-from wbc_controller.controller.check.model_plausibility import (
-    inertias,
-    limits,
-    locked_joints,
-    motors_without_effort,
-    require_friction,
-    require_inertia,
-)
 from wbc_controller.controller.check.reserves import reserves
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts import LoopClosure, SurfaceContact, UnilateralContact
@@ -95,8 +88,8 @@ def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str 
     settings = config.settings
     try:
         model = make_model(settings, config.urdf)
-        require_inertia(model)
-        require_friction(settings)
+        model_plausibility.require_inertia(model)
+        model_plausibility.require_friction(settings)
         qp = make_qp(settings, model)
         active = [name for name, contact in settings.contacts.items() if contact.enabled]
         normal = _floor(settings)
@@ -106,9 +99,10 @@ def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str 
         findings = [*check_qp(settings, qp, make_board(settings, qp)), *shapes]
         qp.dynamics.update(q, np.zeros(model.nv))
         findings += _posture(settings, qp, active, normal)
-        findings += [*locked_joints(model), *_uncontrolled_joints(settings, qp, active), *_redundant(qp, active)]
-        findings += limits(settings, model, _placements(qp))
-        findings += motors_without_effort(settings, config.urdf or read_urdf(settings.robot.urdf))
+        findings += model_plausibility.locked_joints(model)
+        findings += [*_uncontrolled_joints(settings, qp, active), *_redundant(qp, active)]
+        findings += model_plausibility.limits(settings, model, _placements(qp))
+        findings += model_plausibility.motors_without_effort(settings, config.urdf or read_urdf(settings.robot.urdf))
         if model.floating_base:
             margin = settings.limits.position_margin if settings.limits.position else 0.0
             findings += reserves(
@@ -129,7 +123,7 @@ def check_qp(settings: Settings, qp: WholeBodyQP, board: ReferenceBoard) -> list
     findings = [
         Finding("joints", f"{_joints(model)}, base {settings.robot.base}, {len(model.pinocchio.frames)} frames"),
         Finding("mass", f"{model.mass:.2f} kg, weight {model.mass * model.gravity:.1f} N"),
-        *inertias(model),
+        *model_plausibility.inertias(model),
         Finding("effort limits", f"{model.effort_limits.min():g} to {model.effort_limits.max():g} N·m"),
         Finding("tasks", ", ".join(f"{name} ({task.type})" for name, task in settings.tasks.items())),
         Finding(

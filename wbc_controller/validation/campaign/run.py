@@ -14,14 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.extras import optional_libraries
 from wbc_controller.settings.files import find_configuration
-from wbc_controller.validation.campaign.campaign_report import (
-    repeat_command,
-    repetitions,
-    summary,
-    terminal_table,
-    worst_trial,
-    write_report,
-)
+from wbc_controller.validation.campaign import campaign_report
 from wbc_controller.validation.campaign.results import Outcome, Results, TrialKey
 from wbc_controller.validation.campaign.trial import ALL_KINDS, run_trial
 
@@ -87,17 +80,17 @@ def run_campaign(
     outcomes = [results.outcomes[key] for key in requested if key in results.outcomes]
     if not outcomes:
         return not interrupted
-    console.print(terminal_table(outcomes))
-    console.print(summary(outcomes))
-    repeated = repetitions(outcomes, results.repeated)
+    console.print(campaign_report.terminal_table(outcomes))
+    console.print(campaign_report.summary(outcomes))
+    repeated = campaign_report.repetitions(outcomes, results.repeated)
     for sentence in repeated:
         console.print(sentence, markup=False)
-    console.print(f"report: {folder}/{write_report(outcomes, folder, repeated)}", markup=False)
-    bad = worst_trial(outcomes)
+    console.print(f"report: {folder}/{campaign_report.write_report(outcomes, folder, repeated)}", markup=False)
+    bad = campaign_report.worst_trial(outcomes)
     if bad is not None:
         names = "; ".join(f"{name}: {sentence}" for name, sentence in bad.violations.items())
         console.print(f"worst trial: {bad.robot}, {bad.kind}, seed {bad.seed}: {names}", markup=False)
-        console.print(f"repeat with: {repeat_command(bad)}", markup=False)
+        console.print(f"repeat with: {campaign_report.repeat_command(bad)}", markup=False)
     return bad is None and not interrupted
 
 
