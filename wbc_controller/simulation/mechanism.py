@@ -18,6 +18,7 @@ from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts import placement_of
 from wbc_controller.inverse_dynamics.robot.bare_mechanism import bare_mechanism
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.robot.urdf_structure import mass_of, vector_of
 from wbc_controller.records import Array
 from wbc_controller.simulation.attachments import Attachment, add_attachment, frame_on_joint
 from wbc_controller.simulation.joint_models import add_mimic_joints, add_rotors, add_springs
@@ -128,11 +129,8 @@ def _write_inertias(spec: Any, tree: ET.Element, model: RobotModel) -> None:
         inertial, body = link.find("inertial"), spec.body(str(link.get("name")))
         if inertial is None or body.name == "world":
             continue
-        origin, mass, inertia = inertial.find("origin"), inertial.find("mass"), inertial.find("inertia")
-        position, rotation = np.zeros(3), np.eye(3)
-        if origin is not None:
-            position = np.array([float(value) for value in origin.get("xyz", "0 0 0").split()])
-            rotation = pin.rpy.rpyToMatrix(np.array([float(value) for value in origin.get("rpy", "0 0 0").split()]))
+        origin, inertia = inertial.find("origin"), inertial.find("inertia")
+        position, rotation = vector_of(origin, "xyz", "0 0 0"), pin.rpy.rpyToMatrix(vector_of(origin, "rpy", "0 0 0"))
         moments, axes = np.linalg.eigh(np.zeros((3, 3)) if inertia is None else inertia_tensor(inertia))
         axes[:, 2] *= np.linalg.det(axes)  # right-handed
         if not are_possible_moments(moments):  # MuJoCo refuses it
@@ -141,7 +139,7 @@ def _write_inertias(spec: Any, tree: ET.Element, model: RobotModel) -> None:
         # Rounding must not violate the triangle inequality of a flat link.
         moments[2] = min(moments[2], moments[0] + moments[1])
         body.explicitinertial = True
-        body.mass = 0.0 if mass is None else float(mass.get("value", "0"))
+        body.mass = mass_of(link)
         body.ipos = position
         body.iquat = position_and_wxyz(pin.SE3(rotation @ axes, position))[3:]
         body.inertia = moments
