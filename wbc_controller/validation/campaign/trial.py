@@ -4,12 +4,11 @@ Controller, physics and user run in one thread on simulated time. Odd seeds set 
 seeds the controller learns the offset of its clock.
 """
 
-import contextlib
 import gc
 import math
 import time
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -80,8 +79,12 @@ def run_trial(
     with logged_errors() as logged, np.errstate(all="ignore"):  # absurd values overflow before their refusal
         trial = _Trial(robot, fault, rng, place, walking=walking, synchronized=seed % 2 == 1)
         prepare(trial.controller)
-        with _frozen_objects():
+        gc.collect()
+        gc.freeze()
+        try:
             trial.run()
+        finally:
+            gc.unfreeze()
         if place is not None and (deactivation := trial.monitor.deactivation) is not None and deactivation[2]:
             error = place.error_of_fault(deactivation[1], deactivation[2])
             if error:
@@ -237,13 +240,3 @@ class _Trial(MonitoredRobot):
         elif expected.deadline is not None and not (after is not None and after <= expected.deadline + 1e-9):
             came = f"detected after {after:.4f} s" if after is not None else "not detected"
             self.monitor.add_violation("undetected", f"{came}; required: within {expected.deadline:.4f} s")
-
-
-@contextlib.contextmanager
-def _frozen_objects() -> Iterator[None]:
-    gc.collect()
-    gc.freeze()
-    try:
-        yield
-    finally:
-        gc.unfreeze()
