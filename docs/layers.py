@@ -48,7 +48,7 @@ ROOMS = {
     _QP + "whole_body_qp": Room(f"{_QP}robot {_QP}contacts {_QP}tasks {_QP}formulation {_QP}solvers"),
     "estimation": Room(f"{_QP}arrays {_QP}robot {_QP}contacts", "numpy scipy pinocchio"),
     # The supervisor is independent of the quadratic program.
-    "safety": Room(f"estimation {_QP}arrays {_QP}robot {_QP}limits {_QP}references", "numpy scipy pinocchio"),
+    "safety": Room(f"settings estimation {_QP}arrays {_QP}robot {_QP}limits {_QP}references", "numpy scipy pinocchio"),
     "walking": Room(f"{_QP}robot {_QP}references", "numpy pinocchio"),
     "controller": Room(
         "settings inverse_dynamics estimation safety walking", "numpy scipy pinocchio coal pydantic plotly rich"

@@ -60,7 +60,7 @@ class Controller(ControlCycle):
         self.qp.forget()
         self._commands, self._streamed = [], {}
         self._failure, self._explained_at = None, -np.inf
-        self.supervisor = Supervisor(self.model, self._live.supervisor)
+        self.supervisor = Supervisor(self.model, self.supervisor.limits)
         self._start(state)
         self.supervisor.request("activate", self._time, None)
 
