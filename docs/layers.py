@@ -36,7 +36,7 @@ ROOMS = {
     _QP + "arrays": Room("", "numpy scipy"),
     _QP + "tunable": Room(),
     _QP + "method_calls": Room(_QP + "arrays", "numpy"),
-    _QP + "robot": Room(_QP + "arrays", "numpy scipy pinocchio"),
+    _QP + "robot": Room(f"settings {_QP}arrays", "numpy scipy pinocchio"),
     _QP + "contacts": Room(f"{_QP}tunable {_QP}method_calls {_QP}robot", "numpy scipy pinocchio"),
     _QP + "limits": Room(f"{_QP}tunable {_QP}robot", "numpy pinocchio coal"),
     _QP + "tasks": Room(f"{_QP}arrays {_QP}tunable {_QP}method_calls {_QP}robot {_QP}contacts", "numpy pinocchio"),

@@ -4,11 +4,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from chains import MENAGERIE, menagerie
+from urdf_models import build_model
 
 from wbc_controller.controller.build.guard import make_guard_damping
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.build.robot_description import read_urdf
-from wbc_controller.inverse_dynamics.robot.from_urdf import build_model
 from wbc_controller.inverse_dynamics.robot.transmission import Drive
 from wbc_controller.safety.damping import damping_matrix, stable_damping
 

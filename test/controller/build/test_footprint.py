@@ -6,10 +6,10 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from urdf_models import build_model
 
 from wbc_controller.controller.build.collision_elements import read_collision_elements
 from wbc_controller.controller.build.footprint import footprint, outline
-from wbc_controller.inverse_dynamics.robot.from_urdf import build_model
 
 INERTIA = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
 LIMIT = '<limit effort="10" velocity="10" lower="-2" upper="2"/>'

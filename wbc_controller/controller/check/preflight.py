@@ -25,7 +25,6 @@ from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT
 from wbc_controller.inverse_dynamics.formulation.redundancy import LEAST_MOBILITY, mobilities
 from wbc_controller.inverse_dynamics.references.board import ReferenceBoard
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.inverse_dynamics.robot.passive import PassiveJoint
 from wbc_controller.inverse_dynamics.solvers import make_solver
 from wbc_controller.inverse_dynamics.tasks import FrameOrientationTask, FramePoseTask
 from wbc_controller.inverse_dynamics.tasks.task import AccelerationTask
@@ -33,6 +32,7 @@ from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.records import Array, References, RobotState, frozen
 from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config, load
+from wbc_controller.settings.robot import PassiveJointSettings
 
 #: Largest height difference of floor contacts, m, and as a share of the centre of mass' height.
 _LEVEL, _LEVEL_SHARE = 0.01, 0.02
@@ -352,7 +352,7 @@ def _balance(qp: WholeBodyQP, hanging: list[int]) -> list[Finding]:
     torques = model.joint_forces(qp.dynamics.h)  # at rest: gravity minus the springs
     for i in hanging:
         if not abs(torques[i]) <= _BALANCE * float(model.effort_limits.min()):
-            spring = model.passive.joints[model.joints[i]] if model.passive is not None else PassiveJoint()
+            spring = model.passive.joints[model.joints[i]] if model.passive is not None else PassiveJointSettings()
             rest = f" (balanced by rest: {spring.rest + torques[i] / spring.stiffness:.6g})" if spring.stiffness else ""
             found.append(f"{model.joints[i]} by {-torques[i]:.2g} N·m{rest}")
     return [Finding("passive joints", "out of balance in robot.posture: " + ", ".join(found))] if found else []

@@ -5,7 +5,6 @@ All functions raise `ConfigurationError` in one sentence. Other readers ignore i
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
 from xml.etree import ElementTree
 
@@ -14,6 +13,7 @@ import numpy as np
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.inverse_dynamics.robot.urdf_structure import check_structure, end_of, shape_problem, vector_of
 from wbc_controller.records import Array
+from wbc_controller.settings.robot import JointLimitSettings
 
 UNLIMITED = 1.0e6  # rad: out of reach, with a rounding error of 1e-10 rad
 LARGEST_URDF = 4_000_000  # characters
@@ -36,16 +36,6 @@ _NUMBERS: dict[str, dict[str, int]] = {
     "capsule": {"radius": 1, "length": 1},
     "mesh": {"scale": 3},
 }
-
-
-@dataclass(frozen=True, slots=True)
-class JointLimits:
-    """Limits of a joint that replace those of its URDF; None keeps them."""
-
-    effort: float | None = None  # N·m or N
-    velocity: float | None = None  # rad/s or m/s
-    lower: float | None = None  # rad or m
-    upper: float | None = None  # rad or m
 
 
 class _Builder(ElementTree.TreeBuilder):
@@ -84,7 +74,9 @@ def parse_urdf(urdf: str) -> ElementTree.Element:
     return tree
 
 
-def read_robot(urdf: str, limits: Mapping[str, JointLimits] = MappingProxyType({})) -> tuple[ElementTree.Element, str]:
+def read_robot(
+    urdf: str, limits: Mapping[str, JointLimitSettings] = MappingProxyType({})
+) -> tuple[ElementTree.Element, str]:
     """Read and check a URDF, replace limits of joints, and split joints with several coordinates.
 
     A continuous joint becomes a revolute joint without position limits: Pinocchio would lose its turns. A planar joint
@@ -102,15 +94,13 @@ def read_robot(urdf: str, limits: Mapping[str, JointLimits] = MappingProxyType({
             raise ConfigurationError(
                 f"robot.joint_limits: {name!r} is not a joint of the URDF; {valid_choices(name, joints)}"
             )
-        values = {key: getattr(given, key) for key in ("effort", "velocity", "lower", "upper")}
-        _write_limits(joints[name], {key: value for key, value in values.items() if value is not None})
+        _write_limits(joints[name], given.model_dump(exclude_none=True))
         changed = True
-    for joint in joints.values():
+    for name, joint in joints.items():
         if joint.get("type") == "continuous":
-            own = limits.get(str(joint.get("name")), JointLimits())
             joint.set("type", "revolute")
-            lower = -UNLIMITED if own.lower is None else own.lower
-            _write_limits(joint, {"lower": lower, "upper": UNLIMITED if own.upper is None else own.upper})
+            own = limits[name].model_dump(exclude_none=True) if name in limits else {}
+            _write_limits(joint, {"lower": -UNLIMITED, "upper": UNLIMITED, **own})
             changed = True
     for name, joint in joints.items():
         if joint.get("type") in ("revolute", "prismatic"):
