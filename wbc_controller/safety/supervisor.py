@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wbc_controller.errors import InputRefused, NoSolution, valid_choices
+from wbc_controller.errors import InputRefused, NoSolution, require_known
 from wbc_controller.inverse_dynamics.arrays import all_true
 from wbc_controller.inverse_dynamics.limits.torque import TorqueSpeedCurve
 from wbc_controller.inverse_dynamics.references.trajectories import Ramp
@@ -119,8 +119,7 @@ class Supervisor:
 
         Raises InputRefused if the request is unknown or impossible now, also due to `problem`, the fault of the inputs.
         """
-        if word not in REQUESTS:
-            raise InputRefused(f"command {word!r} is unknown; {valid_choices(word, REQUESTS)}")
+        require_known(word, REQUESTS, "command", " is unknown", InputRefused)
         if word == "estop":
             self._enter(Mode.FAULT, now, Fault("ESTOP", "emergency stop by command"))
             self.torques_sent = self._no_torque  # at once, without a rate

@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.errors import ConfigurationError, require_known, valid_choices
 from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.settings.files import find_configuration, load_settings, parse_settings
 from wbc_controller.settings.nesting import merged, nested
@@ -139,11 +139,7 @@ def _require_text(urdf: Any) -> None:
 
 def _ordered(posture: Mapping[str, Any], joints: Sequence[str]) -> list[Any]:
     """Return the values of a posture by joint in the order of the joints."""
-    for name in posture:
-        if name not in joints:
-            raise ConfigurationError(
-                f"robot.posture.{name}: {name!r} is not in robot.joints; {valid_choices(name, joints)}"
-            )
+    require_known(posture, joints, "robot.posture:", " is not in robot.joints")
     missing = [name for name in joints if name not in posture]
     if missing:
         raise ConfigurationError(f"robot.posture: missing joint {missing[0]!r}; required: {', '.join(joints)}")

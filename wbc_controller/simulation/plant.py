@@ -18,7 +18,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from wbc_controller.arguments import array_of_numbers, number, str_of
-from wbc_controller.errors import ConfigurationError, InputRefused, WbcError, valid_choices
+from wbc_controller.errors import ConfigurationError, InputRefused, WbcError, require_known, valid_choices
 from wbc_controller.inverse_dynamics.arrays import cross
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
@@ -351,10 +351,7 @@ class Plant:
 
     def grip(self, contact: str, held: bool) -> None:
         """Hold the link of a fixed contact at its present placement, or release it."""
-        if contact not in self._grips:
-            raise InputRefused(
-                f"a grip at {contact!r}: unknown fixed contact; {valid_choices(contact, list(self._grips))}"
-            )
+        require_known(contact, self._grips, "a grip at", ": unknown fixed contact", InputRefused)
         grip = self._grips[contact]
         if held:
             holder = self._placement(self._body_of((grip.joints[0], pin.SE3.Identity())))

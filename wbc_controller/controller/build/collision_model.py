@@ -12,7 +12,7 @@ import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
 from wbc_controller.controller.build.collision_elements import enclosing_points, read_collision_elements
-from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.errors import ConfigurationError, require_known
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.urdf import parse_xml
 from wbc_controller.records import Array
@@ -101,12 +101,8 @@ def with_visuals(urdf: str, links: Sequence[str]) -> str:
     root = ElementTree.fromstring(urdf)  # noqa: S314 - checked
     found = {str(link.get("name")): link.findall("visual") for link in root.iter("link")}
     seen = [name for name, elements in found.items() if elements]
+    require_known(links, seen, "limits.self_collision.visual:", " is not a link with visual elements")
     for name in links:
-        if name not in seen:
-            raise ConfigurationError(
-                f"limits.self_collision.visual: {name!r} is not a link with visual elements; "
-                f"{valid_choices(name, seen)}"
-            )
         for element in found[name]:
             element.tag = "collision"
     return ElementTree.tostring(root, encoding="unicode")
@@ -168,14 +164,10 @@ def _distance_outside_hull(points: Array, corners: Array) -> float:
 
 def _parse_pair(pair: str, links: Sequence[str]) -> tuple[str, str]:
     first, _, second = pair.partition("/")
-    for link in (first, second):
-        if link not in links:
-            raise ConfigurationError(
-                f"limits.self_collision.pairs: {pair!r}: {link!r} is not a link with collision elements; "
-                f"{valid_choices(link, links)}"
-            )
+    key = f"limits.self_collision.pairs: {pair!r}:"
+    require_known((first, second), links, key, " is not a link with collision elements")
     if first == second:
-        raise ConfigurationError(f"limits.self_collision.pairs: {pair!r}: the links must differ")
+        raise ConfigurationError(f"{key} the links must differ")
     return first, second
 
 

@@ -3,7 +3,7 @@
 import logging
 
 from wbc_controller.controller.build.collision_model import build_collision_model
-from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.errors import ConfigurationError, require_known
 from wbc_controller.inverse_dynamics.limits import SelfCollisionLimit, TorqueSpeedCurve
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.urdf import LARGEST_URDF
@@ -19,11 +19,7 @@ def make_torque_speed(settings: Settings, model: RobotModel) -> TorqueSpeedCurve
     curve = settings.limits.torque_speed
     if not curve.enabled:
         return None
-    for name in curve.actuators:
-        if name not in model.actuators:
-            raise ConfigurationError(
-                f"limits.torque_speed.actuators: unknown actuator {name!r}; {valid_choices(name, model.actuators)}"
-            )
+    require_known(curve.actuators, model.actuators, "limits.torque_speed.actuators: unknown actuator")
     limits = dict(zip(model.joints, model.velocity_limits.tolist(), strict=True))
     corner, no_load = [], []
     for name in model.actuators:

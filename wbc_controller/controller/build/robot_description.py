@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.errors import ConfigurationError, require_known
 from wbc_controller.inverse_dynamics.robot.transmission import Drive, make_drive
 from wbc_controller.inverse_dynamics.robot.urdf import LARGEST_URDF, read_robot
 from wbc_controller.inverse_dynamics.robot.urdf import inertia_tensor as inertia_tensor
@@ -36,12 +36,9 @@ def describe(urdf: str, robot: RobotSettings) -> Description:
     """Read the actuators from a URDF text."""
     tree, _ = read_robot(urdf, robot.joint_limits)
     limits = {str(joint.get("name")): joint.find("limit") for joint in tree.findall("joint")}
+    require_known(robot.joints, limits, "robot.joints:", " is not a joint of the URDF")
     efforts = []
     for name in robot.joints:
-        if name not in limits:
-            raise ConfigurationError(
-                f"robot.joints: {name!r} is not a joint of the URDF; {valid_choices(name, limits)}"
-            )
         limit = limits[name]
         try:
             efforts.append(float("" if limit is None else limit.get("effort", "")))

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from wbc_controller import settings as schema
-from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.errors import ConfigurationError, require_known
 from wbc_controller.inverse_dynamics import tasks
 from wbc_controller.inverse_dynamics.contacts import Contact
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
@@ -32,10 +32,7 @@ def make_task(name: str, task: schema.TaskSettings, model: RobotModel, contacts:
     """Build one task."""
     given = {**dict(task), "model": model, "gravity": model.gravity}
     if isinstance(task, schema.ContactWrenchTask):
-        if task.contact not in contacts:
-            raise ConfigurationError(
-                f"tasks.{name}.contact: unknown contact {task.contact!r}; {valid_choices(task.contact, contacts)}"
-            )
+        require_known(task.contact, contacts, f"tasks.{name}.contact: unknown contact")
         given["contact"] = contacts[task.contact]
     kind, arguments = _CLASSES[task.type]
     made = kind(name, **{argument: given[argument] for argument in arguments.split()})

@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.errors import ConfigurationError, require_known
 from wbc_controller.inverse_dynamics.robot.actuation import Actuation
 from wbc_controller.inverse_dynamics.robot.bare_mechanism import bare_mechanism
 from wbc_controller.inverse_dynamics.robot.mimic import Followers, Mimic, read_mimics
@@ -118,11 +118,7 @@ def _check_names(full: pin.Model, robot: RobotSettings, mimics: Mapping[str, Mim
     joints = robot.joints
     for name in joints:
         _require_own_coordinate(full, name, "robot.joints", mimics)
-    for name in robot.passive_joints:
-        if name not in joints:
-            raise ConfigurationError(
-                f"robot.passive_joints: {name!r} is not one of robot.joints; {valid_choices(name, joints)}"
-            )
+    require_known(robot.passive_joints, joints, "robot.passive_joints:", " is not one of robot.joints")
     for name, position in robot.locked_joints.items():
         _require_own_coordinate(full, name, "robot.locked_joints", mimics)
         if name in joints:
@@ -137,8 +133,7 @@ def _check_names(full: pin.Model, robot: RobotSettings, mimics: Mapping[str, Mim
 
 def _require_own_coordinate(full: pin.Model, name: str, key: str, mimics: Mapping[str, Mimic]) -> None:
     own = [str(joint) for joint in full.names[1:] if joint != _FREE_FLYER]
-    if name not in own:
-        raise ConfigurationError(f"{key}: {name!r} is not a joint of the URDF; {valid_choices(name, own)}")
+    require_known(name, own, f"{key}:", " is not a joint of the URDF")
     if name in mimics:
         raise ConfigurationError(f"{key}: {name!r} mimics {mimics[name].leader!r}; name the leader only")
     _require_one_coordinate(full, name, f"{key}: {name!r}")

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.errors import ConfigurationError, require_known
 from wbc_controller.records import Array
 
 
@@ -31,10 +31,7 @@ def read_mimics(tree: ElementTree.Element) -> dict[str, Mimic]:
         if element is None or joint.get("type") == "fixed":
             continue
         name, leader = str(joint.get("name")), str(element.get("joint"))
-        if leader not in names:
-            raise ConfigurationError(
-                f"robot.urdf: joint {name!r} mimics the unknown joint {leader!r}; {valid_choices(leader, names)}"
-            )
+        require_known(leader, names, f"robot.urdf: joint {name!r} mimics the unknown joint")
         given[name] = Mimic(leader, float(element.get("multiplier", "1")), float(element.get("offset", "0")))
     found = {}
     for name, mimic in given.items():

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.errors import ConfigurationError, require_known
 from wbc_controller.records import Array, frozen
 from wbc_controller.settings.robot import RobotSettings
 
@@ -100,11 +100,8 @@ def make_drive(robot: RobotSettings, joint_efforts: Array) -> Drive:
         given = transmission.get(name)
         if given is None:
             known = [*transmission, *(joint for joint in joints if joint not in passive)]
-            if name not in known:
-                raise ConfigurationError(
-                    f"robot.actuators: {name!r} is neither in robot.transmission nor a joint of robot.joints that can "
-                    f"have a motor; {valid_choices(name, known)}"
-                )
+            invalid = " is neither in robot.transmission nor a joint of robot.joints that can have a motor"
+            require_known(name, known, "robot.actuators:", invalid)
             ratios[row, joints.index(name)] = 1.0
             limits[row] = joint_efforts[joints.index(name)]
             if not (0.0 < limits[row] < np.inf):
@@ -114,12 +111,8 @@ def make_drive(robot: RobotSettings, joint_efforts: Array) -> Drive:
                 )
             continue
         limits[row] = given.effort_limit
+        require_known(given.ratios, joints, f"robot.transmission.{name}.ratios:", " is not one of robot.joints")
         for joint, ratio in given.ratios.items():
-            if joint not in joints:
-                raise ConfigurationError(
-                    f"robot.transmission.{name}.ratios: {joint!r} is not one of robot.joints; "
-                    f"{valid_choices(joint, joints)}"
-                )
             ratios[row, joints.index(joint)] = ratio
     for column, joint in enumerate(joints):
         if joint not in passive and not ratios[:, column].any():

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.errors import ConfigurationError, require_known
 from wbc_controller.inverse_dynamics.robot.urdf_structure import check_structure, end_of, shape_problem, vector_of
 from wbc_controller.records import Array
 from wbc_controller.settings.robot import JointLimitSettings
@@ -89,11 +89,8 @@ def read_robot(
     changed = _drop_unusable_visuals(tree)
     changed |= split_planar_joints(tree)
     joints = {str(joint.get("name")): joint for joint in tree.findall("joint")}
+    require_known(limits, joints, "robot.joint_limits:", " is not a joint of the URDF")
     for name, given in limits.items():
-        if name not in joints:
-            raise ConfigurationError(
-                f"robot.joint_limits: {name!r} is not a joint of the URDF; {valid_choices(name, joints)}"
-            )
         _write_limits(joints[name], given.model_dump(exclude_none=True))
         changed = True
     for name, joint in joints.items():

@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.errors import ConfigurationError, require_known, valid_choices
 from wbc_controller.records import Array
 
 LONGEST_CHAIN, MOST_LINKS = 1000, 5000  # for Pinocchio's recursion and run time
@@ -90,10 +90,7 @@ def _unique_names(tree: ElementTree.Element, kind: str) -> dict[str, ElementTree
 
 def _check_joint(name: str, joint: ElementTree.Element) -> None:
     kind = joint.get("type", "")
-    if kind not in JOINT_TYPES:
-        raise ConfigurationError(
-            f"robot.urdf: joint {name!r} has the unknown type {kind!r}; {valid_choices(kind, JOINT_TYPES)}"
-        )
+    require_known(kind, JOINT_TYPES, f"robot.urdf: joint {name!r} has the unknown type")
     if name == _PINOCCHIO_WORLD:
         raise ConfigurationError(f"robot.urdf: invalid joint name {name!r}: Pinocchio reserves it for the world")
 
@@ -103,10 +100,7 @@ def _end(name: str, joint: ElementTree.Element, key: str, links: Mapping[str, ob
     link = None if element is None else element.get("link")
     if link is None:
         raise ConfigurationError(f"robot.urdf: joint {name!r} has no <{key} link=…>")
-    if link not in links:
-        raise ConfigurationError(
-            f"robot.urdf: joint {name!r}: its {key} {link!r} is not a link of the URDF; {valid_choices(link, links)}"
-        )
+    require_known(link, links, f"robot.urdf: joint {name!r}: its {key}", " is not a link of the URDF")
     return link
 
 

@@ -11,7 +11,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.errors import ConfigurationError, require_known
 from wbc_controller.extras import optional_libraries
 from wbc_controller.settings.files import find_configuration
 from wbc_controller.validation.campaign import campaign_report
@@ -48,9 +48,7 @@ def run_campaign(
     console = console or (Console() if Console().is_terminal else Console(width=_WIDTH))
     for robot in robots:
         find_configuration(robot)
-    for kind in kinds:
-        if kind not in ALL_KINDS:
-            raise ConfigurationError(f"unknown kind of fault {kind!r}; {valid_choices(kind, ALL_KINDS)}")
+    require_known(kinds, ALL_KINDS, "unknown kind of fault")
     requested = [
         TrialKey(robot, kind, seed, walking) for seed in seeds for kind in kinds or ALL_KINDS for robot in robots
     ]
@@ -103,8 +101,7 @@ def _in_new_process(key: TrialKey, trial: Callable[..., Outcome]) -> Outcome:
 def _parallel(jobs: int, backend: str, address: str | None, trial: Callable[..., Outcome]) -> Iterator[Any]:
     with optional_libraries():
         import joblib
-    if backend not in BACKENDS:
-        raise ConfigurationError(f"unknown backend {backend!r}; {valid_choices(backend, BACKENDS)}")
+    require_known(backend, BACKENDS, "unknown backend")
     if backend == "loky" and address is not None:
         raise ConfigurationError(
             f"--address {address!r}: not valid for the backend loky (this machine); valid: dask, ray"

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from wbc_controller.controller.controller import Controller
-from wbc_controller.errors import ConfigurationError, WbcError, valid_choices
+from wbc_controller.errors import ConfigurationError, WbcError, require_known
 from wbc_controller.middleware.setpoints import velocity_message
 from wbc_controller.recording.recorder import Recorder
 from wbc_controller.records import Mode
@@ -63,8 +63,7 @@ def run_trial(
         ConfigurationError: if the kind is unknown or the configuration invalid.
     """
     began = time.perf_counter()
-    if kind not in ALL_KINDS:
-        raise ConfigurationError(f"unknown kind of fault {kind!r}; {valid_choices(kind, ALL_KINDS)}")
+    require_known(kind, ALL_KINDS, "unknown kind of fault")
     rng = np.random.default_rng([seed, zlib.crc32(f"{robot}/{kind}".encode())])
     given = {
         "start": rng.uniform(*_START_RANGE),
