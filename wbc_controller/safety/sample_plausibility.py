@@ -1,7 +1,5 @@
 """Plausibility of single samples."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -39,14 +37,14 @@ class SampleCheck:
         self._stamp = 0
 
     @classmethod
-    def of_joints(cls, model: RobotModel, settings: SafetySettings, *, measured: bool) -> SampleCheck:
+    def of_joints(cls, model: RobotModel, settings: SafetySettings, *, measured: bool) -> "SampleCheck":
         """Return the check of joint states; `measured` is False for computed velocities."""
         n, fastest = model.nj, joint_speed_limits(model, settings.max_joint_speed)
         memory = _memory(n, settings, fastest, np.full(n, settings.joint_mismatch), _JOINT_STEP, measured)
         return cls(tuple(f"joint {name!r}" for name in model.joints), ("max_joint_speed",) * n, memory)
 
     @classmethod
-    def of_base(cls, settings: SafetySettings) -> SampleCheck:
+    def of_base(cls, settings: SafetySettings) -> "SampleCheck":
         """Return the check of odometry."""
         fastest = np.repeat([settings.max_base_speed, settings.max_base_turn], 3)
         tolerance = np.repeat([settings.base_mismatch, settings.base_turn_mismatch], 3)

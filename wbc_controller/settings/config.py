@@ -1,7 +1,5 @@
 """Configuration of a robot for Python users."""
 
-from __future__ import annotations
-
 import reprlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -33,7 +31,7 @@ class Config:
     source: str = "a dictionary"  # path of the file, or ``"a dictionary"``; prefix of error messages, if not empty
     urdf: str | None = None  # URDF text, if ``robot.urdf`` is not used
 
-    def replace(self, changes: Mapping[str, Any], *, urdf: str | None = None) -> Config:
+    def replace(self, changes: Mapping[str, Any], *, urdf: str | None = None) -> "Config":
         """Return a configuration with changed values.
 
         Args:
