@@ -38,7 +38,10 @@ class Config:
             changes: values by dotted key, such as ``{"tasks.com.weight": 20.0}``, or nested as in a file. None removes
                 a task, contact or loop: ``{"tasks.torso": None}``. A single joint of the posture, in rad:
                 ``{"robot.posture.left_knee_joint": 0.6}``.
-            urdf: URDF text. Raises: ConfigurationError: with one line per problem.
+            urdf: URDF text.
+
+        Raises:
+            ConfigurationError: with one line per problem.
         """
         _require_text(urdf)
         values = self.settings.model_dump(exclude_unset=True)

@@ -81,9 +81,7 @@ class StopTrial:
 
     flood: str
     stop: Stop
-    # cycles from that state to the first with zero torques and the fault
-    # unrecorded ones
-    cycles: int
+    cycles: int  # from the newest state known to the sender to zero torques and the fault, with unrecorded cycles
     slowest: float  # s
     period: float
 
