@@ -45,7 +45,7 @@ ROOMS = {
         f"{_QP}arrays {_QP}method_calls {_QP}robot {_QP}contacts {_QP}limits {_QP}tasks", "numpy scipy"
     ),
     _QP + "solvers": Room(_QP + "formulation", "numpy scipy qpsolvers daqp osqp proxsuite"),
-    _QP + "whole_body_qp": Room(f"{_QP}robot {_QP}contacts {_QP}tasks {_QP}formulation {_QP}solvers"),
+    _QP + "whole_body_qp": Room(f"{_QP}formulation {_QP}solvers"),
     "estimation": Room(f"{_QP}arrays {_QP}robot {_QP}contacts", "numpy scipy pinocchio"),
     # The supervisor is independent of the quadratic program.
     "safety": Room(f"settings estimation {_QP}arrays {_QP}robot {_QP}limits {_QP}references", "numpy scipy pinocchio"),
