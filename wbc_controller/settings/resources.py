@@ -35,6 +35,11 @@ def locate(uri: str, key: str = "robot.urdf") -> Path:
     return path
 
 
+def folder_of(urdf: str) -> Path | None:
+    """Return the folder of ``robot.urdf``, for relative paths of meshes; None without a file."""
+    return locate(urdf).parent if urdf else None
+
+
 def read_text(path: Path, subject: str, largest: int) -> str:
     """Read a UTF-8 file of at most `largest` characters; `ConfigurationError` begins with the subject."""
     try:

@@ -1,9 +1,9 @@
 """Collision model from URDF and SRDF."""
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, groupby
 from pathlib import Path
 
 import coal
@@ -62,7 +62,8 @@ def build_collision_model(
         folder: of relative mesh paths.
     """
     elements = read_collision_elements(model, with_visuals(model.urdf, visual), "limits.self_collision", folder)
-    joints = {model.pinocchio.frames[frame].name: model.pinocchio.frames[frame].parentJoint for frame in elements}
+    frames = model.pinocchio.frames
+    joints = {frames[element.parentFrame].name: element.parentJoint for element in elements}
     every = list(joints)
     if not every:
         raise ConfigurationError(
@@ -78,8 +79,7 @@ def build_collision_model(
         near_joints = {link: (j, parents[j], parents[parents[j]]) for link, j in joints.items()}
         chosen -= {(a, b) for a, b in chosen if joints[a] in near_joints[b] or joints[b] in near_joints[a]}
     needed = {link for pair in chosen for link in pair}
-    geometry, replaced = _shapes(model, {frame: own for frame, own in elements.items()
-                                         if model.pinocchio.frames[frame].name in needed})  # fmt: skip
+    geometry, replaced = _shapes(model, [each for each in elements if frames[each.parentFrame].name in needed])
     links = [shape.name for shape in geometry.geometryObjects]
     for first, second in combinations(links, 2):
         if (first, second) in chosen or (second, first) in chosen:
@@ -108,12 +108,10 @@ def with_visuals(urdf: str, links: Sequence[str]) -> str:
     return ElementTree.tostring(root, encoding="unicode")
 
 
-def _shapes(
-    model: RobotModel, elements: Mapping[int, Sequence[pin.GeometryObject]]
-) -> tuple[pin.GeometryModel, tuple[str, ...]]:
+def _shapes(model: RobotModel, elements: Sequence[pin.GeometryObject]) -> tuple[pin.GeometryModel, tuple[str, ...]]:
     geometry, replaced = pin.GeometryModel(), []
-    for frame_id, own in elements.items():
-        frame = model.pinocchio.frames[frame_id]
+    for frame_id, group in groupby(elements, lambda element: element.parentFrame):
+        frame, own = model.pinocchio.frames[frame_id], list(group)
         if len(own) == 1 and isinstance(own[0].geometry, coal.ShapeBase):
             shape, placement = own[0].geometry, own[0].placement
         else:

@@ -9,7 +9,7 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.urdf import LARGEST_URDF
 from wbc_controller.records import frozen
 from wbc_controller.settings import Settings
-from wbc_controller.settings.resources import locate, read_text
+from wbc_controller.settings.resources import folder_of, locate, read_text
 
 _log = logging.getLogger(__name__)
 
@@ -47,7 +47,7 @@ def make_self_collision(settings: Settings, model: RobotModel) -> SelfCollisionL
         srdf=srdf,
         pairs=own.pairs,
         visual=own.visual,
-        folder=locate(settings.robot.urdf).parent if settings.robot.urdf else None,
+        folder=folder_of(settings.robot.urdf),
     )
     _log.info("self-collision: %s", collision.summary)
     return SelfCollisionLimit(
