@@ -27,7 +27,7 @@ from timing import exponent, summary
 from wbc_controller.controller.build.collision_model import build_collision_model
 from wbc_controller.controller.check.preflight import stance
 from wbc_controller.records import Array, Reference, References
-from wbc_controller.settings.resources import locate
+from wbc_controller.settings.resources import folder_of
 
 PICTURE = Path(__file__).resolve().parents[1] / "docs" / "images" / "cost-against-size.svg"
 #: Cycles of a block, and blocks of each case.
@@ -172,7 +172,7 @@ def collision_pairs() -> Series:
     """Vary the number of collision pairs of G1."""
     plain = scenes.content_of("g1", scenes.tasks("pelvis"), {})
     settings = parse_settings(plain, "sizes.py")
-    margin, folder = settings.limits.self_collision.margin, locate(settings.robot.urdf).parent
+    margin, folder = settings.limits.self_collision.margin, folder_of(settings.robot.urdf)
     geometry = build_collision_model(make_model(settings), margin=margin, folder=folder).geometry
     links = [shape.name for shape in geometry.geometryObjects]
     names = [f"{links[pair.first]}/{links[pair.second]}" for pair in geometry.collisionPairs]

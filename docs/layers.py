@@ -36,7 +36,7 @@ ROOMS = {
     _QP + "arrays": Room("", "numpy scipy"),
     _QP + "tunable": Room(),
     _QP + "method_calls": Room(_QP + "arrays", "numpy"),
-    _QP + "robot": Room(_QP + "arrays", "numpy scipy pinocchio"),
+    _QP + "robot": Room(f"settings {_QP}arrays", "numpy scipy pinocchio"),
     _QP + "contacts": Room(f"{_QP}tunable {_QP}method_calls {_QP}robot", "numpy scipy pinocchio"),
     _QP + "limits": Room(f"{_QP}tunable {_QP}robot", "numpy pinocchio coal"),
     _QP + "tasks": Room(f"{_QP}arrays {_QP}tunable {_QP}method_calls {_QP}robot {_QP}contacts", "numpy pinocchio"),
@@ -45,10 +45,10 @@ ROOMS = {
         f"{_QP}arrays {_QP}method_calls {_QP}robot {_QP}contacts {_QP}limits {_QP}tasks", "numpy scipy"
     ),
     _QP + "solvers": Room(_QP + "formulation", "numpy scipy qpsolvers daqp osqp proxsuite"),
-    _QP + "whole_body_qp": Room(f"{_QP}robot {_QP}contacts {_QP}tasks {_QP}formulation {_QP}solvers"),
+    _QP + "whole_body_qp": Room(f"{_QP}formulation {_QP}solvers"),
     "estimation": Room(f"{_QP}arrays {_QP}robot {_QP}contacts", "numpy scipy pinocchio"),
     # The supervisor is independent of the quadratic program.
-    "safety": Room(f"estimation {_QP}arrays {_QP}robot {_QP}limits {_QP}references", "numpy scipy pinocchio"),
+    "safety": Room(f"settings estimation {_QP}arrays {_QP}robot {_QP}limits {_QP}references", "numpy scipy pinocchio"),
     "walking": Room(f"{_QP}robot {_QP}references", "numpy pinocchio"),
     "controller": Room(
         "settings inverse_dynamics estimation safety walking", "numpy scipy pinocchio coal pydantic plotly rich"

@@ -166,7 +166,7 @@ ROBOT, TASKS = "inverse_dynamics/robot/planted.py", "inverse_dynamics/tasks/plan
         (ROBOT, "import yaml"),
         (ROBOT, "from rosbags.typesys import Stores"),
         ("inverse_dynamics/formulation/planted.py", "import osqp"),
-        (ROBOT, "from wbc_controller import settings"),
+        (TASKS, "from wbc_controller import settings"),
         (ROBOT, "from ... import nodes"),
         (ROBOT, "from ...safety.supervisor import Supervisor"),
         (TASKS, "import importlib\nimportlib.import_module('mujoco')"),

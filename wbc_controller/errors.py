@@ -13,7 +13,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from typing import Any
 
 
@@ -68,6 +68,19 @@ class NoSolution(WbcError):
 
 class TransportError(WbcError):
     """The middleware cannot start, or cannot open a topic."""
+
+
+def require_known(
+    names: str | Iterable[str],
+    choices: Collection[str],
+    before: str,
+    after: str = "",
+    error: type[WbcError] = ConfigurationError,
+) -> None:
+    """Raise an error for the first unknown name: ``<before> 'cmo'<after>; did you mean 'com'? Valid: com, posture``."""
+    for name in (names,) if isinstance(names, str) else names:
+        if name not in choices:
+            raise error(f"{before} {name!r}{after}; {valid_choices(name, choices)}")
 
 
 def valid_choices(value: str, choices: Iterable[str]) -> str:

@@ -60,7 +60,7 @@ def test_functions_name_the_equation_shapes_units_and_errors(name):
     assert set(inspect.signature(function).parameters) <= documented, "an argument is not described"
     signature = inspect.signature(function)
     described = [p.annotation for name, p in signature.parameters.items() if name not in COMMON]
-    if any("Array" in annotation for annotation in [*described, signature.return_annotation]):
+    if any("array" in str(annotation).lower() for annotation in [*described, signature.return_annotation]):
         assert SHAPE.search(text), "no shape"
     assert UNIT.search(text), "no unit"
     assert ("Raises:" in text) or not raises_itself(function)

@@ -4,12 +4,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from chains import MENAGERIE, menagerie
+from urdf_models import build_model
 
 from wbc_controller.controller.build.guard import make_guard_damping
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.build.robot_description import read_urdf
-from wbc_controller.controller.build.safety import make_supervisor_limits
-from wbc_controller.inverse_dynamics.robot.from_urdf import build_model
 from wbc_controller.inverse_dynamics.robot.transmission import Drive
 from wbc_controller.safety.damping import damping_matrix, stable_damping
 
@@ -57,12 +56,12 @@ def test_damping_is_stable_in_all_postures_with_one_more_period_of_delay(robot, 
 @pytest.mark.parametrize("name", ["g1", "go2", "talos"])
 def test_controller_and_guard_damp_as_configured_as_far_as_that_is_stable(robot_of, name):
     settings, model = robot_of(name)
-    limits = make_supervisor_limits(settings, model)
+    damping, period = settings.safety.damping, 1.0 / settings.control.rate
     K = make_guard_damping(settings, model)
     guard = -model.actuation.at_joints(-K @ np.ones(model.nj))  # of each joint, as all have motors
-    controller = stable_damping(model, limits.damping, limits.period)
-    assert largest_rate(model, guard, limits.period) < 0.5  # its joint states are up to one period older
-    light = [joint for joint, D in zip(model.joints, controller, strict=True) if 0.8 * limits.damping > D]
+    controller = stable_damping(model, damping, period)
+    assert largest_rate(model, guard, period) < 0.5  # its joint states are up to one period older
+    light = [joint for joint, D in zip(model.joints, controller, strict=True) if 0.8 * damping > D]
     assert all(joint.startswith("arm_") for joint in light)  # Talos's forearms
     assert bool(light) == (name == "talos")
     assert (guard <= controller).all()

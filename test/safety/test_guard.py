@@ -9,15 +9,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wbc_controller.records import Mode
-from wbc_controller.safety.guard import ZERO_TIME, Guard, GuardInputs, GuardLimits, GuardMode
+from wbc_controller.safety.guard import ZERO_TIME, Guard, GuardInputs, GuardMode
+from wbc_controller.settings.config import load
 
 EFFORT = np.array([100.0, 20.0, 5.0])
 PERIOD = 0.002
 PATIENCE = 0.01
-LIMITS = GuardLimits(
-    patience=PATIENCE, period=PERIOD, triggered=True, state_timeout=0.05, damping=2.0 * np.eye(3), damping_time=0.5,
-    damping_torque=0.2 * EFFORT, torque_rate=0.2 * EFFORT / PERIOD, effort=EFFORT,
-)  # fmt: skip
+CONFIG = load("go2").replace({
+    "guard.patience": PATIENCE, "guard.damping_time": 0.5, "guard.torque": 0.2, "limits.torque_rate": 0.2 / PERIOD,
+    "safety.state_timeout": 0.05, "control.rate": 1.0 / PERIOD, "control.trigger": "joint_states",
+})  # fmt: skip
+BY_TIMER = CONFIG.replace({"control.trigger": "timer"})
 HOLDING = np.array([60.0, -10.0, 2.0])
 SPEED = np.array([1.0, -0.5, 0.2])
 
@@ -25,8 +27,8 @@ SPEED = np.array([1.0, -0.5, 0.2])
 class Rig:
     """Guard with inputs in simulated time; records its torques."""
 
-    def __init__(self, **changes):
-        self.guard = Guard(dataclasses.replace(LIMITS, **changes))
+    def __init__(self, config=CONFIG):
+        self.guard = Guard(config.settings, EFFORT, 2.0 * np.eye(3))
         self.now = 10.0
         self.inputs = GuardInputs(-math.inf, np.zeros(3), math.inf, None, None, -math.inf)
         self.sent = []
@@ -73,9 +75,9 @@ def test_it_is_silent_before_the_first_command_ever():
     assert rig.guard.mode is GuardMode.IDLE
 
 
-@pytest.mark.parametrize("triggered", [True, False])
-def test_it_damps_in_time_then_sends_zero_then_nothing(triggered):
-    rig = Rig(triggered=triggered)
+@pytest.mark.parametrize("config", [CONFIG, BY_TIMER])
+def test_it_damps_in_time_then_sends_zero_then_nothing(config):
+    rig = Rig(config)
     rig.run(0.1, commands=True)
     sent = rig.run(0.5 + ZERO_TIME + 0.1)
     first = next(i for i, tau in enumerate(sent) if tau is not None)
@@ -178,7 +180,7 @@ def test_an_infeasible_last_command_is_not_continued():
 
 @pytest.mark.parametrize("often", [1, 5])
 def test_the_torque_rate_is_per_second_however_often_it_is_asked(often):
-    rig = Rig(torque_rate=EFFORT)
+    rig = Rig(CONFIG.replace({"limits.torque_rate": 1.0}))
     towards = np.sign(-HOLDING) * EFFORT
     rig.run(0.1, commands=True)
     rig.now += PATIENCE
@@ -211,10 +213,10 @@ events = st.lists(
 
 
 @settings(max_examples=200, deadline=None)
-@given(events, st.booleans())
-def test_whatever_happens(history, triggered):
+@given(events, st.sampled_from([CONFIG, BY_TIMER]))
+def test_whatever_happens(history, config):
     """Torques are finite, bounded and without jumps, and end at zero."""
-    rig = Rig(triggered=triggered)
+    rig = Rig(config)
     before = None
     for what, pause, values, mode in history:
         rig.now += pause

@@ -13,11 +13,13 @@ from wbc_controller.controller.build.safety import make_supervisor_limits
 from wbc_controller.errors import InputRefused, NoSolution
 from wbc_controller.records import Fault, Mode, RobotState, Solution
 from wbc_controller.safety.damping import stable_damping
-from wbc_controller.safety.plausibility import LEAST_HEIGHT, FallLimits, FallWatch, joint_speed_limits, upward
+from wbc_controller.safety.plausibility import LEAST_HEIGHT, FallWatch, StateWatch, joint_speed_limits, upward
 from wbc_controller.safety.supervisor import Supervisor
+from wbc_controller.settings.service import SafetySettings
 
 PERIOD = 0.002
 NOTHING = NoSolution("nothing", "infeasible", None)
+NO_FALL = {"max_tilt": 3.2, "min_height": 0.0}
 
 
 class Body:
@@ -26,7 +28,12 @@ class Body:
     def __init__(self, settings, model, **changes):
         self.model = model
         limits = make_supervisor_limits(settings, model)
-        self.limits = dataclasses.replace(limits, activation_ramp=0.0, **changes)
+        safety = {
+            "activation_ramp": 0.0,
+            **{key: changes.pop(key) for key in [*changes] if hasattr(limits.safety, key)},
+        }
+        safety = limits.safety.model_copy(update=safety)
+        self.limits = dataclasses.replace(limits, safety=safety, **changes)
         self.supervisor = Supervisor(model, self.limits)
         self.base = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.3]))
         self.q, self.v = model.configuration(model.posture, self.base), np.zeros(model.nv)
@@ -158,7 +165,7 @@ def test_a_base_that_sinks_between_its_limbs_has_fallen(body):
 
 
 def test_without_a_smallest_height_a_base_may_sink(body):
-    robot = body(fall=FallLimits(tilt=1.0, height=0.0))
+    robot = body(max_tilt=1.0, min_height=0.0)
     robot.q[joint(robot.model, 1)[0]] += 0.1  # not symmetric: or the lowest end would be the base itself
     for leg in range(4):
         robot.q[joint(robot.model, 3 * leg + 1)[0]] += 1.6  # on its back legs: the feet above the base
@@ -189,13 +196,13 @@ def again(robot):
 
 
 def test_tilt_and_height_are_counted_from_each_activation_anew(body):
-    robot = body(fall=FallLimits(tilt=1.0, height=0.0))
+    robot = body(max_tilt=1.0, min_height=0.0)
     robot.v[3] = 1.0
     for _ in range(3):  # 0.8 rad in each activation, 2.4 rad in all
         robot.step(round(0.8 / PERIOD))
         assert robot.mode is Mode.ACTIVE
         again(robot)
-    robot = body(fall=FallLimits(tilt=3.2, height=0.7))
+    robot = body(max_tilt=3.2, min_height=0.7)
     fold(robot, 0.5, -1.0)
     watch = robot.supervisor._fall
     for _ in range(3):  # 0.8 of the height in each activation, half of it in all
@@ -223,7 +230,9 @@ def random_robot(seed):
 
 
 def height_of(model, q):
-    watch = FallWatch(SimpleNamespace(floating_base=True, pinocchio=model), FallLimits(tilt=1.0, height=0.5))
+    watch = FallWatch(
+        SimpleNamespace(floating_base=True, pinocchio=model), SafetySettings(max_tilt=1.0, min_height=0.5)
+    )
     return watch._height_of(RobotState(0, q, np.zeros(model.nv)))
 
 
@@ -250,7 +259,7 @@ def test_a_base_without_limbs_is_above_nothing():
     assert height_of(model, pin.neutral(model)) == -np.inf
 
 
-@pytest.mark.parametrize(("axis", "speed", "changes"), [(2, -1.0, {}), (3, 1.0, {"fall": None})])
+@pytest.mark.parametrize(("axis", "speed", "changes"), [(2, -1.0, {}), (3, 1.0, NO_FALL)])
 def test_neither_stairs_nor_anything_without_limits_is_a_fall(body, axis, speed, changes):
     robot = body(**changes)
     robot.v[axis] = speed
@@ -260,7 +269,7 @@ def test_neither_stairs_nor_anything_without_limits_is_a_fall(body, axis, speed,
 
 def test_a_fixed_base_does_not_fall(robot_of, changed):
     settings = changed(robot_of("go2")[0], {"robot": {"base": "fixed"}})
-    watch = FallWatch(make_model(settings), FallLimits(tilt=0.01, height=1.0))
+    watch = FallWatch(make_model(settings), SafetySettings(max_tilt=0.01, min_height=1.0))
     watch.begin()
     for i in range(20):  # values 3 to 6 of its configuration are joints, and no quaternion
         q = np.random.default_rng(i).uniform(-1.0, 1.0, 12)
@@ -374,7 +383,7 @@ def test_slow_odometry_is_plausible(body):
 
 
 def test_messages_that_are_lost_are_plausible(body):
-    robot, rng = body(fall=None), np.random.default_rng(1)
+    robot, rng = body(**NO_FALL), np.random.default_rng(1)
     for i in range(300):
         robot.v[robot.model.v_index] = 3.0 * np.sin(0.2 * i + np.arange(robot.model.nj))
         robot.step(dt=PERIOD * int(rng.integers(1, 10)))
@@ -387,10 +396,10 @@ def test_messages_that_are_lost_are_plausible(body):
 
 
 def test_reach_after_a_gap(body):
-    robot = body(fall=None)
+    robot = body(**NO_FALL)
     robot.step(10)
     place = joint(robot.model, 4)[0]
-    fastest = joint_speed_limits(robot.model, robot.limits.plausibility.joint_speed)[4]
+    fastest = joint_speed_limits(robot.model, robot.limits.safety.max_joint_speed)[4]
     robot.q[place] += 0.06 * fastest + 0.15
     robot.step(dt=0.06)
     assert robot.mode is Mode.ACTIVE
@@ -599,5 +608,5 @@ def test_the_supervisor_damps_as_much_as_a_sampled_loop_can_bear(body):
 def test_odometry_that_is_slow_and_not_stale_is_not_frozen(robot_of, changed):
     settings, model = robot_of("go2")
     for timeout, frozen_time in ((0.05, 0.1), (0.5, 0.5)):
-        limits = make_supervisor_limits(changed(settings, {"safety": {"state_timeout": timeout}}), model)
-        assert limits.plausibility.frozen_time == frozen_time
+        watch = StateWatch(model, changed(settings, {"safety": {"state_timeout": timeout}}).safety)
+        assert watch._joint_values._limit == frozen_time

@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 
-from wbc_controller.controller.build.safety import make_plausibility
 from wbc_controller.safety.sample_plausibility import SEQUENCE, SampleCheck
 
 DT = 2_000_000  # ns
@@ -16,7 +15,7 @@ DT = 2_000_000  # ns
 @pytest.fixture
 def go2(robot_of):
     settings, model = robot_of("go2")
-    return model, make_plausibility(settings)
+    return model, settings.safety
 
 
 @pytest.fixture

@@ -1,16 +1,19 @@
 """Supervisor: requests, ramps, holding, damping, and bounds of commands."""
 
+import math
 import re
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from unchecked import UNCHECKED
 
 from wbc_controller.errors import InputRefused, NoSolution
 from wbc_controller.inverse_dynamics.limits import TorqueSpeedCurve
 from wbc_controller.records import REQUESTS, Fault, Infeasibility, Mode, RobotState, Solution
 from wbc_controller.safety.supervisor import Supervisor, SupervisorLimits
+from wbc_controller.settings.service import SafetySettings
 
 STALE = Fault("STALE_INPUT", "odom is 60 ms old (limit 50 ms)")
 NOTHING = NoSolution("the contacts (left, right) conflict", "infeasible", None)
@@ -18,8 +21,16 @@ PERIOD = 0.002
 
 
 def limits(**changes):
-    values = {"activation_ramp": 0.1, "hold_time": 0.02, "damping_time": 0.05, "damping": 2.0, "torque_rate": 100.0}
-    return SupervisorLimits(**{**values, "period": PERIOD, **changes})
+    values = {
+        "activation_ramp": 0.1,
+        "hold_time": 0.02,
+        "hold_window": 0.0,
+        "damping_time": 0.05,
+        "relax_time": math.inf,
+    }
+    safety = {**UNCHECKED, **values, **{key: changes.pop(key) for key in [*changes] if key in values}}
+    safety = SafetySettings().model_copy(update=safety)  # without validation
+    return SupervisorLimits(safety=safety, **{"torque_rate": 100.0, "period": PERIOD, **changes})
 
 
 def solution(model, tau):

@@ -51,7 +51,7 @@ def test_a_new_task_and_another_urdf_can_be_put_in():
         ({"tasks.com.weight": -1.0}, r"tasks\.com\.weight = -1\.0"),
         ({"tasks.com.weight": np.float64("nan")}, r"tasks\.com\.weight = nan"),
         ({"tasks.torso": None}, "tasks.torso = None: unknown entry, cannot be removed; .*Valid: com, posture"),
-        ({"robot.posture.c": 0.0}, "robot.posture.c: 'c' is not in robot.joints; .*Valid: a, b"),
+        ({"robot.posture.c": 0.0}, "robot.posture: 'c' is not in robot.joints; .*Valid: a, b"),
         ({"robot.posture.a": "x"}, r"robot\.posture\.0 = 'x'"),
         ({"tasks": None}, r"tasks"),
         ({"robot.joints": "a", "robot.joints.b": 1}, "conflict with parameter robot.joints.b"),

@@ -7,10 +7,10 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from stepping import simulate
+from urdf_models import build_model
 
 import wbc_controller as wbc
 from wbc_controller.errors import ConfigurationError, InputRefused
-from wbc_controller.inverse_dynamics.robot.from_urdf import build_model
 from wbc_controller.settings.files import parse_settings
 from wbc_controller.simulation.mechanism import contact_frame
 from wbc_controller.simulation.plant import Plant

@@ -1,7 +1,5 @@
 """Controller of one robot for Python users."""
 
-from __future__ import annotations
-
 import reprlib
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -16,18 +14,7 @@ from wbc_controller.controller.cycle import ControlCycle, seconds
 from wbc_controller.controller.report import CycleInputs
 from wbc_controller.controller.result import CycleResult
 from wbc_controller.errors import ConfigurationError, InputRefused, valid_choices
-from wbc_controller.inverse_dynamics.references.changes import (
-    Change,
-    EnableContact,
-    EnableTask,
-    SetExternalWrench,
-    SetSetpoint,
-    SetTrajectory,
-    SetWeight,
-    Walk,
-    WalkFootsteps,
-    WalkTo,
-)
+from wbc_controller.inverse_dynamics.references import changes
 from wbc_controller.inverse_dynamics.references.ranges import LONGEST, check_change, check_rates
 from wbc_controller.inverse_dynamics.references.trajectories import Knot
 from wbc_controller.inverse_dynamics.tasks import Task
@@ -73,7 +60,7 @@ class Controller(ControlCycle):
         self.qp.forget()
         self._commands, self._streamed = [], {}
         self._failure, self._explained_at = None, -np.inf
-        self.supervisor = Supervisor(self.model, self._live.supervisor)
+        self.supervisor = Supervisor(self.model, self.supervisor.limits)
         self._start(state)
         self.supervisor.request("activate", self._time, None)
 
@@ -139,7 +126,7 @@ class Controller(ControlCycle):
                     f"duration = {duration!r} s of task {task!r}: not valid with velocity or acceleration"
                 )
         if not streamed:
-            self._command(SetSetpoint(task, values, duration))
+            self._command(changes.SetSetpoint(task, values, duration))
             return
         size = len(self.board.present(task, self._now()).velocity)
         rates = [
@@ -148,7 +135,7 @@ class Controller(ControlCycle):
         ]
         reference = Reference(frozen(values), *map(frozen, rates))
         check_rates(self.qp.tasks[task], reference, self.model)
-        self._command(SetSetpoint(task, values, 0.0))
+        self._command(changes.SetSetpoint(task, values, 0.0))
         self._streamed[task] = reference
 
     def follow(
@@ -181,7 +168,7 @@ class Controller(ControlCycle):
             )
         ]
         knots = tuple(Knot(*each) for each in zip(seconds.tolist(), points, *rates, strict=True))
-        self._command(SetTrajectory(task, None, knots))
+        self._command(changes.SetTrajectory(task, None, knots))
 
     def enable(self, name: str, enabled: bool = True) -> None:
         """Enable or disable a task or contact along a ramp of its weight or load.
@@ -194,9 +181,9 @@ class Controller(ControlCycle):
         if not isinstance(enabled, bool | np.bool_):
             raise InputRefused(f"enabled = {reprlib.repr(enabled)}: must be True or False")
         section, _, inner = str_of(name).rpartition(".")
-        kinds: dict[str, tuple[Mapping[str, Any], type[EnableTask | EnableContact]]] = {
-            "tasks": (self.board.plans, EnableTask),
-            "contacts": (self.board.contact_plans, EnableContact),
+        kinds: dict[str, tuple[Mapping[str, Any], type[changes.EnableTask | changes.EnableContact]]] = {
+            "tasks": (self.board.plans, changes.EnableTask),
+            "contacts": (self.board.contact_plans, changes.EnableContact),
         }
         found = [kind for key, (known, kind) in kinds.items() if inner in known and section in ("", key)]
         if not found:
@@ -217,7 +204,7 @@ class Controller(ControlCycle):
             InputRefused: if the task is unknown, or the weight is not within 0 to 1e6.
         """
         self._task(task)
-        self._command(SetWeight(task, number(weight, f"the weight of task {task!r}", 0.0, 1.0e6)))
+        self._command(changes.SetWeight(task, number(weight, f"the weight of task {task!r}", 0.0, 1.0e6)))
 
     def set_external_wrench(self, frame: str, wrench: npt.ArrayLike) -> None:
         """Set a known external wrench, (6,) in N and N·m, world axes, at the origin of a URDF frame.
@@ -229,7 +216,7 @@ class Controller(ControlCycle):
             self.model.frame_id(str_of(frame), "frame")
         except ConfigurationError as error:
             raise InputRefused(str(error)) from error
-        self._command(SetExternalWrench(frame, frozen(finite(sized(wrench, 6, "the wrench"), "the wrench"))))
+        self._command(changes.SetExternalWrench(frame, frozen(finite(sized(wrench, 6, "the wrench"), "the wrench"))))
 
     def walk(self, forward: float = 0.0, sideways: float = 0.0, turning: float = 0.0) -> None:
         """Walk at a velocity in the axes of the robot's heading, m/s and rad/s, until `stand`; 0 is in place.
@@ -241,13 +228,13 @@ class Controller(ControlCycle):
         """
         velocity = finite([forward, sideways, turning], "the walking velocity")
         self._require_walker()
-        self._command(Walk(frozen(velocity)))
+        self._command(changes.Walk(frozen(velocity)))
 
     def walk_to(self, x: float, y: float, heading: float) -> None:
         """Walk to a pose in the world, m and rad, and stop there; errors as for `walk`."""
         pose = finite([x, y, heading], "the goal")
         self._require_walker()
-        self._command(WalkTo(frozen(pose)))
+        self._command(changes.WalkTo(frozen(pose)))
 
     def walk_footsteps(self, poses: npt.ArrayLike) -> None:
         """Step on poses of alternating soles (x, y in m and heading in rad in the world), (n, 3), and stop.
@@ -259,11 +246,11 @@ class Controller(ControlCycle):
         if values.ndim != 2 or values.shape[1] != 3 or not len(values):
             raise InputRefused(f"the footsteps have the shape {values.shape}; it must be (n, 3)")
         self._require_walker()
-        self._command(WalkFootsteps(frozen(values)))
+        self._command(changes.WalkFootsteps(frozen(values)))
 
     def stand(self) -> None:
         """Stop walking after the step that brings the feet side by side."""
-        self._command(Walk(None))
+        self._command(changes.Walk(None))
 
     def _require_walker(self) -> None:
         if self.walker is None:
@@ -321,11 +308,11 @@ class Controller(ControlCycle):
             raise InputRefused("the controller has no state; call reset(q, v, t) first")
         return self._time
 
-    def _command(self, change: Change) -> None:
+    def _command(self, change: changes.Change) -> None:
         check_change(change, self.qp.tasks, self.model)
         self.board.check(change, self.qp.dynamics, self._now())
         self._commands.append(change)
-        if isinstance(change, SetSetpoint | SetTrajectory):
+        if isinstance(change, changes.SetSetpoint | changes.SetTrajectory):
             self._streamed.pop(change.task, None)
 
     def _position(self, task: str, position: Any, subject: str) -> Array:
@@ -350,7 +337,7 @@ class Controller(ControlCycle):
                 )
         present = self.board.present(task, self._now()).position
         for change in self._commands:
-            if isinstance(change, SetSetpoint) and change.task == task:
+            if isinstance(change, changes.SetSetpoint) and change.task == task:
                 present = change.position
         values = zip(joints, present.tolist(), strict=True)
         return np.array([number(given.get(name, value), f"the position of {name!r}") for name, value in values])

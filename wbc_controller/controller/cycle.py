@@ -1,7 +1,5 @@
 """Control cycle: requests, changes, quadratic program, supervisor."""
 
-from __future__ import annotations
-
 import logging
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -16,6 +14,7 @@ import numpy as np
 from wbc_controller.controller.build.estimation import make_model_error
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.build.safety import make_supervisor_limits
 from wbc_controller.controller.build.walking import make_walker
 from wbc_controller.controller.check.preflight import check_qp
 from wbc_controller.controller.live_settings import LiveSettings, live_part
@@ -95,7 +94,7 @@ class ControlCycle:
             raise ConfigurationError(self.config.with_source(str(error))) from error
         self._live = self.live.newest
         self.board = ReferenceBoard(self._live.board)
-        self.supervisor = Supervisor(model, self._live.supervisor)
+        self.supervisor = Supervisor(model, make_supervisor_limits(settings, model))
         self.walker = make_walker(settings, self.qp)
         if self.walker is not None:
             self._prepare_walking(self.walker)
@@ -253,7 +252,7 @@ class ControlCycle:
         self.live.replace_all(settings)
         self._live = self.live.newest
         self.board, self._solution = ReferenceBoard(self._live.board), None
-        self.supervisor = Supervisor(self.model, self._live.supervisor)
+        self.supervisor = Supervisor(self.model, self.supervisor.limits)
         restore_state(self.board, memory["board"])
         restore_state(self.supervisor, memory["supervisor"])
         self.model_error.observer.limits = self._live.disturbance
@@ -351,7 +350,6 @@ class ControlCycle:
         if newest is not self._live:
             self._update_contact_forces()
             self.board.replan(newest.board, self.qp.dynamics, time if self.supervisor.solving else None)
-            self.supervisor.limits = newest.supervisor
             self.model_error.observer.limits = newest.disturbance
             self._live = newest
 

@@ -1,7 +1,5 @@
 """Settings changed between cycles."""
 
-from __future__ import annotations
-
 import logging
 import threading
 from collections.abc import Callable, Iterator, Mapping
@@ -12,12 +10,10 @@ from pydantic import BaseModel
 
 from wbc_controller.controller.build.estimation import disturbance_limits
 from wbc_controller.controller.build.references import make_board_plan
-from wbc_controller.controller.build.safety import make_supervisor_limits
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.estimation.disturbance_observer import DisturbanceLimits
 from wbc_controller.inverse_dynamics.references.board import BoardPlan
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
-from wbc_controller.safety.supervisor import SupervisorLimits
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import parse_settings
 from wbc_controller.settings.nesting import merged
@@ -31,7 +27,6 @@ class LivePart:
 
     settings: Settings
     board: BoardPlan  # plans of references, gains and limits
-    supervisor: SupervisorLimits
     disturbance: DisturbanceLimits
 
 
@@ -126,5 +121,4 @@ def _out_of_live_range(configured: BaseModel, old: BaseModel, new: BaseModel, pr
 
 def live_part(settings: Settings, qp: WholeBodyQP) -> LivePart:
     """Derive the live part of the settings."""
-    supervisor = make_supervisor_limits(settings, qp.model)
-    return LivePart(settings, make_board_plan(settings, qp), supervisor, disturbance_limits(settings))
+    return LivePart(settings, make_board_plan(settings, qp), disturbance_limits(settings))

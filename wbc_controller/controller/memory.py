@@ -4,8 +4,6 @@
 restored in place, as compiled code may be bound to them, and must not be shared by attributes.
 """
 
-from __future__ import annotations
-
 import reprlib
 from collections import deque
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Result of a cycle, with tables and plots."""
 
-from __future__ import annotations
-
 import math
 import reprlib
 from collections.abc import Mapping, Sequence

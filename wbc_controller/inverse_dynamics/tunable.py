@@ -1,7 +1,5 @@
 """Version counter of parameters."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING, Any
 
 

@@ -6,7 +6,6 @@ from functools import partial
 from typing import Any
 
 from wbc_controller.errors import ConfigurationError, NoSolution
-from wbc_controller.inverse_dynamics.contacts import Contact
 from wbc_controller.inverse_dynamics.formulation.answer import NOT_FINITE, Answer
 from wbc_controller.inverse_dynamics.formulation.formulation import Formulation
 from wbc_controller.inverse_dynamics.formulation.infeasibility import explain
@@ -20,12 +19,9 @@ from wbc_controller.inverse_dynamics.formulation.relaxation import (
     widen,
 )
 from wbc_controller.inverse_dynamics.formulation.unpacking import unpack
-from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
-from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.solvers import Solver, make_solver
 from wbc_controller.inverse_dynamics.solvers.daqp import INFEASIBLE, solve_carefully
 from wbc_controller.inverse_dynamics.solvers.hierarchy import Hierarchy
-from wbc_controller.inverse_dynamics.tasks import Task
 from wbc_controller.records import Array, Infeasibility, References, RobotState, Solution
 
 _CLEARANCE = 1.0e-6  # clearance of strict priorities to relaxed bounds against rounding, in the problem's units
@@ -57,6 +53,8 @@ class WholeBodyQP:
             ConfigurationError: if the solver is missing, or too inaccurate for the tasks' priorities.
         """
         self.formulation = formulation
+        self.model, self.dynamics = formulation.model, formulation.dynamics
+        self.tasks, self.contacts = formulation.tasks, formulation.contacts
         self._solver_name = solver
         self._timer = timer
         self._solvers: dict[tuple[str, ...], Solver] = {}
@@ -73,26 +71,6 @@ class WholeBodyQP:
             )
         self._solver_of(self.formulation.layout(tuple(self.contacts)))
         self._change = None
-
-    @property
-    def model(self) -> RobotModel:
-        """Model of the robot."""
-        return self.formulation.model
-
-    @property
-    def dynamics(self) -> Dynamics:
-        """Dynamics of the last cycle."""
-        return self.formulation.dynamics
-
-    @property
-    def tasks(self) -> Mapping[str, Task]:
-        """Tasks by name."""
-        return self.formulation.tasks
-
-    @property
-    def contacts(self) -> Mapping[str, Contact]:
-        """Contacts by name."""
-        return self.formulation.contacts
 
     def contact_jacobian(self, names: tuple[str, ...]) -> Array:
         """Return the stacked Jacobians (k, nv) of active contacts."""

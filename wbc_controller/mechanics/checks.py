@@ -1,7 +1,5 @@
 """Argument checks."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -5,8 +5,6 @@ A constraint keeps a position g(q, t) (holonomic) or a velocity γ(q, v, t) (non
 decay as g̈ + (2/T) ġ + g/T² = 0 and γ̇ + γ/T = 0.
 """
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Floating-base dynamics with constraints (section 4.2.2; S10)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Change of root link, order and direction of joints (Lemma 1, 2.1.2; S2)."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -9,7 +7,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.errors import ConfigurationError, require_known
 from wbc_controller.mechanics.checks import joint_index
 from wbc_controller.records import Array
 
@@ -96,10 +94,7 @@ def change_coordinates(
     names = list(model.names)
     first = 1 if floating else 0
     flipped = set(flip)
-    unknown = flipped - set(names[first + 1 :])
-    if unknown:
-        name = sorted(unknown)[0]
-        raise ConfigurationError(f"flip: unknown joint {name!r}; {valid_choices(name, names[first + 1 :])}")
+    require_known(sorted(flipped), names[first + 1 :], "flip: unknown joint")
     new_root = joint_index(model, root) if root is not None else first
     axes = _axes(model, first)
     order = np.random.default_rng(shuffle)

@@ -1,7 +1,5 @@
 """Energies, the Hamiltonian and the power balance (section 3.2; S6)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """M(q) v̇ + h(q, v) = Sᵀτ + Σ Jᵢᵀfᵢ: forward and inverse dynamics (S1, S11)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

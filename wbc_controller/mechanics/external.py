@@ -1,7 +1,5 @@
 """External wrenches and their generalized forces (section 2.2, equations (20)–(22); S4)."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any

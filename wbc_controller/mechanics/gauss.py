@@ -1,7 +1,5 @@
 """Gauss's principle of least constraint (section 4.1, equations (30)–(32); S3, S8)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -4,8 +4,6 @@ q = q₀ ⊕ θ with θ̇ = D(θ)⁻¹ v and D = ∂(q₀ ⊕ θ)/∂θ, by Rung
 Runge-Kutta methods on manifolds", 1999).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

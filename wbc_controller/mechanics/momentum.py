@@ -1,7 +1,5 @@
 """Generalized and centroidal momentum, momentum balance (section 3.1; S5)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Particles connected by rigid rods, with contacts (33) (section 4.2.1; S9)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -11,6 +9,9 @@ from wbc_controller.errors import ConfigurationError
 from wbc_controller.mechanics.checks import as_array
 from wbc_controller.mechanics.gauss import ConstrainedMotion, admissible_directions, gauss
 from wbc_controller.records import Array
+
+#: A, (k, 3n), and b, (k,), of equation (30) for particles.
+ConstrainedRows = tuple[Array, Array]
 
 
 @dataclass(frozen=True)
@@ -80,10 +81,6 @@ def rod_constraints(
         A[row, rod.first] = d
         b[row] = -d_dot @ d_dot - 2.0 * rate * (d @ d_dot) - 0.5 * rate**2 * (d @ d - rod.length**2)
     return A.reshape(len(system.rods), 3 * n), b
-
-
-#: A, (k, 3n), and b, (k,), of equation (30) for particles.
-ConstrainedRows = tuple[Array, Array]
 
 
 def _free_acceleration(system: ParticleSystem, forces: Array | None) -> Array:

@@ -1,7 +1,5 @@
 """Symmetries and conserved quantities (section 3.1, equations (23)–(28); S5)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -16,7 +16,6 @@ from wbc_controller.controller.build.estimation import (
     make_sensing,
     make_velocity_filter,
 )
-from wbc_controller.controller.build.safety import make_plausibility
 from wbc_controller.controller.controller import Controller
 from wbc_controller.controller.report import CycleReport
 from wbc_controller.errors import InputRefused
@@ -132,7 +131,7 @@ def make_loop(
         agreement=make_odometry_agreement(settings, model, published),
         sensing=make_sensing(settings, model, published) if estimated else None,
         velocity_filter=make_velocity_filter(settings),
-        plausibility=make_plausibility(settings),
+        plausibility=settings.safety,
     )
     recorded = recorder.status if recorder is not None else lambda: {"recorder": NOT_RECORDED}
     outputs = Outputs(

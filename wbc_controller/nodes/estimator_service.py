@@ -17,7 +17,6 @@ import numpy as np
 from wbc_controller.controller.build.contacts import make_contact
 from wbc_controller.controller.build.estimation import make_estimator, make_sensing, make_velocity_filter
 from wbc_controller.controller.build.robot import make_model
-from wbc_controller.controller.build.safety import make_plausibility
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.codec import diagnostics, encode
 from wbc_controller.middleware.odometry import odometry, transform
@@ -69,7 +68,7 @@ class EstimatorService:
         self._inputs = Inputs(
             model, make_vocabulary(settings, model), sensors, transport, clock,
             clock_tolerance=tolerance, estimator=self.estimator, sensing=make_sensing(settings, model, contacts),
-            velocity_filter=make_velocity_filter(settings), plausibility=make_plausibility(settings),
+            velocity_filter=make_velocity_filter(settings), plausibility=settings.safety,
         )  # fmt: skip
         self._stamp = -math.inf
         self._transform_due = self._diagnostics_due = -math.inf

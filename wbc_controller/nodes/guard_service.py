@@ -34,7 +34,7 @@ from wbc_controller.middleware.transports.transport import Publish, Stream, Tran
 from wbc_controller.nodes.clock import Clock, MonotonicClock
 from wbc_controller.nodes.urdf import find_urdf
 from wbc_controller.records import Array, Mode
-from wbc_controller.safety.guard import Guard, GuardInputs, GuardLimits, GuardMode
+from wbc_controller.safety.guard import Guard, GuardInputs, GuardMode
 from wbc_controller.settings import Settings
 
 NODE_NAME = GUARD_NODE
@@ -70,7 +70,7 @@ class GuardService:
         namespace: str = "/",
     ) -> None:
         """Subscribe to the topics; `damping` is (na, nj), from `make_guard_damping`."""
-        self.guard = Guard(guard_limits(settings, robot.effort_limits, damping))
+        self.guard = Guard(settings, robot.effort_limits, damping)
         self._clock = clock
         self._name, self._hardware = f"{namespace.strip('/')}/{NODE_NAME}: commands".strip("/"), robot.name
         self._joints = joints = settings.robot.joints
@@ -80,7 +80,7 @@ class GuardService:
         differentiated = known.joint_velocity == "differentiated"
         self._states = JointStateReader(joints, "position" if differentiated else "velocity")
         self._velocity_filter = VelocityFilter(known.joint_velocity_time) if differentiated else None
-        self._period = 1.0 / settings.control.rate
+        self._period, self._patience = 1.0 / settings.control.rate, settings.guard.patience
         self._diagnostics_period = 1.0 / settings.control.diagnostics_rate
         self._diagnostics_due = -math.inf
         self._published_text, self._limit = "", LogLimit()
@@ -88,7 +88,7 @@ class GuardService:
         self._lock = threading.Lock()
         self._command_at, self._torques = -math.inf, np.zeros(len(robot.effort_limits))
         self._command_stamp = 0  # ns
-        self._drive = robot.drive
+        self._drive, self._effort_limits = robot.drive, robot.effort_limits
         self._unanswered_at = math.inf
         self._mode: Mode | None = None
         self._joint_states: tuple[float, bytes] | None = None
@@ -137,7 +137,7 @@ class GuardService:
             self._refused.pop("joint_commands", None)
 
     def _torques_of(self, effort: Array) -> Array:
-        tau, limits = self._drive.from_joints(effort), self.guard.limits.effort
+        tau, limits = self._drive.from_joints(effort), self._effort_limits
         within = np.abs(tau) <= _LARGEST_TORQUE * limits
         if not within.all():
             i = int((~within).argmax())
@@ -234,7 +234,7 @@ class GuardService:
         if self.guard.sending:
             return now + self._period
         # A joint state that arrives later has a later deadline.
-        return min(self.guard.deadline(received), now + self.guard.limits.patience)
+        return min(self.guard.deadline(received), now + self._patience)
 
     def _publish_diagnostics(self, now: float, received: GuardInputs) -> None:
         guard, stale = self.guard, ""
@@ -253,7 +253,7 @@ class GuardService:
             self._published_text = text
             self._publish["state"](encode(message("std_msgs/msg/String", data=text)))
         if self._unlogged and now - self._logged_at >= _WARNING_PERIOD:
-            patience, others = 1e3 * guard.limits.patience, self._unlogged - 1
+            patience, others = 1e3 * self._patience, self._unlogged - 1
             hint = f"; {others} earlier changes not logged: guard.patience ({patience:g} ms) may be too short"
             _log.warning("%s%s", text, hint if others > 1 else "")  # a takeover and its end are two changes
             self._unlogged, self._logged_at = 0, now
@@ -287,22 +287,6 @@ class GuardService:
             self.watch.stop()
             if self.guard.sending:
                 self._publish["effort"](encode(torques(np.zeros(self._drive.command_size))))
-
-
-def guard_limits(settings: Settings, effort: Array, damping: Array) -> GuardLimits:
-    """Return the limits from settings, effort limits, (na,) in N·m, and damping, (na, nj)."""
-    guard, period = settings.guard, 1.0 / settings.control.rate
-    return GuardLimits(
-        patience=guard.patience,
-        period=period,
-        triggered=settings.control.trigger == "joint_states",
-        state_timeout=settings.safety.state_timeout,
-        damping=damping,
-        damping_time=guard.damping_time,
-        damping_torque=guard.torque * effort,
-        torque_rate=settings.limits.torque_rate * effort,
-        effort=effort,
-    )
 
 
 def _compute_damping(settings: Settings, urdf: str) -> Array:

@@ -36,8 +36,8 @@ from wbc_controller.nodes.contact_sensors import KEYS, ContactSensors
 from wbc_controller.nodes.requests import Requests, refusal_reason
 from wbc_controller.records import Array, ChangeSettings, Fault, RobotState
 from wbc_controller.safety.checks import stale_inputs
-from wbc_controller.safety.plausibility import PlausibilityLimits
 from wbc_controller.safety.sample_plausibility import SampleCheck
+from wbc_controller.settings.service import SafetySettings
 
 #: Largest state message, bytes, by row of the topic table.
 _MAX_BYTES = {"joint_states": 1 << 18, "odom": 1 << 16, "imu": 1 << 16, "pose": 1 << 16, **dict.fromkeys(KEYS, 1 << 14)}
@@ -95,7 +95,7 @@ class Inputs:
         agreement: OdometryAgreement | None = None,
         sensing: ContactSensing | None = None,
         velocity_filter: VelocityFilter | None = None,
-        plausibility: PlausibilityLimits | None = None,
+        plausibility: SafetySettings | None = None,
     ) -> None:
         self._model = model
         self._clock = clock

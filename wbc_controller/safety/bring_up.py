@@ -5,8 +5,6 @@ zero torque. The unexplained velocity of each joint decays, and gains Δv - v̇ 
 plus N M⁻¹ Sᵀ Δτ for torques not sent (`estimation.projection`), with a free or a held base.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wbc_controller.records import Array, Mode, frozen
+from wbc_controller.settings import Settings
 
 #: Modes in which the controller may stop commanding after zero torques.
 _ENDED = (Mode.INACTIVE, Mode.STOPPED, Mode.FAULT)
@@ -34,21 +35,6 @@ class GuardMode(str, enum.Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class GuardLimits:
-    """Timing and limits of the guard."""
-
-    patience: float  # largest delay of a command, s
-    period: float  # time between the controller's commands, s
-    triggered: bool  # True if each joint state triggers a command
-    state_timeout: float  # largest age of velocities for damping, and of joint states for a triggered controller, s
-    damping: Array  # K of the damping torques -K v, (na, nj)
-    damping_time: float  # time of damping before the torques are zero, s
-    damping_torque: Array  # largest damping torque, (na,) in N·m
-    torque_rate: Array  # torque rate limit, (na,) in N·m/s, over at most one period per message
-    effort: Array  # largest torque, (na,) in N·m
-
-
-@dataclass(frozen=True, slots=True)
 class GuardInputs:
     """Latched messages of the guard; times are arrival times on its clock."""
 
@@ -63,14 +49,21 @@ class GuardInputs:
 class Guard:
     """Decides when the guard sends torques, and which; `reason` explains a takeover."""
 
-    def __init__(self, limits: GuardLimits) -> None:
+    def __init__(self, settings: Settings, effort: Array, damping: Array) -> None:
+        """Torques -K v of the `damping` K, (na, nj), and limits `effort`, (na,) in N·m."""
         self.mode = GuardMode.IDLE
         self.reason = ""
         self.takeovers = 0
-        self.limits = limits
+        self._settings, self._effort, self._damping = settings.guard, effort, damping
+        self._damping_torque = settings.guard.torque * effort
+        self._torque_rate = settings.limits.torque_rate * effort
+        self._period = 1.0 / settings.control.rate
+        self._triggered = settings.control.trigger == "joint_states"
+        # of velocities for damping, and of joint states for a triggered controller, s
+        self._state_timeout = settings.safety.state_timeout
         self._since = 0.0  # start of the present mode, s
         self._command_at = -math.inf  # arrival of the newest processed command, s
-        self._tau = np.zeros(len(limits.effort))  # last torques on the topic
+        self._tau = np.zeros(len(effort))  # last torques on the topic
         self._tau_at = -math.inf  # their time, s
 
     @property
@@ -80,13 +73,12 @@ class Guard:
 
     def deadline(self, inputs: GuardInputs) -> float:
         """Return the time of the takeover without a new command, s, or inf."""
-        limits = self.limits
         if inputs.command_at == -math.inf or (inputs.mode in _ENDED and not inputs.torques.any()):
             return math.inf
-        due = inputs.command_at + limits.period
-        if limits.triggered:
-            due = min(inputs.unanswered_at, due + limits.state_timeout)
-        return due + limits.patience
+        due = inputs.command_at + self._period
+        if self._triggered:
+            due = min(inputs.unanswered_at, due + self._state_timeout)
+        return due + self._settings.patience
 
     def step(self, now: float, inputs: GuardInputs) -> Array | None:
         """Update the mode; return torques, (na,) in N·m, or None."""
@@ -98,7 +90,7 @@ class Guard:
                 self._enter(GuardMode.IDLE if deadline == math.inf else GuardMode.WATCHING, now)
                 return None
             self._take_over(now, inputs)
-        if self.mode is GuardMode.DAMPING and not (now - self._since < self.limits.damping_time):
+        if self.mode is GuardMode.DAMPING and not (now - self._since < self._settings.damping_time):
             self._enter(GuardMode.ZERO, now)
         if self.mode is GuardMode.ZERO and not (now - self._since < ZERO_TIME) and not self._tau.any():
             self._enter(GuardMode.RELEASED, now)
@@ -106,7 +98,7 @@ class Guard:
 
     def velocity_is_stale(self, now: float, inputs: GuardInputs) -> bool:
         """Return True without fresh velocities for damping."""
-        fresh = now - inputs.velocity_at <= self.limits.state_timeout
+        fresh = now - inputs.velocity_at <= self._state_timeout
         return inputs.velocity is None or not fresh or not np.isfinite(inputs.velocity).all()
 
     def _take_over(self, now: float, inputs: GuardInputs) -> None:
@@ -115,9 +107,8 @@ class Guard:
         if inputs.mode is not None:
             self.reason += f", in mode {inputs.mode.value}"
         self.takeovers += 1
-        limits = self.limits
         usable = np.isfinite(inputs.torques).all()
-        self._tau = np.clip(inputs.torques, -limits.effort, limits.effort) if usable else np.zeros(len(limits.effort))
+        self._tau = np.clip(inputs.torques, -self._effort, self._effort) if usable else np.zeros(len(self._effort))
         self._tau_at = inputs.command_at
         self._enter(GuardMode.DAMPING, now)
 
@@ -126,10 +117,9 @@ class Guard:
             self.mode, self._since = mode, now
 
     def _torques(self, now: float, inputs: GuardInputs) -> Array:
-        limits = self.limits
-        wanted = np.zeros(len(limits.effort))
+        wanted = np.zeros(len(self._effort))
         if self.mode is GuardMode.DAMPING and inputs.velocity is not None and not self.velocity_is_stale(now, inputs):
-            wanted = np.clip(-(limits.damping @ inputs.velocity), -limits.damping_torque, limits.damping_torque)
-        step = limits.torque_rate * max(0.0, min(now - self._tau_at, limits.period))
+            wanted = np.clip(-(self._damping @ inputs.velocity), -self._damping_torque, self._damping_torque)
+        step = self._torque_rate * max(0.0, min(now - self._tau_at, self._period))
         self._tau, self._tau_at = np.clip(wanted, self._tau - step, self._tau + step), now
         return frozen(self._tau)

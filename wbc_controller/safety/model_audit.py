@@ -12,6 +12,7 @@ import numpy as np
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array, AuditReport, JointCommand, RobotState, Solution, freeze, frozen
+from wbc_controller.settings.service import AuditSettings
 
 #: Largest time between two compared states, in control periods.
 _LARGEST_GAP = 3.5
@@ -23,10 +24,7 @@ _SPAN = 0.05
 class AuditLimits:
     """Limits of the residuals."""
 
-    time_constant: float  # of the filter, s
-    patience: float  # time above a limit before a warning, s
-    energy: float  # largest energy residual, as a share of the joint power
-    power: float  # least joint power of that comparison, W
+    settings: AuditSettings
     force: float  # largest unexplained force on the centre of mass, N
     torques: Array  # largest unexplained torque of each joint, (nj,) in N·m
     period: float  # control period, s
@@ -63,7 +61,7 @@ class ModelAudit:
         self._limits = limits
         self._gravity = model.mass * np.array(model.pinocchio.gravity.linear)  # N
         self._weight = model.mass * model.gravity
-        self._span = _SPAN * limits.time_constant - 0.5 * limits.period  # rounds to periods
+        self._span = _SPAN * limits.settings.time_constant - 0.5 * limits.period  # rounds to periods
         self._largest_gap = _LARGEST_GAP * limits.period
         #: Joint components of a generalized force, (nj, nv).
         self._to_joints = np.column_stack([model.joint_forces(component) for component in np.eye(model.nv)])
@@ -149,14 +147,14 @@ class ModelAudit:
         return force
 
     def _finish_span(self, state: RobotState, dynamics: Dynamics) -> AuditReport:
-        sums, limits, lasted = self._sums, self._limits, self._sums.lasted
+        sums, limits, settings, lasted = self._sums, self._limits, self._limits.settings, self._sums.lasted
         self._sums = _Sums(self._model.nv)
         stored, self._stored = self._stored, self._mechanical_energy(dynamics)
-        share = lasted / (limits.time_constant + lasted)
+        share = lasted / (settings.time_constant + lasted)
         self._energy += share * ((self._stored - stored - sums.work) / lasted - self._energy)
         self._throughput += share * (sums.throughput / lasted - self._throughput)
         if sums.predicted > 0.0:
-            share = sums.predicted / (limits.time_constant + sums.predicted)
+            share = sums.predicted / (settings.time_constant + sums.predicted)
             if self._model.floating_base:  # not of a fixed base
                 self._force += share * (sums.impulse / sums.predicted - self._force)
             self._torques += share * (dynamics.M @ sums.velocity / sums.predicted - self._torques)
@@ -176,7 +174,7 @@ class ModelAudit:
                 "or a wrong inertia",
             ),
             "ENERGY_RESIDUAL": (
-                abs(self._energy) > limits.energy * max(self._throughput, limits.power),
+                abs(self._energy) > settings.energy * max(self._throughput, settings.power),
                 f"{self._energy:.3g} W of {self._throughput:.3g} W: a wrong torque, friction, or a wrong mass",
             ),
         }
@@ -184,7 +182,7 @@ class ModelAudit:
         for name, (is_too_large, text) in findings.items():
             if not is_too_large:
                 self._since.pop(name, None)
-            elif now - self._since.setdefault(name, now - lasted) >= limits.patience:
+            elif now - self._since.setdefault(name, now - lasted) >= settings.patience:
                 warnings.append(f"{name}: {text}")
         return AuditReport(self._energy, self._throughput, force, torques, tuple(warnings))
 

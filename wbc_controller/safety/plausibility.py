@@ -2,7 +2,6 @@
 
 import math
 from collections import deque
-from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
@@ -21,6 +20,7 @@ from wbc_controller.safety.plausibility_kernels import (
     compare,
 )
 from wbc_controller.safety.plausibility_kernels import MEMORY as MEMORY  # re-exported
+from wbc_controller.settings.service import SafetySettings
 
 #: Speed times time of a robot at rest, rad or m.
 REST = 1.0e-6
@@ -36,21 +36,6 @@ _NEARLY_A_TURN = 0.3
 AXES = tuple(f"base {kind} {axis}" for kind in ("motion along", "rotation about") for axis in "xyz")
 
 
-@dataclass(frozen=True, slots=True)
-class PlausibilityLimits:
-    """Limits of plausible states."""
-
-    magnitude: float  # largest joint position or base coordinate, rad or m
-    joint_speed: float  # largest joint velocity, as a multiple of the velocity limit
-    base_speed: float  # largest velocity of the base, m/s
-    base_turn: float  # largest angular velocity of the base, rad/s
-    joint_mismatch: float  # largest difference of a joint position and its integrated velocity, rad
-    base_mismatch: float  # likewise of the base position, m
-    base_turn_mismatch: float  # likewise of the base orientation, rad
-    frozen_motion: float  # largest integrated velocity at a constant position, rad
-    frozen_time: float  # longest repetition of all joint or base values during motion, s
-
-
 class StateWatch:
     """Comparison of each state with limits and the previous state; `fault` belongs to the newest state."""
 
@@ -59,10 +44,10 @@ class StateWatch:
         "_base_values",
     )  # fmt: skip
 
-    def __init__(self, model: RobotModel, limits: PlausibilityLimits) -> None:
+    def __init__(self, model: RobotModel, settings: SafetySettings) -> None:
         self.fault: Fault | None = None
-        self._limits = limits
-        self._speed_limits = joint_speed_limits(model, limits.joint_speed)
+        self._magnitude = settings.max_magnitude
+        self._speed_limits = joint_speed_limits(model, settings.max_joint_speed)
         self._joints = frozenset(model.v_index.tolist())
         names = dict(enumerate(AXES if model.floating_base else ()))
         names |= {int(i): f"joint {name!r}" for i, name in zip(model.v_index, model.joints, strict=True)}
@@ -71,15 +56,17 @@ class StateWatch:
         self._bounds = np.full((3, model.nv), np.inf)
         self._fastest, self._tolerance, self._stuck = self._bounds
         self._fastest[model.v_index] = self._speed_limits
-        self._tolerance[model.v_index] = limits.joint_mismatch
-        self._stuck[model.v_index] = limits.frozen_motion
-        self._joint_values = _ValueGroup("the joint states", model.v_places, limits.frozen_time)
+        self._tolerance[model.v_index] = settings.joint_mismatch
+        self._stuck[model.v_index] = settings.frozen_motion
+        # Odometry may repeat until it is stale.
+        frozen_time = max(settings.frozen_time, settings.state_timeout)
+        self._joint_values = _ValueGroup("the joint states", model.v_places, frozen_time)
         self._base_values = (
-            _ValueGroup("the base's pose and twist", slice(0, 6), limits.frozen_time) if model.floating_base else None
+            _ValueGroup("the base's pose and twist", slice(0, 6), frozen_time) if model.floating_base else None
         )
         if model.floating_base:
-            self._fastest[:3], self._fastest[3:6] = limits.base_speed, limits.base_turn
-            self._tolerance[:3], self._tolerance[3:6] = limits.base_mismatch, limits.base_turn_mismatch
+            self._fastest[:6] = np.repeat([settings.max_base_speed, settings.max_base_turn], 3)
+            self._tolerance[:6] = np.repeat([settings.base_mismatch, settings.base_turn_mismatch], 3)
         self._state: RobotState | None = None
         self._before, self._v_before = np.zeros(model.nq), np.zeros(model.nv)
         self._mismatch = np.zeros(model.nv)  # x
@@ -90,7 +77,7 @@ class StateWatch:
             v_index=model.v_index,
             base_q=np.arange(7 if model.floating_base else 0),
             base_v=np.arange(6 if model.floating_base else 0),
-            magnitude=limits.magnitude,
+            magnitude=settings.max_magnitude,
             fastest=self._fastest,
             tolerance=self._tolerance,
             stuck_limit=self._stuck,
@@ -136,12 +123,11 @@ class StateWatch:
         return np.where(speeds <= self._speed_limits, joint_velocity, 0.0)
 
     def _out_of_range(self, state: RobotState) -> Fault | None:
-        limits = self._limits
         magnitudes = np.abs(state.q)
-        if not (largest(magnitudes) <= limits.magnitude):
+        if not (largest(magnitudes) <= self._magnitude):
             i = int(magnitudes.argmax())
             return _fault(
-                f"the configuration's value {i} is {state.q[i]:.3g} (limit {limits.magnitude:g} rad or m, "
+                f"the configuration's value {i} is {state.q[i]:.3g} (limit {self._magnitude:g} rad or m, "
                 "safety.max_magnitude)"
             )
         good = np.abs(state.v) <= self._fastest
@@ -227,14 +213,6 @@ def joint_speed_limits(model: RobotModel, multiple: float) -> Array:
     return np.asarray(np.minimum(multiple * limits, UNLIMITED))
 
 
-@dataclass(frozen=True, slots=True)
-class FallLimits:
-    """Limits of a fall of a floating base."""
-
-    tilt: float  # largest tilt since the activation, rad
-    height: float  # least height, as a share of that at the activation
-
-
 class FallWatch:
     """Comparison of the base with its pose at the activation.
 
@@ -243,14 +221,14 @@ class FallWatch:
 
     STATE_FIELDS = ("upward", "_begun", "_height", "_last_check")
 
-    def __init__(self, model: RobotModel, limits: FallLimits) -> None:
-        self._limits = limits
+    def __init__(self, model: RobotModel, settings: SafetySettings) -> None:
+        self._settings = settings
         self.floating = model.floating_base
         self._pin, self._data = model.pinocchio, model.pinocchio.createData()
         self._limbs = _limb_ends(model.pinocchio) if model.floating_base else []
         self.upward, self._begun = (0.0, 0.0, 1.0), False
         self._height = 0.0  # at the activation, m
-        self._least_cosine = math.cos(limits.tilt) if limits.tilt < math.pi else -math.inf
+        self._least_cosine = math.cos(settings.max_tilt) if settings.max_tilt < math.pi else -math.inf
         self._last_check = -math.inf
 
     def begin(self) -> None:
@@ -261,7 +239,7 @@ class FallWatch:
         """Compare a plausible state with the activation; return the fault, or None."""
         if not self.floating:
             return None
-        limits = self._limits
+        least = self._settings.min_height
         if not self._begun:
             self.upward, self._height, self._last_check = upward(state.q), self._height_of(state), now
             self._begun = True
@@ -272,16 +250,16 @@ class FallWatch:
             tilted = math.acos(max(-1.0, min(1.0, cosine)))
             return Fault(
                 "FALLEN",
-                f"the base has tilted by {tilted:.2f} rad since the activation (limit {limits.tilt:.2f} "
+                f"the base has tilted by {tilted:.2f} rad since the activation (limit {self._settings.max_tilt:.2f} "
                 "rad, safety.max_tilt)",
             )
-        if limits.height > 0.0 and self._height >= LEAST_HEIGHT and not (0.0 <= now - self._last_check < HEIGHT_PERIOD):
+        if least > 0.0 and self._height >= LEAST_HEIGHT and not (0.0 <= now - self._last_check < HEIGHT_PERIOD):
             self._last_check = now
             high = self._height_of(state)
-            if not (high >= limits.height * self._height):
+            if not (high >= least * self._height):
                 return Fault(
                     "FALLEN",
-                    f"the base is {high:.3f} m above the lowest limb (limit {limits.height:g} of the "
+                    f"the base is {high:.3f} m above the lowest limb (limit {least:g} of the "
                     f"{self._height:.3f} m at the activation, safety.min_height)",
                 )
         return None

@@ -1,14 +1,12 @@
 """Plausibility of single samples."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array, Fault
-from wbc_controller.safety.plausibility import AXES, PlausibilityLimits, joint_speed_limits, wrap_hint
+from wbc_controller.safety.plausibility import AXES, joint_speed_limits, wrap_hint
 from wbc_controller.safety.plausibility_kernels import (
     SAMPLE_FAST,
     SAMPLE_JUMP,
@@ -16,6 +14,7 @@ from wbc_controller.safety.plausibility_kernels import (
     SampleMemory,
     compare_sample,
 )
+from wbc_controller.settings.service import SafetySettings
 
 #: Setting of the position tolerance, by setting of the speed.
 _MISMATCH = {
@@ -38,19 +37,18 @@ class SampleCheck:
         self._stamp = 0
 
     @classmethod
-    def of_joints(cls, model: RobotModel, limits: PlausibilityLimits, *, measured: bool) -> SampleCheck:
+    def of_joints(cls, model: RobotModel, settings: SafetySettings, *, measured: bool) -> "SampleCheck":
         """Return the check of joint states; `measured` is False for computed velocities."""
-        n = model.nj
-        memory = _memory(n, limits, joint_speed_limits(model, limits.joint_speed), _JOINT_STEP, measured)
-        memory.tolerance[:] = limits.joint_mismatch
+        n, fastest = model.nj, joint_speed_limits(model, settings.max_joint_speed)
+        memory = _memory(n, settings, fastest, np.full(n, settings.joint_mismatch), _JOINT_STEP, measured)
         return cls(tuple(f"joint {name!r}" for name in model.joints), ("max_joint_speed",) * n, memory)
 
     @classmethod
-    def of_base(cls, limits: PlausibilityLimits) -> SampleCheck:
+    def of_base(cls, settings: SafetySettings) -> "SampleCheck":
         """Return the check of odometry."""
-        fastest = np.repeat([limits.base_speed, limits.base_turn], 3)
-        memory = _memory(7, limits, fastest, _BASE_STEP, measured=True)
-        memory.tolerance[:] = np.repeat([limits.base_mismatch, limits.base_turn_mismatch], 3)
+        fastest = np.repeat([settings.max_base_speed, settings.max_base_turn], 3)
+        tolerance = np.repeat([settings.base_mismatch, settings.base_turn_mismatch], 3)
+        memory = _memory(7, settings, fastest, tolerance, _BASE_STEP, measured=True)
         return cls(AXES, ("max_base_speed",) * 3 + ("max_base_turn",) * 3, memory)
 
     def check(self, stamp: int, position: Array, velocity: Array) -> str:
@@ -98,16 +96,16 @@ class SampleCheck:
 
 
 def _memory(
-    size: int, limits: PlausibilityLimits, fastest: Array, velocity_step: float, measured: bool
+    size: int, settings: SafetySettings, fastest: Array, tolerance: Array, velocity_step: float, measured: bool
 ) -> SampleMemory:
     n = len(fastest)
     return SampleMemory(
         floating=size != n,
         measured=measured,
-        magnitude=limits.magnitude,
+        magnitude=settings.max_magnitude,
         fastest=fastest,
         velocity_step=velocity_step * fastest,
-        tolerance=np.zeros(n),
+        tolerance=tolerance,
         position=np.zeros(size),
         velocity=np.zeros(n),
         change=np.zeros(n),

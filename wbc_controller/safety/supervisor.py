@@ -17,8 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wbc_controller.errors import InputRefused, NoSolution, valid_choices
-from wbc_controller.inverse_dynamics.arrays import all_finite, all_true
+from wbc_controller.errors import InputRefused, NoSolution, require_known
+from wbc_controller.inverse_dynamics.arrays import all_true
 from wbc_controller.inverse_dynamics.limits.torque import TorqueSpeedCurve
 from wbc_controller.inverse_dynamics.references.trajectories import Ramp
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
@@ -31,8 +31,9 @@ from wbc_controller.safety.checks import (
     unusable_torques,
 )
 from wbc_controller.safety.damping import damping_matrix, stable_damping
-from wbc_controller.safety.plausibility import Budget, FallLimits, FallWatch, PlausibilityLimits, StateWatch
+from wbc_controller.safety.plausibility import Budget, FallWatch, StateWatch
 from wbc_controller.safety.supervisor_kernels import CommandLimits, follow
+from wbc_controller.settings.service import SafetySettings
 
 _ACTIVE, _HOLDING = Mode.ACTIVE, Mode.HOLDING
 #: Look-ahead to position limits during holding, s.
@@ -43,18 +44,10 @@ _AHEAD = 0.05
 class SupervisorLimits:
     """Timing and limits."""
 
-    activation_ramp: float  # s
-    hold_time: float  # longest time without a solution within `hold_window` before damping, s
-    damping_time: float  # time of damping before zero torque, s
-    damping: float  # N·m·s/rad
+    safety: SafetySettings
     torque_rate: float  # torque rate limit, in effort limits per second
     period: float  # s
     torque_speed: TorqueSpeedCurve | None = None  # None for effort limits at every speed
-    hold_window: float = 0.0  # window of `hold_time`, s; 0 for continuous times only
-    relax_time: float = math.inf  # longest time with relaxed constraints within `relax_window` before damping, s
-    relax_window: float = 0.0  # window of `relax_time`, s
-    plausibility: PlausibilityLimits | None = None  # None for no check
-    fall: FallLimits | None = None  # None for no check
     velocity_delay: float = 0.0  # delay of the joint velocities, s
     torque_filter: float = 0.0  # time constant of the low-pass on torques, s; 0 for none
 
@@ -63,7 +56,7 @@ class Supervisor:
     """Decides in every cycle which command is sent to the joints.
 
     `fault` is the reason for leaving the active mode, latched until `reset`. `torques_sent`, (na,) in N·m, are set for
-    a replaced or withdrawn command. `limits` may be replaced between cycles.
+    a replaced or withdrawn command.
     """
 
     #: State between cycles.
@@ -78,8 +71,22 @@ class Supervisor:
         self._model = model
         self._effort_limits = (-model.effort_limits, model.effort_limits)
         self._torques_available = np.array(self._effort_limits)
-        self._limits: SupervisorLimits | None = None
-        self.limits = limits
+        self.limits, self._safety = limits, limits.safety
+        self._period = self._elapsed = limits.period  # s
+        self._rate = limits.torque_rate * model.effort_limits  # N·m/s
+        self._filter, self._curve = limits.torque_filter, limits.torque_speed
+        D = stable_damping(model, self._safety.damping, limits.period + limits.velocity_delay)
+        self._damping_matrix = damping_matrix(model.actuation, D)  # (na, nj)
+        self._watch, self._fall = StateWatch(model, self._safety), FallWatch(model, self._safety)
+        self._command_limits = CommandLimits(
+            limits=model.effort_limits,
+            rate=self._rate,
+            available=self._torques_available,
+            tolerance=TORQUE_TOLERANCE,
+            q_index=model.q_index,
+            v_index=model.v_index,
+            period=self._period,
+        )
         self._since = 0.0  # start of the present mode, s
         self._last_step = -math.inf  # time of the last step, s
         self._activated = -math.inf  # time of the last activation, s
@@ -97,36 +104,6 @@ class Supervisor:
         self._no_motion = frozen(np.full(model.nj, np.nan))
 
     @property
-    def limits(self) -> SupervisorLimits:
-        """Timing and limits."""
-        return self._limits  # type: ignore[return-value]  # set by the constructor
-
-    @limits.setter
-    def limits(self, limits: SupervisorLimits) -> None:
-        old, self._limits = self._limits, limits
-        self._period = self._elapsed = limits.period  # s
-        self._rate = limits.torque_rate * self._model.effort_limits  # N·m/s
-        self._filter = limits.torque_filter
-        self._curve = limits.torque_speed
-        # Rebuild slow and stateful parts only if needed.
-        if old is None or (old.damping, old.period) != (limits.damping, limits.period):  # the delay is constant
-            D = stable_damping(self._model, limits.damping, limits.period + limits.velocity_delay)
-            self._damping_matrix = damping_matrix(self._model.actuation, D)  # (na, nj)
-        if old is None or old.plausibility != limits.plausibility:
-            self._watch = StateWatch(self._model, limits.plausibility) if limits.plausibility is not None else None
-        if old is None or old.fall != limits.fall:
-            self._fall = FallWatch(self._model, limits.fall) if limits.fall is not None else None
-        self._command_limits = CommandLimits(
-            limits=self._model.effort_limits,
-            rate=self._rate,
-            available=self._torques_available,
-            tolerance=TORQUE_TOLERANCE,
-            q_index=self._model.q_index,
-            v_index=self._model.v_index,
-            period=self._period,
-        )
-
-    @property
     def solving(self) -> bool:
         """True if this cycle needs a solution."""
         return self.mode is Mode.ACTIVE or self.mode is Mode.HOLDING
@@ -142,8 +119,7 @@ class Supervisor:
 
         Raises InputRefused if the request is unknown or impossible now, also due to `problem`, the fault of the inputs.
         """
-        if word not in REQUESTS:
-            raise InputRefused(f"command {word!r} is unknown; {valid_choices(word, REQUESTS)}")
+        require_known(word, REQUESTS, "command", " is unknown", InputRefused)
         if word == "estop":
             self._enter(Mode.FAULT, now, Fault("ESTOP", "emergency stop by command"))
             self.torques_sent = self._no_torque  # at once, without a rate
@@ -162,7 +138,7 @@ class Supervisor:
         elif word == "damp":
             self._enter(Mode.DAMPING, now, self.fault)
         elif self._share.after > 0.0:
-            self._share = self._share.towards(0.0, now, self.limits.activation_ramp)
+            self._share = self._share.towards(0.0, now, self._safety.activation_ramp)
         return False
 
     def continue_from(self, torques: Array, command: JointCommand) -> JointCommand:
@@ -190,16 +166,15 @@ class Supervisor:
         if self.mode is not Mode.INACTIVE:
             code = f" ({self.fault.code})" if self.fault is not None else ""
             raise InputRefused(f"command 'activate' is refused in {self.mode.value}{code}; send 'reset' first")
-        problem = problem or (self._watch.fault if self._watch is not None else None)
+        problem = problem or self._watch.fault
         if problem is not None:
             raise InputRefused(f"command 'activate' is refused: {problem.sentence}")
         self._enter(Mode.ACTIVE, now, None)
         self._activated = now
-        if self._fall is not None:
-            self._fall.begin()
+        self._fall.begin()
         self._held_time, self._relaxed_time = Budget(), Budget()
         self._relaxed, self._was_relaxed = {}, False
-        self._share = Ramp(now, self.limits.activation_ramp, 0.0, 1.0)
+        self._share = Ramp(now, self._safety.activation_ramp, 0.0, 1.0)
         self._reached_solution = False
         return True
 
@@ -216,11 +191,11 @@ class Supervisor:
     ) -> JointCommand | None:
         """Return the command of this cycle, or None; `joint_velocity` must be fresh, (nj,) in rad/s, or None."""
         self._update_time(now)
-        if self._watch is not None and state is not None:
+        if state is not None:
             fault = self._watch.check(state)
             problem = problem or fault
         if self.solving:
-            if self._fall is not None and state is not None and problem is None:
+            if state is not None and problem is None:
                 problem = self._fall.check(now, state)
             if problem is not None and problem.code == UNEXPLAINED_MOTION:
                 self._enter(Mode.FAULT, now, problem)
@@ -287,7 +262,7 @@ class Supervisor:
         return JointCommand(seen.stamp, self.torques_sent, made[positions], made[velocities])
 
     def _count_relaxation(self, now: float, solution: Solution) -> Fault | None:
-        limits = self.limits
+        limits = self._safety
         spent = self._relaxed_time.within(now, limits.relax_window)
         if spent == 0.0:
             self._relaxed = {}
@@ -299,7 +274,7 @@ class Supervisor:
         if self.mode is Mode.ACTIVE:
             self._enter(Mode.HOLDING, now, reason)
             self._held = self.torques_sent
-        lasted, limits = now - self._since, self.limits
+        lasted, limits = now - self._since, self._safety
         held = self._held_time.within(now, limits.hold_window)
         if lasted <= limits.hold_time and held <= limits.hold_time:
             return
@@ -312,12 +287,12 @@ class Supervisor:
     def _command_without_solution(
         self, now: float, state: RobotState | None, joint_velocity: Array | None
     ) -> JointCommand | None:
-        if self.mode is Mode.DAMPING and now - self._since > self.limits.damping_time:
+        if self.mode is Mode.DAMPING and now - self._since > self._safety.damping_time:
             self._enter(Mode.FAULT if self.fault else Mode.STOPPED, now, self.fault)
         if self.mode is Mode.INACTIVE and not self.torques_sent.any():
             return None
         if joint_velocity is not None:
-            joint_velocity = self._plausible_velocity(joint_velocity)
+            joint_velocity = self._watch.plausible_velocities(joint_velocity)
         if self.mode is Mode.HOLDING:
             tau = self._holding_torques(state, joint_velocity) + self._damping_torques(joint_velocity)
         elif self.mode is Mode.DAMPING:
@@ -325,11 +300,6 @@ class Supervisor:
         else:
             tau = self._no_torque
         return self._command(tau, state, joint_velocity)
-
-    def _plausible_velocity(self, joint_velocity: Array) -> Array | None:
-        if self._watch is not None:
-            return self._watch.plausible_velocities(joint_velocity)
-        return joint_velocity if all_finite(joint_velocity) else None
 
     def _holding_torques(self, state: RobotState | None, joint_velocity: Array | None) -> Array:
         model = self._model
@@ -349,7 +319,7 @@ class Supervisor:
     def _available(self, joint_velocity: Array | None) -> tuple[Array, Array]:
         if self._curve is None or joint_velocity is None:
             return self._effort_limits
-        trusted = self._plausible_velocity(joint_velocity)
+        trusted = self._watch.plausible_velocities(joint_velocity)
         if trusted is None:
             return self._effort_limits
         return self._curve.available(self._model.effort_limits, self._model.actuation.rates(trusted))

@@ -3,8 +3,6 @@
 The file is a ROS 2 parameter file. Unknown keys are errors.
 """
 
-from __future__ import annotations
-
 from pydantic import Field, model_validator
 
 from wbc_controller.settings.contacts import (
@@ -67,7 +65,7 @@ class Settings(Section):
     mock: MockSettings = MockSettings()
 
     @model_validator(mode="after")
-    def _distinct(self) -> Settings:
+    def _distinct(self) -> "Settings":
         both = sorted(set(self.contacts) & set(self.loops))
         if both:
             raise ValueError(f"loops: {', '.join(map(repr, both))} is also the name of a contact; use different names")

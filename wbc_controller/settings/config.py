@@ -1,7 +1,5 @@
 """Configuration of a robot for Python users."""
 
-from __future__ import annotations
-
 import reprlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -10,7 +8,7 @@ from typing import Any
 
 import yaml
 
-from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.errors import ConfigurationError, require_known, valid_choices
 from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.settings.files import find_configuration, load_settings, parse_settings
 from wbc_controller.settings.nesting import merged, nested
@@ -33,14 +31,17 @@ class Config:
     source: str = "a dictionary"  # path of the file, or ``"a dictionary"``; prefix of error messages, if not empty
     urdf: str | None = None  # URDF text, if ``robot.urdf`` is not used
 
-    def replace(self, changes: Mapping[str, Any], *, urdf: str | None = None) -> Config:
+    def replace(self, changes: Mapping[str, Any], *, urdf: str | None = None) -> "Config":
         """Return a configuration with changed values.
 
         Args:
             changes: values by dotted key, such as ``{"tasks.com.weight": 20.0}``, or nested as in a file. None removes
                 a task, contact or loop: ``{"tasks.torso": None}``. A single joint of the posture, in rad:
                 ``{"robot.posture.left_knee_joint": 0.6}``.
-            urdf: URDF text. Raises: ConfigurationError: with one line per problem.
+            urdf: URDF text.
+
+        Raises:
+            ConfigurationError: with one line per problem.
         """
         _require_text(urdf)
         values = self.settings.model_dump(exclude_unset=True)
@@ -139,11 +140,7 @@ def _require_text(urdf: Any) -> None:
 
 def _ordered(posture: Mapping[str, Any], joints: Sequence[str]) -> list[Any]:
     """Return the values of a posture by joint in the order of the joints."""
-    for name in posture:
-        if name not in joints:
-            raise ConfigurationError(
-                f"robot.posture.{name}: {name!r} is not in robot.joints; {valid_choices(name, joints)}"
-            )
+    require_known(posture, joints, "robot.posture:", " is not in robot.joints")
     missing = [name for name in joints if name not in posture]
     if missing:
         raise ConfigurationError(f"robot.posture: missing joint {missing[0]!r}; required: {', '.join(joints)}")

@@ -1,7 +1,5 @@
 """Settings of contacts and closed loops."""
 
-from __future__ import annotations
-
 import math
 import reprlib
 from typing import Annotated, Literal
@@ -75,7 +73,7 @@ class SurfaceContact(_PushingContact):
         return [[x, y], [x, -y], [-x, -y], [-x, y]]
 
     @model_validator(mode="after")
-    def _one_shape(self) -> SurfaceContact:
+    def _one_shape(self) -> "SurfaceContact":
         given = {key: getattr(self, key) for key in ("half_length", "half_width", "vertices")}
         wanted = {"half_length", "half_width"} if self.vertices is None else {"vertices"}
         for key, value in given.items():
@@ -125,7 +123,7 @@ class FixedContact(_Contact):
     )
 
     @model_validator(mode="after")
-    def _consistent(self) -> FixedContact:
+    def _consistent(self) -> "FixedContact":
         if any(self.mask[3:]) and self.max_moment is None:
             raise ValueError("max_moment = None: required, as the mask contains a rotation")
         return self

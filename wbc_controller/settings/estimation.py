@@ -1,7 +1,5 @@
 """Settings of the estimators."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
@@ -100,7 +98,7 @@ class EstimationSettings(Section):
     )
 
     @model_validator(mode="after")
-    def _hysteresis(self) -> EstimationSettings:
+    def _hysteresis(self) -> "EstimationSettings":
         if not self.contact_force_off <= self.contact_force_on:
             raise ValueError(
                 f"contact_force_off = {self.contact_force_off}: must not exceed contact_force_on = "

@@ -1,7 +1,5 @@
 """Configuration files: reading and validation."""
 
-from __future__ import annotations
-
 import reprlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Settings of the limits."""
 
-from __future__ import annotations
-
 from typing import Annotated, TypeVar
 
 from pydantic import Field, model_validator

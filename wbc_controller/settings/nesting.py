@@ -1,7 +1,5 @@
 """Nested dictionaries: from dotted keys, and merged."""
 
-from __future__ import annotations
-
 import reprlib
 from collections.abc import Mapping, Sequence
 from typing import Any

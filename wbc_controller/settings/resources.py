@@ -1,7 +1,5 @@
 """Files of robot models: search and reading."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import os
 from pathlib import Path
@@ -35,6 +33,11 @@ def locate(uri: str, key: str = "robot.urdf") -> Path:
     if not is_file(path):
         raise ConfigurationError(f"{key} = {shown(uri)}: file {shown(path)} does not exist")
     return path
+
+
+def folder_of(urdf: str) -> Path | None:
+    """Return the folder of ``robot.urdf``, for relative paths of meshes; None without a file."""
+    return locate(urdf).parent if urdf else None
 
 
 def read_text(path: Path, subject: str, largest: int) -> str:

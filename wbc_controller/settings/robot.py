@@ -1,7 +1,5 @@
 """Settings of the robot."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Literal
 
@@ -60,7 +58,7 @@ class JointLimitSettings(Section):
     upper: Finite | None = Field(None, description="Upper position limit, rad or m.")
 
     @model_validator(mode="after")
-    def _some(self) -> JointLimitSettings:
+    def _some(self) -> "JointLimitSettings":
         if all(value is None for value in (self.effort, self.velocity, self.lower, self.upper)):
             raise ValueError("no limit given; valid: effort, velocity, lower, upper")
         if self.lower is not None and self.upper is not None and not (self.lower < self.upper):
@@ -123,7 +121,7 @@ class RobotSettings(Section):
     )
 
     @model_validator(mode="after")
-    def _consistent(self) -> RobotSettings:
+    def _consistent(self) -> "RobotSettings":
         for kind, names in (("joint", self.joints), ("actuator", self.actuators)):
             twice = sorted({name for name in names if names.count(name) > 1})
             if twice:

@@ -1,7 +1,5 @@
 """Settings of the nodes, safety, recorder, mock robot."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
@@ -177,7 +175,7 @@ class SafetySettings(Section):
     )
 
     @model_validator(mode="after")
-    def _ordered_windows(self) -> SafetySettings:
+    def _ordered_windows(self) -> "SafetySettings":
         if not (self.relax_time < self.relax_window):
             raise ValueError(f"relax_window = {self.relax_window}: must be above relax_time = {self.relax_time}")
         return self
@@ -258,7 +256,7 @@ class TerrainSettings(Section):
         return max(1, round(self.size[0] / self.cell)), max(1, round(self.size[1] / self.cell))
 
     @model_validator(mode="after")
-    def _few_cells(self) -> TerrainSettings:
+    def _few_cells(self) -> "TerrainSettings":
         count = self.cells[0] * self.cells[1]
         if count > MOST_CELLS:
             raise ValueError(f"cell = {self.cell}: the block has {count} cells; at most {MOST_CELLS} are allowed")

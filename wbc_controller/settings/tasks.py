@@ -1,7 +1,5 @@
 """Settings of the tasks."""
 
-from __future__ import annotations
-
 import reprlib
 from typing import Annotated, ClassVar, Literal
 
@@ -27,7 +25,7 @@ class _Task(Section):
     )
 
     @model_validator(mode="after")
-    def _one_gain_for_each_axis(self) -> _Task:
+    def _one_gain_for_each_axis(self) -> "_Task":
         for key in ("stiffness", "damping", "gain", "tolerance"):
             value = getattr(self, key, None)
             if isinstance(value, list) and self.axes and len(value) != self.axes:

@@ -1,7 +1,5 @@
 """Types of values, and the base class of sections."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar

@@ -1,7 +1,5 @@
 """Settings of walking."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from pydantic import Field

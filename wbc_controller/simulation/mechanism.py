@@ -11,21 +11,15 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
+from wbc_controller import settings as schema
 from wbc_controller.controller.build.robot_description import are_possible_moments, inertia_tensor
 from wbc_controller.controller.check.model_plausibility import massless_links
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts import placement_of
 from wbc_controller.inverse_dynamics.robot.bare_mechanism import bare_mechanism
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.robot.urdf_structure import mass_of, vector_of
 from wbc_controller.records import Array
-from wbc_controller.settings import (
-    ContactSettings,
-    FixedContact,
-    MockSettings,
-    PointContact,
-    RollingContact,
-    SurfaceContact,
-)
 from wbc_controller.simulation.attachments import Attachment, add_attachment, frame_on_joint
 from wbc_controller.simulation.joint_models import add_mimic_joints, add_rotors, add_springs
 from wbc_controller.simulation.shapes import CORNER_RADIUS, RIM_RADIUS, Shape, add_shape
@@ -50,7 +44,7 @@ FRICTION_STIFFNESS = 10.0
 _WORLD, _WORLD_ALIAS = "world", "<world>"
 
 
-def contact_frame(model: RobotModel, name: str, contact: ContactSettings) -> tuple[int, pin.SE3]:
+def contact_frame(model: RobotModel, name: str, contact: schema.ContactSettings) -> tuple[int, pin.SE3]:
     """Return the Pinocchio joint of a contact, and its placement in the joint's frame."""
     model.frame_id(contact.frame, f"contacts.{name}.frame")
     joint, placement = frame_on_joint(model, contact.frame)
@@ -65,19 +59,19 @@ def add_friction(model: Any, dof: Any, friction: float, step: float) -> None:
     model.dof_solimp[dof, :2] = IMPEDANCE
 
 
-def balls_of(contact: ContactSettings) -> tuple[Array, Array]:
+def balls_of(contact: schema.ContactSettings) -> tuple[Array, Array]:
     """Return centres, (n, 3), and half-axes, (3,), of balls or a wheel, m, with z along the axle."""
-    if isinstance(contact, SurfaceContact):
+    if isinstance(contact, schema.SurfaceContact):
         corners = contact.corners
         return np.column_stack([corners, np.full(len(corners), CORNER_RADIUS)]), np.full(3, CORNER_RADIUS)
-    if isinstance(contact, FixedContact):
+    if isinstance(contact, schema.FixedContact):
         return np.zeros((0, 3)), np.zeros(3)
     radius = contact.radius
-    thin = isinstance(contact, RollingContact)
+    thin = isinstance(contact, schema.RollingContact)
     return np.zeros((1, 3)), np.array([radius, radius, RIM_RADIUS if thin else radius])
 
 
-def lowest(contact: ContactSettings, frame: pin.SE3, normal: Array) -> float:
+def lowest(contact: schema.ContactSettings, frame: pin.SE3, normal: Array) -> float:
     """Return the height of a contact's lowest point along a normal, m."""
     centres, axes = balls_of(contact)
     rotation = frame.rotation @ _axle_frame(contact)
@@ -85,8 +79,8 @@ def lowest(contact: ContactSettings, frame: pin.SE3, normal: Array) -> float:
     return min((float(frame.act(centre) @ normal - reach) for centre in centres), default=math.inf)
 
 
-def _axle_frame(contact: ContactSettings) -> Array:
-    if not isinstance(contact, RollingContact):
+def _axle_frame(contact: schema.ContactSettings) -> Array:
+    if not isinstance(contact, schema.RollingContact):
         return np.eye(3)
     return rotation_to(np.array(contact.axis))
 
@@ -97,7 +91,7 @@ def rotation_to(direction: Array) -> Array:
     return rotation
 
 
-def geom_names(name: str, contacts: Mapping[str, ContactSettings]) -> list[str]:
+def geom_names(name: str, contacts: Mapping[str, schema.ContactSettings]) -> list[str]:
     """Return the geom names of a contact's balls."""
     return [f"{name}/{index}" for index in range(len(balls_of(contacts[name])[0]))]
 
@@ -135,11 +129,8 @@ def _write_inertias(spec: Any, tree: ET.Element, model: RobotModel) -> None:
         inertial, body = link.find("inertial"), spec.body(str(link.get("name")))
         if inertial is None or body.name == "world":
             continue
-        origin, mass, inertia = inertial.find("origin"), inertial.find("mass"), inertial.find("inertia")
-        position, rotation = np.zeros(3), np.eye(3)
-        if origin is not None:
-            position = np.array([float(value) for value in origin.get("xyz", "0 0 0").split()])
-            rotation = pin.rpy.rpyToMatrix(np.array([float(value) for value in origin.get("rpy", "0 0 0").split()]))
+        origin, inertia = inertial.find("origin"), inertial.find("inertia")
+        position, rotation = vector_of(origin, "xyz", "0 0 0"), pin.rpy.rpyToMatrix(vector_of(origin, "rpy", "0 0 0"))
         moments, axes = np.linalg.eigh(np.zeros((3, 3)) if inertia is None else inertia_tensor(inertia))
         axes[:, 2] *= np.linalg.det(axes)  # right-handed
         if not are_possible_moments(moments):  # MuJoCo refuses it
@@ -148,7 +139,7 @@ def _write_inertias(spec: Any, tree: ET.Element, model: RobotModel) -> None:
         # Rounding must not violate the triangle inequality of a flat link.
         moments[2] = min(moments[2], moments[0] + moments[1])
         body.explicitinertial = True
-        body.mass = 0.0 if mass is None else float(mass.get("value", "0"))
+        body.mass = mass_of(link)
         body.ipos = position
         body.iquat = position_and_wxyz(pin.SE3(rotation @ axes, position))[3:]
         body.inertia = moments
@@ -174,13 +165,15 @@ def _body(spec: Any, model: RobotModel, joint: int, root: str) -> Any:
     return spec.joint(name).parent if name in model.moving_joints else spec.body(root)
 
 
-def _add_slab(spec: Any, model: RobotModel, contact: ContactSettings, joint: int, placement: pin.SE3, root: str) -> Any:
+def _add_slab(
+    spec: Any, model: RobotModel, contact: schema.ContactSettings, joint: int, placement: pin.SE3, root: str
+) -> Any:
     """Add the slab that a contact touches to its link, at the contact in the nominal posture."""
     data = model.pinocchio.createData()
     pin.forwardKinematics(model.pinocchio, data, model.configuration(model.posture))
     other, frame = frame_on_joint(model, str(contact.against))
     face = data.oMi[other].actInv(data.oMi[joint] * placement)
-    if isinstance(contact, PointContact | RollingContact):
+    if isinstance(contact, schema.PointContact | schema.RollingContact):
         normal = frame.rotation @ np.array(contact.normal) / np.linalg.norm(contact.normal)
         centre = face.translation + lowest(contact, pin.SE3(face.rotation, np.zeros(3)), normal) * normal
         face = pin.SE3(rotation_to(normal), centre)
@@ -202,9 +195,9 @@ def _set_contact_surface(geom: Any, friction: float, solref: list[float], solimp
 
 def compile_mechanism(
     model: RobotModel,
-    contacts: Mapping[str, ContactSettings],
+    contacts: Mapping[str, schema.ContactSettings],
     step: float,
-    mock: MockSettings,
+    mock: schema.MockSettings,
     shapes: Mapping[int, Sequence[Shape]] = MappingProxyType({}),
     attachments: Mapping[str, Attachment] = MappingProxyType({}),
 ) -> Any:
@@ -264,7 +257,7 @@ def compile_mechanism(
             continue
         # A collision bit per slab.
         bit = ON_THE_FLOOR
-        if contact.against is not None and not isinstance(contact, FixedContact):
+        if contact.against is not None and not isinstance(contact, schema.FixedContact):
             bit = 2 << (1 + number % 28)
             _add_slab(spec, model, contact, joint, placement, root).contype = bit
         centres, axes = balls_of(contact)

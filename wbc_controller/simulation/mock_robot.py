@@ -119,11 +119,12 @@ class MockRobot:
         self._efforts: Stream | None = None  # unused in lockstep
         self._types: dict[str, str] = {}
         self._publishers: dict[tuple[str, str], Publish] = {}
-        opened = endpoints(
-            MOCK_TOPICS, NODE_NAME, contacts=settings.contacts, namespace=namespace, remappings=remappings
+        opened = list(
+            endpoints(MOCK_TOPICS, NODE_NAME, contacts=settings.contacts, namespace=namespace, remappings=remappings)
         )
         for endpoint in opened:
             self._open(endpoint, transport)
+        self.joint_states = next(endpoint for endpoint in opened if endpoint.key == "joint_states")
         self._publish("robot_description", "", messages.message("std_msgs/msg/String", data=model.urdf))
 
     @property

@@ -2,18 +2,17 @@
 
 import logging
 import threading
-from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.errors import ConfigurationError, InputRefused
-from wbc_controller.middleware.topics import MOCK_TOPICS, endpoints
 from wbc_controller.middleware.transports.graph_watch import GraphWatch, OtherPublishers
 from wbc_controller.middleware.transports.transport import Transport
 from wbc_controller.settings import Settings
 from wbc_controller.settings.resources import read_text
 from wbc_controller.simulation.faults.catalogue import read_faults
-from wbc_controller.simulation.mock_robot import NODE_NAME, MockRobot
+from wbc_controller.simulation.mock_robot import MockRobot
 
 #: Largest file of faults, characters.
 _LARGEST_SCRIPT = 1_000_000
@@ -26,38 +25,20 @@ def run_mock(
     transport: Transport,
     stop: threading.Event,
     *,
-    namespace: str = "/",
-    remappings: Mapping[str, str] | None = None,
-    real_time_factor: float = 1.0,
-    lockstep: bool = False,
-    patient: bool = False,
     faults: Path | None = None,
+    **options: Any,
 ) -> None:
-    """Run the mock robot until the event is set; arguments as for `MockRobot`.
+    """Run the mock robot until the event is set; `options` of `MockRobot`.
 
     `faults` is a file with faults, each with the simulated time ``at`` of its start, s.
     """
-    model = make_model(settings)
     script = read_faults(read_text(faults, str(faults), _LARGEST_SCRIPT), str(faults), script=True) if faults else []
-    robot = MockRobot(
-        model,
-        settings,
-        transport,
-        real_time_factor=real_time_factor,
-        lockstep=lockstep,
-        patient=patient,
-        namespace=namespace,
-        remappings=remappings,
-    )
+    robot = MockRobot(make_model(settings), settings, transport, **options)
     try:
         robot.plan(script)
     except InputRefused as error:
         raise ConfigurationError(f"{faults}: {error}") from error
-    (joint_states,) = (
-        topic
-        for topic in endpoints(MOCK_TOPICS, NODE_NAME, namespace=namespace, remappings=remappings)
-        if topic.key == "joint_states"
-    )
+    joint_states = robot.joint_states
 
     def warn(others: OtherPublishers) -> None:
         names = ", ".join(others["joint_states"])

@@ -18,14 +18,14 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from wbc_controller.arguments import array_of_numbers, number, str_of
-from wbc_controller.errors import ConfigurationError, InputRefused, WbcError, valid_choices
+from wbc_controller.errors import ConfigurationError, InputRefused, WbcError, require_known, valid_choices
 from wbc_controller.inverse_dynamics.arrays import cross
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
 from wbc_controller.records import Array
 from wbc_controller.safety.damping import damping_matrix, stable_damping
 from wbc_controller.settings import FixedContact, PointContact, RollingContact, Settings, SurfaceContact
-from wbc_controller.settings.resources import locate
+from wbc_controller.settings.resources import folder_of
 from wbc_controller.simulation.attachments import closures_of, frame_on_joint, grips_of, place, wrench
 from wbc_controller.simulation.contact_forces import ContactForces
 from wbc_controller.simulation.hoist import RAMP, Hoist
@@ -85,9 +85,8 @@ class Plant:
         self.effort_limits = model.actuation.effort_limits
         self.contacts = dict(settings.contacts)
         self._grips, self._closures = grips_of(model, self.contacts), closures_of(model, settings.loops)
-        folder = locate(settings.robot.urdf).parent if settings.robot.urdf else None
         normal = np.array(settings.mock.floor_normal) / np.linalg.norm(settings.mock.floor_normal)
-        shapes = self._shapes(folder, normal)
+        shapes = self._shapes(folder_of(settings.robot.urdf), normal)
         self.model = compile_mechanism(
             model, self.contacts, self.step_seconds, settings.mock, shapes, {**self._grips, **self._closures}
         )
@@ -351,10 +350,7 @@ class Plant:
 
     def grip(self, contact: str, held: bool) -> None:
         """Hold the link of a fixed contact at its present placement, or release it."""
-        if contact not in self._grips:
-            raise InputRefused(
-                f"a grip at {contact!r}: unknown fixed contact; {valid_choices(contact, list(self._grips))}"
-            )
+        require_known(contact, self._grips, "a grip at", ": unknown fixed contact", InputRefused)
         grip = self._grips[contact]
         if held:
             holder = self._placement(self._body_of((grip.joints[0], pin.SE3.Identity())))

@@ -64,9 +64,8 @@ def read_shapes(
         folder: of meshes with relative paths.
     """
     by_joint: dict[int, list[pin.GeometryObject]] = {}
-    for elements in read_collision_elements(model, model.urdf, "robot.urdf", folder).values():
-        for element in elements:
-            by_joint.setdefault(int(element.parentJoint), []).append(element)
+    for element in read_collision_elements(model, model.urdf, "robot.urdf", folder):
+        by_joint.setdefault(int(element.parentJoint), []).append(element)
     by_joint.pop(0, None)
     shapes: dict[int, list[Shape]] = {}
     for joint, elements in by_joint.items():

@@ -1,7 +1,5 @@
 """Controller and physics in one thread, without topics."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -56,7 +54,7 @@ class Simulation:
         """Simulated time, s."""
         return self.plant.time
 
-    def run(self, seconds: float, each: Callable[[Simulation], None] = lambda simulation: None) -> list[CycleResult]:
+    def run(self, seconds: float, each: Callable[["Simulation"], None] = lambda simulation: None) -> list[CycleResult]:
         """Simulate for a time, s; return the results. `each` is called after every cycle.
 
         Raises:

@@ -103,7 +103,7 @@ def test_the_supervisor_damps_the_joints_through_the_transmission():
     velocity = np.random.default_rng(0).normal(size=model.nj)
     tau = Supervisor(model, limits)._damping_torques(velocity)
     at_joints = model.actuation.at_joints(tau)
-    expected = np.where(model.actuation.driven, -limits.damping * velocity, 0.0)
+    expected = np.where(model.actuation.driven, -limits.safety.damping * velocity, 0.0)
     np.testing.assert_allclose(at_joints, expected, atol=1e-12)
 
 

@@ -6,13 +6,13 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from urdf_models import build_model
 
 from wbc_controller.controller.build import collision_model
 from wbc_controller.controller.build.collision_model import build_collision_model
 from wbc_controller.controller.build.limits import make_self_collision
 from wbc_controller.controller.check.preflight import check
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.inverse_dynamics.robot.from_urdf import build_model
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import parse_settings
 

@@ -6,17 +6,17 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from urdf_models import build_model
 
 from wbc_controller.controller.build.collision_elements import read_collision_elements
 from wbc_controller.controller.build.footprint import footprint, outline
-from wbc_controller.inverse_dynamics.robot.from_urdf import build_model
 
 INERTIA = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
 LIMIT = '<limit effort="10" velocity="10" lower="-2" upper="2"/>'
 
 
 def on_a_shank(*shapes, foot=()):
-    """Model and elements of a base, a shank, and a foot fixed 0.5 m below the joint."""
+    """Return the elements of a base, a shank, and a foot fixed 0.5 m below the joint."""
 
     def collisions(own):
         return "".join(
@@ -32,7 +32,7 @@ def on_a_shank(*shapes, foot=()):
         '<origin xyz="0 0 -0.5"/></joint></robot>'
     )
     model = build_model(urdf, ["knee"], [0.0])
-    return model, read_collision_elements(model, urdf, "test"), model.pinocchio.getJointId("knee")
+    return read_collision_elements(model, urdf, "test")
 
 
 SOLE = ("0.02 0 0.02", "0 0 0", '<box size="0.2 0.1 0.04"/>')
@@ -44,8 +44,8 @@ def below(height, turn=(0.0, 0.0, 0.0)):
 
 
 def test_the_lowest_link_of_the_body_leaves_the_footprint():
-    model, elements, joint = on_a_shank(LEG, foot=(SOLE,))
-    found = footprint(model, elements, joint, below(-0.51))
+    elements = on_a_shank(LEG, foot=(SOLE,))
+    found = footprint(elements, below(-0.51))
     assert found.polygon.min(axis=0) == pytest.approx([-0.08, -0.05])
     assert found.polygon.max(axis=0) == pytest.approx([0.12, 0.05])
     assert found.size == pytest.approx([0.2, 0.1])
@@ -54,21 +54,21 @@ def test_the_lowest_link_of_the_body_leaves_the_footprint():
 
 
 def test_the_polygon_is_in_the_axes_of_the_plane():
-    model, elements, joint = on_a_shank(foot=(SOLE,))
-    found = footprint(model, elements, joint, below(-0.5, (0.0, 0.0, np.pi / 2)))
+    elements = on_a_shank(foot=(SOLE,))
+    found = footprint(elements, below(-0.5, (0.0, 0.0, np.pi / 2)))
     assert found.size == pytest.approx([0.1, 0.2])
     assert found.polygon.max(axis=0) == pytest.approx([0.05, 0.08])
 
 
 @pytest.mark.parametrize("angle", [0.02, 0.1, -0.3])
 def test_the_tilt_is_that_of_the_sole_against_the_plane(angle):
-    model, elements, joint = on_a_shank(LEG, foot=(SOLE,))
-    assert footprint(model, elements, joint, below(-0.5, (0.0, angle, 0.0))).tilt == pytest.approx(abs(angle))
+    elements = on_a_shank(LEG, foot=(SOLE,))
+    assert footprint(elements, below(-0.5, (0.0, angle, 0.0))).tilt == pytest.approx(abs(angle))
 
 
 def test_a_tilted_sole_touches_with_an_edge():
-    model, elements, joint = on_a_shank(foot=(SOLE,))
-    found = footprint(model, elements, joint, below(-0.5, (0.0, 0.3, 0.0)))
+    elements = on_a_shank(foot=(SOLE,))
+    found = footprint(elements, below(-0.5, (0.0, 0.3, 0.0)))
     assert found.size[0] < 0.02
     assert found.size[1] == pytest.approx(0.1)
 
@@ -76,17 +76,17 @@ def test_a_tilted_sole_touches_with_an_edge():
 def test_balls_at_the_corners_of_a_sole_touch_at_their_lowest_points():
     corners = [(0.1, 0.03), (0.1, -0.03), (-0.1, 0.025), (-0.1, -0.025)]
     ball = '<sphere radius="0.005"/>'
-    model, elements, joint = on_a_shank(foot=[(f"{x} {y} 0", "0 0 0", ball) for x, y in corners])
-    found = footprint(model, elements, joint, below(-0.505))
+    elements = on_a_shank(foot=[(f"{x} {y} 0", "0 0 0", ball) for x, y in corners])
+    found = footprint(elements, below(-0.505))
     assert found.height == pytest.approx(0.0, abs=1e-12)
     assert {tuple(corner) for corner in found.polygon.round(6)} == set(corners)
 
 
 @pytest.mark.parametrize("turn", [(0.0, 0.0, 0.0), (0.4, -0.3, 0.2)])
 def test_lowest_point_of_a_ball_on_tilted_planes(turn):
-    model, elements, joint = on_a_shank(foot=(("0 0 0", "0 0 0", '<sphere radius="0.03"/>'),))
+    elements = on_a_shank(foot=(("0 0 0", "0 0 0", '<sphere radius="0.03"/>'),))
     plane = below(-0.5, turn)
-    found = footprint(model, elements, joint, plane, layer=1e-6)
+    found = footprint(elements, plane, layer=1e-6)
     assert found.height == pytest.approx(-0.03)
     assert found.polygon == pytest.approx(np.zeros((1, 2)), abs=1e-6)
     assert found.tilt is None
@@ -94,9 +94,9 @@ def test_lowest_point_of_a_ball_on_tilted_planes(turn):
 
 def test_a_wheel_is_as_low_as_its_radius_also_leaning():
     wheel = ("0 0 0", "1.5707963 0 0", '<cylinder radius="0.1" length="0.04"/>')
-    model, elements, joint = on_a_shank(foot=(wheel,))
+    elements = on_a_shank(foot=(wheel,))
     lean = 0.2
-    found = footprint(model, elements, joint, below(-0.5, (lean, 0.0, 0.0)))
+    found = footprint(elements, below(-0.5, (lean, 0.0, 0.0)))
     assert found.height == pytest.approx(-0.1 * np.cos(lean) - 0.02 * np.sin(lean), abs=1e-4)
 
 
@@ -104,8 +104,8 @@ LYING = ("0 0 0", "0 1.5707963267948966 0", '<cylinder radius="0.02" length="0.3
 
 
 def test_a_lying_cylinder_touches_along_a_line():
-    model, elements, joint = on_a_shank(foot=(LYING,))
-    found = footprint(model, elements, joint, below(-0.5), layer=1e-6)
+    elements = on_a_shank(foot=(LYING,))
+    found = footprint(elements, below(-0.5), layer=1e-6)
     assert found.height == pytest.approx(-0.02)
     assert np.sort(found.polygon[:, 0]) == pytest.approx([-0.15, 0.15])
 
@@ -119,23 +119,23 @@ def test_a_capsule_is_a_ball_at_either_end():
 
 
 def test_a_body_without_shapes_has_no_footprint():
-    model, elements, joint = on_a_shank()
-    assert footprint(model, elements, joint, below(0.0)) is None
+    elements = on_a_shank()
+    assert footprint(elements, below(0.0)) is None
 
 
 def test_how_far_points_are_outside():
-    model, elements, joint = on_a_shank(foot=(SOLE,))
-    found = footprint(model, elements, joint, below(-0.5))
+    elements = on_a_shank(foot=(SOLE,))
+    found = footprint(elements, below(-0.5))
     points = np.array([[0.02, 0.0], [0.12, 0.05], [0.15, 0.0], [0.15, 0.09], [-0.18, 0.0]])
     assert found.outside(points) == pytest.approx([0.0, 0.0, 0.03, 0.05, 0.1], abs=1e-12)
 
 
 def test_outside_a_point_and_a_line():
-    model, elements, joint = on_a_shank(foot=(("0 0 0", "0 0 0", '<sphere radius="0.03"/>'),))
-    ball = footprint(model, elements, joint, below(-0.5), layer=1e-6)
+    elements = on_a_shank(foot=(("0 0 0", "0 0 0", '<sphere radius="0.03"/>'),))
+    ball = footprint(elements, below(-0.5), layer=1e-6)
     assert ball.outside(np.array([[0.03, 0.04]])) == pytest.approx([0.05], abs=1e-5)
-    model, elements, joint = on_a_shank(foot=(LYING,))
-    line = footprint(model, elements, joint, below(-0.5), layer=1e-6)
+    elements = on_a_shank(foot=(LYING,))
+    line = footprint(elements, below(-0.5), layer=1e-6)
     assert line.outside(np.array([[0.0, 0.04], [0.0, 0.0]])) == pytest.approx([0.04, 0.0], abs=1e-5)
 
 
@@ -146,7 +146,7 @@ def test_the_feet_of_the_shipped_humanoids(robot_of, name, size):
     contact = settings.contacts["left_foot"]
     frame = model.pinocchio.frames[model.frame_id(contact.frame, "test")]
     plane = frame.placement * pin.SE3(np.eye(3), np.array(contact.translation))
-    found = footprint(model, elements, frame.parentJoint, plane)
+    found = footprint([element for element in elements if element.parentJoint == frame.parentJoint], plane)
     assert found.size == pytest.approx(size, abs=1e-3)
     assert abs(found.height) < 1e-3
     assert found.tilt < 0.001
@@ -156,5 +156,6 @@ def test_the_feet_of_the_shipped_humanoids(robot_of, name, size):
 def test_a_mesh_is_outlined_by_its_vertices(robot_of):
     _, model = robot_of("talos")
     elements = read_collision_elements(model, model.urdf, "test")
-    (sole,) = elements[model.frame_id("leg_left_6_link", "test")]
+    frame = model.frame_id("leg_left_6_link", "test")
+    (sole,) = [element for element in elements if element.parentFrame == frame]
     assert len(outline(sole)) == len(sole.geometry.vertices())

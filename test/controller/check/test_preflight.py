@@ -241,7 +241,7 @@ def test_unbalanced_springs_are_reported_with_balanced_rest(robot_of, changed):
 
 def test_the_start_of_a_controller_reads_no_meshes(robot_of, monkeypatch):
     settings, _ = robot_of("talos")
-    monkeypatch.setattr(contact_shapes, "read_collision_elements", lambda *_: pytest.fail("the meshes were read"))
+    monkeypatch.setattr(contact_shapes, "read_shapes", lambda *_: pytest.fail("the meshes were read"))
     assert Controller(settings).mode.name == "INACTIVE"
 
 

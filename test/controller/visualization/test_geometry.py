@@ -7,9 +7,9 @@ import pinocchio as pin
 import pytest
 from scipy.spatial import ConvexHull
 from synthetic_run import robot
+from urdf_models import build_model
 
 from wbc_controller.controller.visualization.geometry import TRIANGLES, build_parts, convex_hull
-from wbc_controller.inverse_dynamics.robot.from_urdf import build_model
 from wbc_controller.settings.resources import share_folder
 
 ROBOTS = ("g1", "talos", "go2")

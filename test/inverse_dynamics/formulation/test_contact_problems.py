@@ -15,7 +15,7 @@ from wbc_controller.mechanics import SurfaceContact as Held
 def with_contacts(robot, *contacts):
     """Replace the robot's contacts."""
     formulation = robot.controller.formulation
-    formulation.contacts = {contact.name: contact for contact in contacts}
+    robot.controller.contacts = formulation.contacts = {contact.name: contact for contact in contacts}
     formulation._layouts.clear()
     robot.controller._solvers.clear()
     return robot

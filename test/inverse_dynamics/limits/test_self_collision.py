@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from changed_bounds import change_motion_bounds
+from urdf_models import build_model
 
 from wbc_controller.controller.build.collision_model import build_collision_model
 from wbc_controller.controller.build.limits import make_self_collision
@@ -18,7 +19,6 @@ from wbc_controller.inverse_dynamics.formulation.formulation import Formulation
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit, SelfCollisionLimit, TorqueLimit
 from wbc_controller.inverse_dynamics.limits.self_collision import _SPEED_INCREASE, RETURN_SPEED, ROW_ERROR
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
-from wbc_controller.inverse_dynamics.robot.from_urdf import build_model
 from wbc_controller.inverse_dynamics.tasks import PostureTask
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.records import Reference, References, RobotState

@@ -3,11 +3,11 @@ import re
 import numpy as np
 import pinocchio as pin
 import pytest
+from urdf_models import build_model
 
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.inverse_dynamics.robot.from_urdf import build_model
-from wbc_controller.inverse_dynamics.robot.urdf import JointLimits
 from wbc_controller.settings.resources import locate, share_folder
+from wbc_controller.settings.robot import JointLimitSettings
 
 LEG = ("FL_hip_joint", "FL_thigh_joint", "FL_calf_joint")
 POSTURE = (0.1, 0.8, -1.5)
@@ -74,8 +74,8 @@ def test_continuous_joint_has_one_coordinate(urdf):
 
 
 def test_joint_limits_replace_the_urdf(urdf):
-    given = {"FL_thigh_joint": JointLimits(effort=11.0, velocity=5.0, lower=-0.5, upper=1.5),
-             "FL_calf_joint": JointLimits(effort=12.0)}  # fmt: skip
+    given = {"FL_thigh_joint": JointLimitSettings(effort=11.0, velocity=5.0, lower=-0.5, upper=1.5),
+             "FL_calf_joint": JointLimitSettings(effort=12.0)}  # fmt: skip
     model, plain = build_model(urdf, LEG, POSTURE, joint_limits=given), build_model(urdf, LEG, POSTURE)
     i, j = LEG.index("FL_thigh_joint"), LEG.index("FL_calf_joint")
     assert (model.effort_limits[i], model.velocity_limits[i]) == (11.0, 5.0)
@@ -88,7 +88,7 @@ def test_joint_limits_replace_the_urdf(urdf):
     assert again.effort_limits.tolist() == model.effort_limits.tolist()
     assert plain.urdf == urdf
     with pytest.raises(ConfigurationError, match=r"joint_limits: 'FL_tigh_joint' is not .* did you mean 'FL_thigh_j"):
-        build_model(urdf, LEG, POSTURE, joint_limits={"FL_tigh_joint": JointLimits(effort=1.0)})
+        build_model(urdf, LEG, POSTURE, joint_limits={"FL_tigh_joint": JointLimitSettings(effort=1.0)})
 
 
 def test_a_joint_without_limits_is_named(urdf):
@@ -96,9 +96,9 @@ def test_a_joint_without_limits_is_named(urdf):
     bare = urdf.replace(joint, re.sub(r"<limit.*?/>", "", joint, flags=re.DOTALL))
     with pytest.raises(ConfigurationError, match=r"'FL_thigh_joint': it has no <limit effort=…>; add it, or set robot"):
         build_model(bare, LEG, POSTURE)
-    whole = {"FL_thigh_joint": JointLimits(effort=11.0, velocity=5.0, lower=-0.5, upper=1.5)}
+    whole = {"FL_thigh_joint": JointLimitSettings(effort=11.0, velocity=5.0, lower=-0.5, upper=1.5)}
     assert build_model(bare, LEG, POSTURE, joint_limits=whole).effort_limits[LEG.index("FL_thigh_joint")] == 11.0
-    crossed = {"FL_thigh_joint": JointLimits(lower=9.0)}
+    crossed = {"FL_thigh_joint": JointLimitSettings(lower=9.0)}
     with pytest.raises(ConfigurationError, match="'FL_thigh_joint': the lower limit 9 is above the upper"):
         build_model(urdf, LEG, POSTURE, joint_limits=crossed)
 

@@ -8,9 +8,9 @@ import sys
 
 import pytest
 from chains import joint, link, robot
+from urdf_models import build_model
 
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.inverse_dynamics.robot.from_urdf import build_model
 from wbc_controller.inverse_dynamics.robot.urdf import LARGEST_URDF, parse_urdf, parse_xml
 
 INERTIA = '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>'
@@ -120,7 +120,8 @@ def test_longest_chain():
 def test_20_000_chained_links_do_not_crash():
     code = (
         "import sys; from wbc_controller.inverse_dynamics.robot.from_urdf import build_model\n"
-        "build_model(sys.stdin.read(), ['j0'], [0.0])"
+        "from wbc_controller.settings.robot import RobotSettings\n"
+        "build_model(sys.stdin.read(), RobotSettings(joints=['j0'], posture=[0.0]))"
     )
     ended = subprocess.run(
         [sys.executable, "-c", code], input=chain(20_000), capture_output=True, text=True, timeout=60

@@ -33,9 +33,12 @@ OUTCOMES = [
 def test_row_counts_the_trials_of_a_kind_on_a_robot():
     dropout_g1, dropout, kick = rows_of(OUTCOMES)
     assert (dropout_g1.robot, dropout.robot, kick.kind) == ("g1", "go2", "kick")
-    assert (kick.trials, kick.survived, kick.reasons, kick.must_detect, kick.delays) == (10, 7, {"FALLEN": 3}, 0, ())
-    assert kick.interval == pytest.approx(tuple(stats.binomtest(7, 10).proportion_ci(0.95, method="wilson")))
-    assert (dropout.must_detect, dropout.delays, dropout.deadline) == (4, (0.01, 0.02, 0.05), 0.054)
+    assert (kick.trials, kick.survived, kick.reasons, kick.must_be_detected) == (10, 7, {"FALLEN": 3}, 0)
+    assert kick.detected_median_s is kick.detected_max_s is kick.deadline_max_s is None
+    interval = stats.binomtest(7, 10).proportion_ci(0.95, method="wilson")
+    assert (kick.share_low, kick.share_high) == pytest.approx(tuple(interval))
+    assert (dropout.must_be_detected, dropout.detected_median_s, dropout.detected_max_s) == (4, 0.02, 0.05)
+    assert dropout.deadline_max_s == 0.054
     assert dropout.violations == {"undetected": 1}
 
 

@@ -7,9 +7,11 @@ import time
 import numpy as np
 import pytest
 from outcomes import repeatable
+from unchecked import UNCHECKED
 
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import JointCommand
+from wbc_controller.safety.supervisor import Supervisor
 from wbc_controller.validation.campaign.request_faults import REQUEST_KINDS
 from wbc_controller.validation.campaign.trial import ALL_KINDS, run_trial
 
@@ -52,8 +54,8 @@ def test_unknown_kind_is_refused():
 
 
 def _without_rate(controller):
-    limits = controller.supervisor.limits
-    controller.supervisor.limits = dataclasses.replace(limits, torque_rate=1e6)
+    limits = dataclasses.replace(controller.supervisor.limits, torque_rate=1e6)
+    controller.supervisor = Supervisor(controller.model, limits)
 
 
 def _with_torques(change):
@@ -86,7 +88,8 @@ def _once(change):
 def _without_detection(controller):
     """Disable the detection of implausible states and falls."""
     limits = controller.supervisor.limits
-    controller.supervisor.limits = dataclasses.replace(limits, plausibility=None, fall=None)
+    unchecked = limits.safety.model_copy(update=UNCHECKED)
+    controller.supervisor = Supervisor(controller.model, dataclasses.replace(limits, safety=unchecked))
 
 
 def _old_states(controller):

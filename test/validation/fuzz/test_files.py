@@ -54,7 +54,7 @@ def test_unchanged_files_work(tmp_path, monkeypatch):
 
 def test_crash_and_hang_of_the_reader(tmp_path, monkeypatch):
     monkeypatch.setattr(files, "_CASE_TIMEOUT", 3.0)
-    monkeypatch.setattr(files, "_reader", dies_and_hangs)
+    monkeypatch.setattr(files, "read_case", dies_and_hangs)
     results = {trial.folder: trial.result for trial in fuzz_files("configurations", ("go2",), 4, 0, tmp_path)}
     works, dead, hanging, last = (case_folder(tmp_path, "configurations", number) for number in range(4))
     assert results == {works: "works", dead: "crash: SIGSEGV", hanging: "hang: no result after 3 s", last: "works"}

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.apps.new import tuning
-from wbc_controller.apps.new.feet import Body, Elements
+from wbc_controller.apps.new.feet import Body
 from wbc_controller.apps.new.foot_shape import Foot
 from wbc_controller.apps.new.mechanism import UrdfSource, choose_joints, ranges_of, read_postures, read_source
 from wbc_controller.apps.new.notes import Draft
@@ -96,7 +96,7 @@ def _model(draft: Draft, source: UrdfSource, *, floating: bool) -> RobotModel:
     return make_model(parse_settings(values, source.address), source.text)
 
 
-def _shapes(model: RobotModel, source: UrdfSource, draft: Draft) -> Elements:
+def _shapes(model: RobotModel, source: UrdfSource, draft: Draft) -> list[pin.GeometryObject]:
     """Read the collision shapes, or visual shapes of links without them; missing files get a note."""
     tree, folder, lost = copy.deepcopy(source.tree), source.path.parent, []
     for link in tree.iterfind("link"):

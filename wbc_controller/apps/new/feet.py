@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,8 +19,6 @@ _LEVEL, _ABOVE = 0.15, 0.02
 _ALIKE = 0.2  # largest relative difference of leg masses
 _LEG_JOINTS = 3  # smallest number; fingers have fewer
 
-Elements = Mapping[int, Sequence[pin.GeometryObject]]  # shapes by frame index of the link
-
 
 @dataclass(frozen=True, slots=True)
 class Limb:
@@ -35,7 +33,7 @@ class Limb:
 class Body:
     """The robot in one posture, upright at the origin."""
 
-    def __init__(self, model: RobotModel, elements: Elements, posture: Array) -> None:
+    def __init__(self, model: RobotModel, elements: Sequence[pin.GeometryObject], posture: Array) -> None:
         """Compute kinematics and limbs in a posture, (nj,) in rad."""
         self.model, self.elements = model, elements
         self.data = model.pinocchio.createData()  # kinematics in the posture
@@ -55,10 +53,7 @@ class Body:
     def _points(self, joint: int) -> Array:
         """Return points of the shapes or link origins moved by a joint, (n, 3) in the world."""
         place, frames = self.data.oMi[joint], self.model.pinocchio.frames
-        shapes = [
-            outline(element) for frame, own in self.elements.items() if frames[frame].parentJoint == joint
-            for element in own
-        ]  # fmt: skip
+        shapes = [outline(element) for element in self.elements if element.parentJoint == joint]
         shapes = shapes or [
             frame.placement.translation[None] for frame in frames
             if frame.parentJoint == joint and frame.type == pin.BODY

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -53,30 +53,28 @@ class Foot:
 
 
 def measure(
-    model: RobotModel, elements: Mapping[int, Sequence[pin.GeometryObject]], joint: int, upward: pin.SE3, axis: Array
+    model: RobotModel, elements: Sequence[pin.GeometryObject], joint: int, upward: pin.SE3, axis: Array
 ) -> Foot:
     """Measure a foot; `upward` has the base's axes in the joint's frame, x forward and z up."""
-    frames = model.pinocchio.frames
-    own = [(frame, element) for frame, some in elements.items() for element in some]
-    own = [(frame, element) for frame, element in own if frames[frame].parentJoint == joint]
+    own = [element for element in elements if element.parentJoint == joint]
     down = -upward.rotation[:, 2]
     if not own:
         return _foot_without_shape(model, joint, down)
-    shapes = [outline(element, upward.rotation) for _, element in own]
+    shapes = [outline(element, upward.rotation) for element in own]
     lowest = int(np.argmax([float((points @ down).max()) for points in shapes]))
-    link, points = str(frames[own[lowest][0]].name), np.vstack(shapes)
+    frame, points = own[lowest].parentFrame, np.vstack(shapes)
+    link = str(model.pinocchio.frames[frame].name)
     wheel = _wheel(model, joint, link, points, axis) if abs(axis @ down) < 1.0 - _DOWN else None
     if wheel is not None:
         return wheel
     # the flat side of a shank above a ball is not a sole
-    normal = _face(
-        np.vstack([some for (frame, _), some in zip(own, shapes, strict=True) if frame == own[lowest][0]]), down
-    )
+    of_link = [some for each, some in zip(own, shapes, strict=True) if each.parentFrame == frame]
+    normal = _face(np.vstack(of_link), down)
     if normal is not None:
-        sole = _sole(model, elements, joint, link, _plane(points, normal, upward.rotation[:, 0]))
+        sole = _sole(own, joint, link, _plane(points, normal, upward.rotation[:, 0]))
         if sole is not None:
             return sole
-    geometry, placement = own[lowest][1].geometry, own[lowest][1].placement
+    geometry, placement = own[lowest].geometry, own[lowest].placement
     if isinstance(geometry, coal.Sphere) and geometry.radius > 0.0:
         centre, radius, measured_on = placement.translation, float(geometry.radius), "the sphere in the URDF"
     else:
@@ -164,13 +162,11 @@ def _plane(points: Array, normal: Array, forward: Array) -> pin.SE3:
     return pin.SE3(np.column_stack([x, np.cross(z, x), z]), float((points @ normal).max()) * normal)
 
 
-def _sole(
-    model: RobotModel, elements: Mapping[int, Sequence[pin.GeometryObject]], joint: int, link: str, plane: pin.SE3
-) -> Foot | None:
-    whole = footprint(model, elements, joint, plane)
+def _sole(elements: Sequence[pin.GeometryObject], joint: int, link: str, plane: pin.SE3) -> Foot | None:
+    whole = footprint(elements, plane)
     if whole is None or _area(whole.polygon) < _LEAST_AREA:
         return None
-    thin = (footprint(model, elements, joint, plane, layer) for layer in _LAYERS)
+    thin = (footprint(elements, plane, layer) for layer in _LAYERS)
     found = next((one for one in thin if one and _area(one.polygon) >= _LAYER_SHARE * _area(whole.polygon)), whole)
     if not (found.size.min() >= _LEAST_SIDE):
         return None

@@ -18,7 +18,6 @@ from wbc_controller.inverse_dynamics.robot.mimic import read_mimics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.urdf import (
     LARGEST_URDF,
-    JointLimits,
     parse_urdf,
     parse_xml,
     read_robot,
@@ -27,6 +26,7 @@ from wbc_controller.inverse_dynamics.robot.urdf import (
 from wbc_controller.inverse_dynamics.robot.virtual_base import virtual_joints
 from wbc_controller.records import Array
 from wbc_controller.settings.resources import PACKAGE_SCHEME, locate, read_text, share_folder
+from wbc_controller.settings.robot import JointLimitSettings
 
 _FINGER_SHARE = 1.0 / 200.0  # smallest share of the mass, except fingers
 _SEVERAL_TURNS = 4.1 * np.pi  # smallest range of a joint with several turns, rad
@@ -81,7 +81,8 @@ def _address(path: Path) -> str:
 
 def ranges_of(source: UrdfSource, limits: Mapping[str, Mapping[str, float]]) -> dict[str, tuple[float, float]]:
     """Return the position limits of the movable joints after replacements."""
-    tree, _ = read_robot(source.text, {name: JointLimits(**entries) for name, entries in limits.items()})
+    replaced = {name: JointLimitSettings.model_construct(None, **entries) for name, entries in limits.items()}
+    tree, _ = read_robot(source.text, replaced)
     found = {}
     for joint in tree.iterfind("joint"):
         limit = joint.find("limit")

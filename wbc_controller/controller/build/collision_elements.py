@@ -1,7 +1,5 @@
 """Collision elements of a URDF."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
@@ -13,7 +11,8 @@ from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.bare_mechanism import shapes_only
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
-from wbc_controller.settings.resources import PACKAGE_SCHEME, share_folder
+from wbc_controller.settings import Settings
+from wbc_controller.settings.resources import PACKAGE_SCHEME, folder_of, share_folder
 
 #: Cache of meshes by file, scale and modification time.
 _MESHES = coal.CachedMeshLoader()
@@ -26,12 +25,8 @@ def mesh_packages(urdf: str) -> list[str]:
 
 def read_collision_elements(
     model: RobotModel, urdf: str, key: str, folder: Path | None = None
-) -> dict[int, list[pin.GeometryObject]]:
-    """Read the collision elements of a URDF with meshes; `folder` is that of relative paths.
-
-    Returns:
-        Elements, placed in the joint's frame, by frame number of the link.
-    """
+) -> list[pin.GeometryObject]:
+    """Read the collision elements of a URDF, in their joints' frames; `folder` is that of relative mesh paths."""
     folders = [str(share_folder(package).parent) for package in mesh_packages(urdf)] + ([str(folder)] if folder else [])
     try:
         read = pin.buildGeomFromUrdfString(
@@ -40,10 +35,12 @@ def read_collision_elements(
     except (ValueError, RuntimeError) as error:
         reason = " ".join(str(error).rpartition("message:")[2].split())
         raise ConfigurationError(f"{key}: a collision element cannot be read: {reason}") from error
-    elements: dict[int, list[pin.GeometryObject]] = {}
-    for element in read.geometryObjects:
-        elements.setdefault(element.parentFrame, []).append(element)
-    return elements
+    return list(read.geometryObjects)
+
+
+def read_shapes(settings: Settings, model: RobotModel) -> list[pin.GeometryObject]:
+    """Read the collision elements of a robot."""
+    return read_collision_elements(model, model.urdf, "collision shapes", folder_of(settings.robot.urdf))
 
 
 def enclosing_points(element: pin.GeometryObject) -> Array:

@@ -1,11 +1,9 @@
 """Collision model from URDF and SRDF."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, groupby
 from pathlib import Path
 
 import coal
@@ -14,7 +12,7 @@ import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
 from wbc_controller.controller.build.collision_elements import enclosing_points, read_collision_elements
-from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.errors import ConfigurationError, require_known
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.urdf import parse_xml
 from wbc_controller.records import Array
@@ -64,7 +62,8 @@ def build_collision_model(
         folder: of relative mesh paths.
     """
     elements = read_collision_elements(model, with_visuals(model.urdf, visual), "limits.self_collision", folder)
-    joints = {model.pinocchio.frames[frame].name: model.pinocchio.frames[frame].parentJoint for frame in elements}
+    frames = model.pinocchio.frames
+    joints = {frames[element.parentFrame].name: element.parentJoint for element in elements}
     every = list(joints)
     if not every:
         raise ConfigurationError(
@@ -80,8 +79,7 @@ def build_collision_model(
         near_joints = {link: (j, parents[j], parents[parents[j]]) for link, j in joints.items()}
         chosen -= {(a, b) for a, b in chosen if joints[a] in near_joints[b] or joints[b] in near_joints[a]}
     needed = {link for pair in chosen for link in pair}
-    geometry, replaced = _shapes(model, {frame: own for frame, own in elements.items()
-                                         if model.pinocchio.frames[frame].name in needed})  # fmt: skip
+    geometry, replaced = _shapes(model, [each for each in elements if frames[each.parentFrame].name in needed])
     links = [shape.name for shape in geometry.geometryObjects]
     for first, second in combinations(links, 2):
         if (first, second) in chosen or (second, first) in chosen:
@@ -103,23 +101,17 @@ def with_visuals(urdf: str, links: Sequence[str]) -> str:
     root = ElementTree.fromstring(urdf)  # noqa: S314 - checked
     found = {str(link.get("name")): link.findall("visual") for link in root.iter("link")}
     seen = [name for name, elements in found.items() if elements]
+    require_known(links, seen, "limits.self_collision.visual:", " is not a link with visual elements")
     for name in links:
-        if name not in seen:
-            raise ConfigurationError(
-                f"limits.self_collision.visual: {name!r} is not a link with visual elements; "
-                f"{valid_choices(name, seen)}"
-            )
         for element in found[name]:
             element.tag = "collision"
     return ElementTree.tostring(root, encoding="unicode")
 
 
-def _shapes(
-    model: RobotModel, elements: Mapping[int, Sequence[pin.GeometryObject]]
-) -> tuple[pin.GeometryModel, tuple[str, ...]]:
+def _shapes(model: RobotModel, elements: Sequence[pin.GeometryObject]) -> tuple[pin.GeometryModel, tuple[str, ...]]:
     geometry, replaced = pin.GeometryModel(), []
-    for frame_id, own in elements.items():
-        frame = model.pinocchio.frames[frame_id]
+    for frame_id, group in groupby(elements, lambda element: element.parentFrame):
+        frame, own = model.pinocchio.frames[frame_id], list(group)
         if len(own) == 1 and isinstance(own[0].geometry, coal.ShapeBase):
             shape, placement = own[0].geometry, own[0].placement
         else:
@@ -170,14 +162,10 @@ def _distance_outside_hull(points: Array, corners: Array) -> float:
 
 def _parse_pair(pair: str, links: Sequence[str]) -> tuple[str, str]:
     first, _, second = pair.partition("/")
-    for link in (first, second):
-        if link not in links:
-            raise ConfigurationError(
-                f"limits.self_collision.pairs: {pair!r}: {link!r} is not a link with collision elements; "
-                f"{valid_choices(link, links)}"
-            )
+    key = f"limits.self_collision.pairs: {pair!r}:"
+    require_known((first, second), links, key, " is not a link with collision elements")
     if first == second:
-        raise ConfigurationError(f"limits.self_collision.pairs: {pair!r}: the links must differ")
+        raise ConfigurationError(f"{key} the links must differ")
     return first, second
 
 

@@ -1,38 +1,25 @@
 """Construction of contacts and loop closures."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 
 from wbc_controller import settings as schema
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.inverse_dynamics.contacts import (
-    AnchoredContact,
-    Contact,
-    FixedContact,
-    LoopClosure,
-    PointContact,
-    Polygon,
-    Rectangle,
-    RollingContact,
-    SurfaceContact,
-    placement_of,
-)
+from wbc_controller.inverse_dynamics import contacts
 from wbc_controller.inverse_dynamics.contacts.contact import UnilateralContact
 from wbc_controller.inverse_dynamics.references.board import ContactPlan
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 
 
-def make_contact(name: str, contact: schema.ContactSettings, model: RobotModel) -> Contact:
+def make_contact(name: str, contact: schema.ContactSettings, model: RobotModel) -> contacts.Contact:
     """Build one contact."""
     base, translation = (name, model, contact.frame), np.array(contact.translation)
     keys = ["against", "damping", "stiffness"]
     if isinstance(contact, schema.FixedContact):
         given = {key: getattr(contact, key) for key in [*keys, "max_force"]}
-        placement = placement_of(contact.translation, contact.rpy)
-        return FixedContact(*base, placement, contact.mask, max_moment=contact.max_moment or 0.0, **given)
+        placement = contacts.placement_of(contact.translation, contact.rpy)
+        return contacts.FixedContact(*base, placement, contact.mask, max_moment=contact.max_moment or 0.0, **given)
     if contact.min_normal_force > contact.max_normal_force:
         raise ConfigurationError(
             f"contacts.{name}: min_normal_force = {contact.min_normal_force} is larger than "
@@ -41,33 +28,36 @@ def make_contact(name: str, contact: schema.ContactSettings, model: RobotModel) 
     keys += ["friction", "min_normal_force", "max_normal_force"]
     given = {key: getattr(contact, key) for key in keys}
     if isinstance(contact, schema.SurfaceContact):
-        support: Polygon | Rectangle = Rectangle(contact.half_length or 0.0, contact.half_width or 0.0)
-        if contact.vertices is not None:
-            support = Polygon(np.array(contact.vertices), f"contacts.{name}.vertices")
+        support = (
+            contacts.Rectangle(contact.half_length or 0.0, contact.half_width or 0.0)
+            if contact.vertices is None
+            else contacts.Polygon(np.array(contact.vertices), f"contacts.{name}.vertices")
+        )
         given |= {"max_yaw_moment": np.inf if contact.max_yaw_moment is None else contact.max_yaw_moment}
-        return SurfaceContact(*base, placement_of(contact.translation, contact.rpy), support, **given)
+        return contacts.SurfaceContact(*base, contacts.placement_of(contact.translation, contact.rpy), support, **given)
     normal = np.array(contact.normal)
     if isinstance(contact, schema.RollingContact):
-        return RollingContact(*base, translation, contact.radius, np.array(contact.axis), normal=normal, **given)
-    return PointContact(*base, translation, contact.radius, normal=normal, **given)
+        axis = np.array(contact.axis)
+        return contacts.RollingContact(*base, translation, contact.radius, axis, normal=normal, **given)
+    return contacts.PointContact(*base, translation, contact.radius, normal=normal, **given)
 
 
-def make_contact_plan(contact: Contact, enabled: bool, ramp: float) -> ContactPlan:
+def make_contact_plan(contact: contacts.Contact, enabled: bool, ramp: float) -> ContactPlan:
     """Return the plan of a contact."""
-    anchored = contact if isinstance(contact, AnchoredContact) and contact.stiffness > 0.0 else None
+    anchored = contact if isinstance(contact, contacts.AnchoredContact) and contact.stiffness > 0.0 else None
     capacity = 0.0 if contact.internal else math.inf
     if isinstance(contact, UnilateralContact) and not contact.internal:
         capacity = contact.max_normal_force
     return ContactPlan(enabled, ramp, anchored, contact, capacity)
 
 
-def make_loop_closure(name: str, loop: schema.LoopSettings, model: RobotModel) -> LoopClosure:
+def make_loop_closure(name: str, loop: schema.LoopSettings, model: RobotModel) -> contacts.LoopClosure:
     """Build a loop closure."""
-    return LoopClosure(
+    return contacts.LoopClosure(
         name,
         model,
         (loop.frame_a, loop.frame_b),
-        (placement_of(loop.translation_a, loop.rpy_a), placement_of(loop.translation_b, loop.rpy_b)),
+        (contacts.placement_of(loop.translation_a, loop.rpy_a), contacts.placement_of(loop.translation_b, loop.rpy_b)),
         loop.mask,
         stiffness=loop.stiffness,
     )

@@ -1,7 +1,5 @@
 """Construction of the estimators."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,8 +1,6 @@
 """Contact region of a body on a plane."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import coal
@@ -11,7 +9,6 @@ import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
 from wbc_controller.controller.build.collision_elements import enclosing_points
-from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array, frozen
 
 #: Thickness of the layer above the lowest point, m: about the radius of rounded sole edges.
@@ -59,34 +56,21 @@ class Footprint:
         return np.where(within, 0.0, distance)
 
 
-def footprint(
-    model: RobotModel,
-    elements: Mapping[int, Sequence[pin.GeometryObject]],
-    joint: int,
-    plane: pin.SE3,
-    layer: float = LAYER,
-) -> Footprint | None:
-    """Return the footprint on a plane of all links moved by one joint; None without collision elements.
+def footprint(elements: Sequence[pin.GeometryObject], plane: pin.SE3, layer: float = LAYER) -> Footprint | None:
+    """Return the footprint on a plane of elements moved by one joint; None without elements.
 
     Args:
-        elements: by frame number, from `read_collision_elements`.
         plane: placement in the joint's frame; z is the normal towards the body.
         layer: thickness above the lowest point, m.
     """
-    shapes = [
-        element
-        for frame, own in elements.items()
-        if model.pinocchio.frames[frame].parentJoint == joint
-        for element in own
-    ]
-    if not shapes:
+    if not elements:
         return None
 
     def seen(points: Sequence[Array]) -> Array:
         return np.asarray((np.vstack(points) - plane.translation) @ plane.rotation)  # (n, 3) in the plane's frame
 
-    points = seen([outline(element, plane.rotation) for element in shapes])
-    touching = seen([_touching(element, plane.rotation) for element in shapes])
+    points = seen([outline(element, plane.rotation) for element in elements])
+    touching = seen([_touching(element, plane.rotation) for element in elements])
     height = float(points[:, 2].min())
     low = touching[touching[:, 2] <= height + layer, :2]
     return Footprint(frozen(_convex(low)), height, _tilt(points, height))

@@ -1,7 +1,5 @@
 """Static limits of a gait: reach, velocities, torques, friction."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Damping of the guard, without compiled kernels."""
 
-from __future__ import annotations
-
 from wbc_controller.estimation.joint_velocity import delay
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array

@@ -1,7 +1,5 @@
 """Inverse kinematics of one leg."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass

@@ -1,17 +1,15 @@
 """Construction of torque-speed curve and self-collision limit."""
 
-from __future__ import annotations
-
 import logging
 
 from wbc_controller.controller.build.collision_model import build_collision_model
-from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.errors import ConfigurationError, require_known
 from wbc_controller.inverse_dynamics.limits import SelfCollisionLimit, TorqueSpeedCurve
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.urdf import LARGEST_URDF
 from wbc_controller.records import frozen
 from wbc_controller.settings import Settings
-from wbc_controller.settings.resources import locate, read_text
+from wbc_controller.settings.resources import folder_of, locate, read_text
 
 _log = logging.getLogger(__name__)
 
@@ -21,11 +19,7 @@ def make_torque_speed(settings: Settings, model: RobotModel) -> TorqueSpeedCurve
     curve = settings.limits.torque_speed
     if not curve.enabled:
         return None
-    for name in curve.actuators:
-        if name not in model.actuators:
-            raise ConfigurationError(
-                f"limits.torque_speed.actuators: unknown actuator {name!r}; {valid_choices(name, model.actuators)}"
-            )
+    require_known(curve.actuators, model.actuators, "limits.torque_speed.actuators: unknown actuator")
     limits = dict(zip(model.joints, model.velocity_limits.tolist(), strict=True))
     corner, no_load = [], []
     for name in model.actuators:
@@ -53,7 +47,7 @@ def make_self_collision(settings: Settings, model: RobotModel) -> SelfCollisionL
         srdf=srdf,
         pairs=own.pairs,
         visual=own.visual,
-        folder=locate(settings.robot.urdf).parent if settings.robot.urdf else None,
+        folder=folder_of(settings.robot.urdf),
     )
     _log.info("self-collision: %s", collision.summary)
     return SelfCollisionLimit(

@@ -1,7 +1,5 @@
 """Construction of the quadratic program."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterable
 

@@ -1,7 +1,5 @@
 """Construction of the quadruped walker and its tasks."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

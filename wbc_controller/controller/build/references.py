@@ -1,8 +1,7 @@
 """Construction of reference board and live tuning."""
 
-from __future__ import annotations
-
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 from wbc_controller.controller.build.contacts import make_contact_plan
 from wbc_controller.controller.build.tasks import make_task
@@ -42,23 +41,17 @@ def make_board_plan(settings: Settings, qp: WholeBodyQP) -> BoardPlan:
     configured = [make_task(name, task, model, qp.contacts) for name, task in settings.tasks.items()]
     tuning = make_tuning(settings, [*configured, *own_tasks])
     JointMotionLimit.of(model, tuning, position=limits.position, velocity=limits.velocity)  # raises on invalid limits
-    tasks = {
-        name: TaskPlan(qp.tasks[name], task.weight, task.enabled, task.setpoint_duration)
-        for name, task in settings.tasks.items()
-    }
-    tasks |= {task.name: TaskPlan(task, task.weight, task.enabled, task.setpoint_duration) for task in own_tasks}
-    contacts = {
-        name: make_contact_plan(qp.contacts[name], contact.enabled, contact.ramp)
-        for name, contact in settings.contacts.items()
-    }
-    contacts |= {
-        name: make_contact_plan(contact, contact.enabled, contact.ramp)
-        for name, contact in qp.contacts.items()
-        if name not in settings.contacts and not contact.permanent
-    }
+    tasks: Mapping[str, Any] = {**settings.tasks, **{task.name: task for task in own_tasks}}
+    changeable = {name: contact for name, contact in qp.contacts.items() if not contact.permanent}
+    contacts: Mapping[str, Any] = changeable | settings.contacts
     return BoardPlan(
-        tasks=tasks,
-        contacts=contacts,
+        tasks={
+            name: TaskPlan(qp.tasks[name], values.weight, values.enabled, values.setpoint_duration)
+            for name, values in tasks.items()
+        },
+        contacts={
+            name: make_contact_plan(qp.contacts[name], values.enabled, values.ramp) for name, values in contacts.items()
+        },
         weight_ramp=settings.control.weight_ramp,
         tuning=tuning,
         robot_weight=model.mass * model.gravity if model.floating_base else 0.0,

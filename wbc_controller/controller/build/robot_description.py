@@ -1,15 +1,13 @@
 """Actuators and inertias, without Pinocchio."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from wbc_controller.errors import ConfigurationError, valid_choices
-from wbc_controller.inverse_dynamics.robot.transmission import Drive, Transmission, make_drive
-from wbc_controller.inverse_dynamics.robot.urdf import LARGEST_URDF, JointLimits, read_robot
+from wbc_controller.errors import ConfigurationError, require_known
+from wbc_controller.inverse_dynamics.robot.transmission import Drive, make_drive
+from wbc_controller.inverse_dynamics.robot.urdf import LARGEST_URDF, read_robot
 from wbc_controller.inverse_dynamics.robot.urdf import inertia_tensor as inertia_tensor
 from wbc_controller.records import Array, frozen
 from wbc_controller.settings import RobotSettings
@@ -34,45 +32,19 @@ class Description:
     effort_limits: Array  # usable torque of each actuator, (na,) in N·m
 
 
-def transmissions(robot: RobotSettings) -> dict[str, Transmission]:
-    """Return the transmissions of a robot by name."""
-    return {
-        name: Transmission(given.ratios, given.effort_limit, given.rotor_inertia)
-        for name, given in robot.transmission.items()
-    }
-
-
-def joint_limits(robot: RobotSettings) -> dict[str, JointLimits]:
-    """Return the joint limits of the settings."""
-    return {
-        name: JointLimits(given.effort, given.velocity, given.lower, given.upper)
-        for name, given in robot.joint_limits.items()
-    }
-
-
 def describe(urdf: str, robot: RobotSettings) -> Description:
     """Read the actuators from a URDF text."""
-    tree, _ = read_robot(urdf, joint_limits(robot))
+    tree, _ = read_robot(urdf, robot.joint_limits)
     limits = {str(joint.get("name")): joint.find("limit") for joint in tree.findall("joint")}
+    require_known(robot.joints, limits, "robot.joints:", " is not a joint of the URDF")
     efforts = []
     for name in robot.joints:
-        if name not in limits:
-            raise ConfigurationError(
-                f"robot.joints: {name!r} is not a joint of the URDF; {valid_choices(name, limits)}"
-            )
         limit = limits[name]
         try:
             efforts.append(float("" if limit is None else limit.get("effort", "")))
         except ValueError:
             efforts.append(math.nan)
-    drive = make_drive(
-        robot.joints,
-        np.array(efforts),
-        actuators=robot.actuators,
-        transmission=transmissions(robot),
-        passive=robot.passive_joints,
-        by_joint=robot.command == "joints",
-    )
+    drive = make_drive(robot, np.array(efforts))
     return Description(tree.get("name", ""), drive, frozen(robot.effort_limit_scale * drive.effort_limits))
 
 

@@ -1,58 +1,38 @@
 """Construction of tasks."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 
 import numpy as np
 
 from wbc_controller import settings as schema
-from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.errors import ConfigurationError, require_known
+from wbc_controller.inverse_dynamics import tasks
 from wbc_controller.inverse_dynamics.contacts import Contact
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.inverse_dynamics.tasks import (
-    AngularMomentumTask,
-    AxisAlignmentTask,
-    CapturePointTask,
-    ComTask,
-    ContactWrenchTask,
-    FrameOrientationTask,
-    FramePoseTask,
-    FramePositionTask,
-    GazeTask,
-    LinearMomentumTask,
-    PostureTask,
-    RelativePoseTask,
-    Task,
-    TorqueTask,
-)
 
 #: Class of each type, and its arguments: keys of the settings, the model, its gravity, and the contact.
-_CLASSES: dict[str, tuple[Callable[..., Task], str]] = {
-    "posture": (PostureTask, "model joints stiffness damping"),
-    "com": (ComTask, "mask stiffness damping"),
-    "frame_pose": (FramePoseTask, "model frame mask stiffness damping"),
-    "frame_position": (FramePositionTask, "model frame mask stiffness damping"),
-    "frame_orientation": (FrameOrientationTask, "model frame mask stiffness damping"),
-    "relative_pose": (RelativePoseTask, "model frame reference_frame mask stiffness damping"),
-    "axis_alignment": (AxisAlignmentTask, "model frame axis stiffness damping"),
-    "gaze": (GazeTask, "model frame axis stiffness damping"),
-    "linear_momentum": (LinearMomentumTask, "mask damping"),
-    "angular_momentum": (AngularMomentumTask, "mask damping"),
-    "capture_point": (CapturePointTask, "gravity mask support_height gain"),
-    "contact_wrench": (ContactWrenchTask, "contact mask target"),
-    "torque": (TorqueTask, "model joints target"),
+_CLASSES: dict[str, tuple[Callable[..., tasks.Task], str]] = {
+    "posture": (tasks.PostureTask, "model joints stiffness damping"),
+    "com": (tasks.ComTask, "mask stiffness damping"),
+    "frame_pose": (tasks.FramePoseTask, "model frame mask stiffness damping"),
+    "frame_position": (tasks.FramePositionTask, "model frame mask stiffness damping"),
+    "frame_orientation": (tasks.FrameOrientationTask, "model frame mask stiffness damping"),
+    "relative_pose": (tasks.RelativePoseTask, "model frame reference_frame mask stiffness damping"),
+    "axis_alignment": (tasks.AxisAlignmentTask, "model frame axis stiffness damping"),
+    "gaze": (tasks.GazeTask, "model frame axis stiffness damping"),
+    "linear_momentum": (tasks.LinearMomentumTask, "mask damping"),
+    "angular_momentum": (tasks.AngularMomentumTask, "mask damping"),
+    "capture_point": (tasks.CapturePointTask, "gravity mask support_height gain"),
+    "contact_wrench": (tasks.ContactWrenchTask, "contact mask target"),
+    "torque": (tasks.TorqueTask, "model joints target"),
 }
 
 
-def make_task(name: str, task: schema.TaskSettings, model: RobotModel, contacts: Mapping[str, Contact]) -> Task:
+def make_task(name: str, task: schema.TaskSettings, model: RobotModel, contacts: Mapping[str, Contact]) -> tasks.Task:
     """Build one task."""
     given = {**dict(task), "model": model, "gravity": model.gravity}
     if isinstance(task, schema.ContactWrenchTask):
-        if task.contact not in contacts:
-            raise ConfigurationError(
-                f"tasks.{name}.contact: unknown contact {task.contact!r}; {valid_choices(task.contact, contacts)}"
-            )
+        require_known(task.contact, contacts, f"tasks.{name}.contact: unknown contact")
         given["contact"] = contacts[task.contact]
     kind, arguments = _CLASSES[task.type]
     made = kind(name, **{argument: given[argument] for argument in arguments.split()})

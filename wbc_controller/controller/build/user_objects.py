@@ -1,26 +1,17 @@
 """Construction of user-defined tasks, contacts and limits."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
 
 from wbc_controller.errors import ConfigurationError, MethodError
+from wbc_controller.inverse_dynamics import method_calls
 from wbc_controller.inverse_dynamics.contacts import AnchoredContact, Contact
 from wbc_controller.inverse_dynamics.contacts.contact import anchor_of, points_of
 from wbc_controller.inverse_dynamics.contacts.contact import evaluate as evaluate_contact
 from wbc_controller.inverse_dynamics.formulation.formulation import Formulation
 from wbc_controller.inverse_dynamics.limits import RowLimit
-from wbc_controller.inverse_dynamics.method_calls import (
-    array_from,
-    bounds_of,
-    call,
-    checked,
-    require_bounds,
-    require_finite,
-)
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import AccelerationTask, EffortTask, Task
@@ -92,7 +83,7 @@ def _check_task(task: Task, model: RobotModel) -> None:
         fits = _fits(task, "tolerance") and bool((np.asarray(task.tolerance) >= 0.0).all())
         _require(task, "tolerance", task.tolerance, f"finite numbers of at least 0, shape () or ({size},)", fits)
     if isinstance(task, EffortTask):
-        checked(task, "__init__", task.target, (task.form.size,))
+        method_calls.checked(task, "__init__", task.target, (task.form.size,))
 
 
 def _check_contact(contact: Contact) -> None:
@@ -179,20 +170,20 @@ def _evaluate_contact(contact: Contact, dynamics: Dynamics) -> None:
     size = contact.size
     evaluate_contact(contact, dynamics)
     for activation in (0.5, 1.0):
-        bounds_of(contact, "bounds", call(contact, "bounds", activation), size)
+        method_calls.bounds_of(contact, "bounds", method_calls.call(contact, "bounds", activation), size)
     points_of(contact, dynamics)
-    array_from(contact, "wrench_in_world", (6,), dynamics, np.zeros(size))
+    method_calls.array_from(contact, "wrench_in_world", (6,), dynamics, np.zeros(size))
     if isinstance(contact, AnchoredContact) and contact.stiffness > 0.0:
-        array_from(contact, "displacement", (size,), dynamics, anchor_of(contact, dynamics))
+        method_calls.array_from(contact, "displacement", (size,), dynamics, anchor_of(contact, dynamics))
 
 
 def _evaluate_limit(limit: RowLimit, dynamics: Dynamics, period: float) -> None:
     count = len(limit.names)
     rows = np.full((count, dynamics.model.nv), np.nan)
     lower, upper = np.full(count, np.nan), np.full(count, np.nan)
-    call(limit, "fill", dynamics, period, rows, lower, upper)
-    require_finite(limit, "fill", "rows", rows)
-    require_bounds(limit, "fill", lower, upper)
+    method_calls.call(limit, "fill", dynamics, period, rows, lower, upper)
+    method_calls.require_finite(limit, "fill", "rows", rows)
+    method_calls.require_bounds(limit, "fill", lower, upper)
     if len(limit.names) != count:
         raise MethodError(
             f"{limit.full_name}: {type(limit).__name__}.fill() changed the number of names from {count} to "

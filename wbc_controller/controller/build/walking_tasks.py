@@ -1,7 +1,5 @@
 """Tasks of a walker."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from wbc_controller.errors import ConfigurationError

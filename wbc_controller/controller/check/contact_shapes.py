@@ -1,15 +1,13 @@
 """Comparison of contacts with collision shapes."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from math import degrees, tan
 
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.controller.build.collision_elements import read_collision_elements
+from wbc_controller.controller.build.collision_elements import read_shapes
 from wbc_controller.controller.build.footprint import LAYER, Footprint, footprint
 from wbc_controller.controller.check.finding import Finding
 from wbc_controller.errors import ConfigurationError
@@ -18,7 +16,6 @@ from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 from wbc_controller.settings import SurfaceContact as SurfaceSettings
-from wbc_controller.settings.resources import locate
 
 #: Largest distance of a contact from the lowest point of its shapes, m.
 _HEIGHT = 0.02
@@ -63,7 +60,6 @@ def compare_with_shapes(settings: Settings, qp: WholeBodyQP, normal: Array) -> l
 
     Large differences raise `ConfigurationError`.
     """
-    model, path = qp.model, settings.robot.urdf
     contacts = {
         name: contact
         for name, spec in settings.contacts.items()
@@ -74,7 +70,7 @@ def compare_with_shapes(settings: Settings, qp: WholeBodyQP, normal: Array) -> l
     if not contacts:
         return []
     try:
-        elements = read_collision_elements(model, model.urdf, "collision shapes", locate(path).parent if path else None)
+        elements = read_shapes(settings, qp.model)
     except ConfigurationError as error:  # the controller needs no meshes
         return [Finding("not compared", f"contacts with the URDF: {error}")]
     found, without = [], []
@@ -96,9 +92,9 @@ def undersides(settings: Settings, qp: WholeBodyQP) -> dict[str, Array]:
 
     Contacts without readable shapes are omitted.
     """
-    model, path, found = qp.model, settings.robot.urdf, {}
+    found: dict[str, Array] = {}
     try:
-        elements = read_collision_elements(model, model.urdf, "collision shapes", locate(path).parent if path else None)
+        elements = read_shapes(settings, qp.model)
     except ConfigurationError:  # reported by `compare_with_shapes`
         return {}
     for name, contact in qp.contacts.items():
@@ -117,7 +113,7 @@ def undersides(settings: Settings, qp: WholeBodyQP) -> dict[str, Array]:
 def _footprint_of_link(
     settings: Settings,
     qp: WholeBodyQP,
-    elements: Mapping[int, Sequence[pin.GeometryObject]],
+    elements: Sequence[pin.GeometryObject],
     name: str,
     plane: pin.SE3,
     layer: float = LAYER,
@@ -126,13 +122,14 @@ def _footprint_of_link(
     index = qp.model.frame_id(settings.contacts[name].frame, f"contacts.{name}.frame")
     frame = qp.model.pinocchio.frames[index]
     link = qp.dynamics.placement(index) * frame.placement.inverse()
-    return footprint(qp.model, elements, int(frame.parentJoint), link.actInv(plane), layer)
+    own = [element for element in elements if element.parentJoint == frame.parentJoint]
+    return footprint(own, link.actInv(plane), layer)
 
 
 def _compare_contact(
     settings: Settings,
     qp: WholeBodyQP,
-    elements: Mapping[int, Sequence[pin.GeometryObject]],
+    elements: Sequence[pin.GeometryObject],
     name: str,
     contact: UnilateralContact,
     normal: Array,

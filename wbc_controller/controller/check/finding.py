@@ -1,7 +1,5 @@
 """Finding of the pre-flight check."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

@@ -1,12 +1,10 @@
 """Feasible walking speeds with their limiting quantities."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
 
-from wbc_controller.controller.build.collision_elements import read_collision_elements
+from wbc_controller.controller.build.collision_elements import read_shapes
 from wbc_controller.controller.build.footprint import outline
 from wbc_controller.controller.build.gait_limits import WAYS, BipedLeg, BipedLimits, QuadrupedLimits
 from wbc_controller.controller.build.quadruped_walking import is_quadruped, make_quadruped_gait
@@ -15,7 +13,6 @@ from wbc_controller.controller.check.finding import Finding
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.settings import Settings
-from wbc_controller.settings.resources import locate
 
 #: Of `WAYS`: names, units, largest speeds of the search, and keys of the settings.
 _NAMED = (
@@ -68,20 +65,18 @@ def _feasible(found: BipedLimits | QuadrupedLimits) -> Finding:
 
 def touching_width(settings: Settings, qp: WholeBodyQP, legs: Sequence[BipedLeg]) -> float | None:
     """Return the distance of the soles' centres at which the shapes of the feet touch, m; None without shapes."""
-    model, path, extent = qp.model, settings.robot.urdf, 0.0
+    model, extent = qp.model, 0.0
     try:
-        elements = read_collision_elements(model, model.urdf, "collision shapes", locate(path).parent if path else None)
+        elements = read_shapes(settings, model)
     except ConfigurationError:  # reported by `compare_with_shapes`
         return None
     qp.dynamics.update(model.configuration(model.posture), np.zeros(model.nv))
     for leg in legs:
         joint = model.pinocchio.frames[leg.foot.frame].parentJoint
         body = qp.dynamics.placement(leg.foot.frame) * model.pinocchio.frames[leg.foot.frame].placement.inverse()
-        shapes = [
-            s for frame, own in elements.items() if model.pinocchio.frames[frame].parentJoint == joint for s in own
-        ]
-        if not shapes:
+        points = [outline(element) for element in elements if element.parentJoint == joint]
+        if not points:
             return None
-        y = np.vstack([outline(shape) for shape in shapes]) @ body.rotation[1] + body.translation[1]
+        y = np.vstack(points) @ body.rotation[1] + body.translation[1]
         extent += float((leg.side * (leg.foot.sole(qp.dynamics).centre[1] - y)).max())
     return extent

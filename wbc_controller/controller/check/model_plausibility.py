@@ -1,7 +1,5 @@
 """Plausibility of the model."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from xml.etree import ElementTree
@@ -14,6 +12,7 @@ from wbc_controller.controller.check.finding import Finding
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.urdf import UNLIMITED
+from wbc_controller.inverse_dynamics.robot.urdf_structure import mass_of, vector_of
 from wbc_controller.records import Array
 from wbc_controller.settings import FixedContact, Settings
 
@@ -47,10 +46,10 @@ class _Link:
 
 def _links(urdf: str) -> Iterator[_Link]:
     for link in ElementTree.fromstring(urdf).findall("link"):  # noqa: S314 - checked
-        mass, inertia = link.find("inertial/mass"), link.find("inertial/inertia")
+        inertia = link.find("inertial/inertia")
         tensor = np.zeros((3, 3)) if inertia is None else inertia_tensor(inertia)
         moments = np.asarray(np.linalg.eigvalsh(tensor), dtype=np.float64)
-        yield _Link(str(link.get("name")), 0.0 if mass is None else float(mass.get("value", "0")), moments)
+        yield _Link(str(link.get("name")), mass_of(link), moments)
 
 
 def require_inertia(model: RobotModel) -> None:
@@ -171,8 +170,7 @@ def motors_without_effort(settings: Settings, urdf: str) -> list[Finding]:
     robot = settings.robot
     efforts = {}
     for joint in ElementTree.fromstring(urdf).findall("joint"):  # noqa: S314 - checked
-        limit = joint.find("limit")
-        efforts[str(joint.get("name"))] = 0.0 if limit is None else float(limit.get("effort", "0"))
+        efforts[str(joint.get("name"))] = vector_of(joint.find("limit"), "effort", "0")[0]
     driven = [name for name in robot.joints if name not in robot.passive_joints]
     idle = [name for name in driven if efforts.get(name) == 0.0]
     if not idle or (len(idle) == len(driven) and not robot.passive_joints):

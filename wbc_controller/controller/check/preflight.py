@@ -1,7 +1,5 @@
 """Pre-flight check, `wbc check`."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from math import acos, degrees
 from pathlib import Path
@@ -15,17 +13,10 @@ from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.references import make_board
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.build.robot_description import read_urdf
+from wbc_controller.controller.check import model_plausibility
 from wbc_controller.controller.check.contact_shapes import compare_with_shapes, upside_down, upside_down_message
 from wbc_controller.controller.check.finding import Finding
 from wbc_controller.controller.check.gait_check import check_walking
-from wbc_controller.controller.check.model_plausibility import (
-    inertias,
-    limits,
-    locked_joints,
-    motors_without_effort,
-    require_friction,
-    require_inertia,
-)
 from wbc_controller.controller.check.reserves import reserves
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts import LoopClosure, SurfaceContact, UnilateralContact
@@ -34,7 +25,6 @@ from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT
 from wbc_controller.inverse_dynamics.formulation.redundancy import LEAST_MOBILITY, mobilities
 from wbc_controller.inverse_dynamics.references.board import ReferenceBoard
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.inverse_dynamics.robot.passive import PassiveJoint
 from wbc_controller.inverse_dynamics.solvers import make_solver
 from wbc_controller.inverse_dynamics.tasks import FrameOrientationTask, FramePoseTask
 from wbc_controller.inverse_dynamics.tasks.task import AccelerationTask
@@ -42,6 +32,7 @@ from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.records import Array, References, RobotState, frozen
 from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config, load
+from wbc_controller.settings.robot import PassiveJointSettings
 
 #: Largest height difference of floor contacts, m, and as a share of the centre of mass' height.
 _LEVEL, _LEVEL_SHARE = 0.01, 0.02
@@ -97,8 +88,8 @@ def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str 
     settings = config.settings
     try:
         model = make_model(settings, config.urdf)
-        require_inertia(model)
-        require_friction(settings)
+        model_plausibility.require_inertia(model)
+        model_plausibility.require_friction(settings)
         qp = make_qp(settings, model)
         active = [name for name, contact in settings.contacts.items() if contact.enabled]
         normal = _floor(settings)
@@ -108,9 +99,10 @@ def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str 
         findings = [*check_qp(settings, qp, make_board(settings, qp)), *shapes]
         qp.dynamics.update(q, np.zeros(model.nv))
         findings += _posture(settings, qp, active, normal)
-        findings += [*locked_joints(model), *_uncontrolled_joints(settings, qp, active), *_redundant(qp, active)]
-        findings += limits(settings, model, _placements(qp))
-        findings += motors_without_effort(settings, config.urdf or read_urdf(settings.robot.urdf))
+        findings += model_plausibility.locked_joints(model)
+        findings += [*_uncontrolled_joints(settings, qp, active), *_redundant(qp, active)]
+        findings += model_plausibility.limits(settings, model, _placements(qp))
+        findings += model_plausibility.motors_without_effort(settings, config.urdf or read_urdf(settings.robot.urdf))
         if model.floating_base:
             margin = settings.limits.position_margin if settings.limits.position else 0.0
             findings += reserves(
@@ -131,7 +123,7 @@ def check_qp(settings: Settings, qp: WholeBodyQP, board: ReferenceBoard) -> list
     findings = [
         Finding("joints", f"{_joints(model)}, base {settings.robot.base}, {len(model.pinocchio.frames)} frames"),
         Finding("mass", f"{model.mass:.2f} kg, weight {model.mass * model.gravity:.1f} N"),
-        *inertias(model),
+        *model_plausibility.inertias(model),
         Finding("effort limits", f"{model.effort_limits.min():g} to {model.effort_limits.max():g} N·m"),
         Finding("tasks", ", ".join(f"{name} ({task.type})" for name, task in settings.tasks.items())),
         Finding(
@@ -360,7 +352,7 @@ def _balance(qp: WholeBodyQP, hanging: list[int]) -> list[Finding]:
     torques = model.joint_forces(qp.dynamics.h)  # at rest: gravity minus the springs
     for i in hanging:
         if not abs(torques[i]) <= _BALANCE * float(model.effort_limits.min()):
-            spring = model.passive.joints[model.joints[i]] if model.passive is not None else PassiveJoint()
+            spring = model.passive.joints[model.joints[i]] if model.passive is not None else PassiveJointSettings()
             rest = f" (balanced by rest: {spring.rest + torques[i] / spring.stiffness:.6g})" if spring.stiffness else ""
             found.append(f"{model.joints[i]} by {-torques[i]:.2g} N·m{rest}")
     return [Finding("passive joints", "out of balance in robot.posture: " + ", ".join(found))] if found else []

@@ -1,7 +1,5 @@
 """Reserves of a standing robot: largest push, sway and squat."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Visual geometry of the URDF."""
 
-from __future__ import annotations
-
 import logging
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass

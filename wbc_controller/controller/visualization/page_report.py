@@ -1,7 +1,5 @@
 """Reports as self-contained HTML pages."""
 
-from __future__ import annotations
-
 import html
 import importlib.resources
 import json

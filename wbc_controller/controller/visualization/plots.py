@@ -3,8 +3,6 @@
 Without plotly the functions raise `ConfigurationError`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise

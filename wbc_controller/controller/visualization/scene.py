@@ -1,7 +1,5 @@
 """Shapes of one cycle for markers and plots."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

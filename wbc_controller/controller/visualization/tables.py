@@ -1,7 +1,5 @@
 """Tables for terminals and notebooks."""
 
-from __future__ import annotations
-
 import html
 import io
 from collections.abc import Sequence

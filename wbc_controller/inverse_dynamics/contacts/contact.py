@@ -1,7 +1,5 @@
 """Base classes of contacts."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 
 import numpy as np

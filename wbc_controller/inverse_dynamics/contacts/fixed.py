@@ -1,15 +1,12 @@
 """Contact with bilateral forces."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
 
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.inverse_dynamics.contacts.contact import AnchoredContact
-from wbc_controller.inverse_dynamics.contacts.mount import Mount, hinge_of, pose_displacement
+from wbc_controller.inverse_dynamics.contacts.mount import Mount, MountedContact, hinge_of, pose_displacement
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.instruction import Instruction
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
@@ -18,7 +15,7 @@ from wbc_controller.records import Array
 _AXES = ("along x", "along y", "along z", "about x", "about y", "about z")
 
 
-class FixedContact(AnchoredContact):
+class FixedContact(MountedContact):
     """Bolted foot or gripping hand: some axes of its frame are held, with forces in both directions.
 
     f has one component per held axis of the contact frame, forces first.
@@ -77,14 +74,6 @@ class FixedContact(AnchoredContact):
         groups = (("force", 0, forces), ("moment", forces, k))
         self.bound_groups = tuple(group for group in groups if group[1] < group[2])
 
-    def placement(self, dynamics: Dynamics) -> pin.SE3:
-        """Return the placement of the contact frame in the world."""
-        return self._mount.placement(dynamics)
-
-    def pose(self, dynamics: Dynamics) -> pin.SE3:
-        """Return `placement`, or the placement in the holding link."""
-        return self._mount.pose(dynamics)
-
     def displacement(self, dynamics: Dynamics, anchor: Array) -> Array:
         """Return e along the held axes of the contact frame, (k,)."""
         there = self._mount.anchor_in_contact_frame(dynamics, anchor)
@@ -96,14 +85,6 @@ class FixedContact(AnchoredContact):
     def instruction(self) -> Instruction | None:
         """Return the instruction."""
         return self._mount.instruction(self._rows) if type(self) is FixedContact else None
-
-    def jacobian(self, dynamics: Dynamics) -> Array:
-        """Return J along the held axes of the contact frame, (k, nv)."""
-        return self._mount.jacobian(dynamics)[self._rows]
-
-    def drift(self, dynamics: Dynamics) -> Array:
-        """Return J̇v along the held axes, (k,)."""
-        return self._mount.drift(dynamics)[self._rows]
 
     def points(self, dynamics: Dynamics) -> Array:
         """Return the contact frame's origin in the world, (1, 3) in m."""

@@ -1,7 +1,5 @@
 """Kinematic loop."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,14 +1,14 @@
 """Placement of a contact on its link."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 import pinocchio as pin
 
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.inverse_dynamics.contacts.contact import AnchoredContact
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.frame_kernels import SURFACE
 from wbc_controller.inverse_dynamics.robot.instruction import Instruction, placement_numbers, placement_on_link
@@ -120,3 +120,26 @@ class Mount:
     def _from_other(self, dynamics: Dynamics, other: int) -> Array:
         X: Array = self.placement(dynamics).actInv(dynamics.placement(other)).toActionMatrix()
         return X
+
+
+class MountedContact(AnchoredContact):
+    """Contact of a frame fixed to a link, along some of its axes."""
+
+    _mount: Mount
+    _rows: npt.NDArray[np.intp]  # constrained components of the twist, (k,)
+
+    def placement(self, dynamics: Dynamics) -> pin.SE3:
+        """Return the placement of the contact frame in the world."""
+        return self._mount.placement(dynamics)
+
+    def pose(self, dynamics: Dynamics) -> pin.SE3:
+        """Return `placement`, or the placement in the touched link."""
+        return self._mount.pose(dynamics)
+
+    def jacobian(self, dynamics: Dynamics) -> Array:
+        """Return J of the relative twist in contact axes, (k, nv)."""
+        return self._mount.jacobian(dynamics)[self._rows]
+
+    def drift(self, dynamics: Dynamics) -> Array:
+        """Return J̇v, (k,)."""
+        return self._mount.drift(dynamics)[self._rows]

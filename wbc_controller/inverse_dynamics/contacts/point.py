@@ -1,7 +1,5 @@
 """Contact of a ball or point."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 

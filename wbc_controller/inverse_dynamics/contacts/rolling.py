@@ -1,11 +1,11 @@
 """Contact of a rolling wheel."""
 
-from __future__ import annotations
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.inverse_dynamics.contacts.point import UP, PointContact, unit
+from wbc_controller.inverse_dynamics.contacts.point import PointContact, unit
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
@@ -34,16 +34,10 @@ class RollingContact(PointContact):
         translation: Array,
         radius: float,
         axis: Array,
-        *,
-        normal: Array | tuple[float, ...] = UP,
-        against: str | None = None,
-        friction: float = 0.7,
-        **limits: float,
+        **options: Any,
     ) -> None:
-        """Make a `PointContact` with the axle `axis` in the frame, (3,)."""
-        super().__init__(
-            name, model, frame, translation, radius, normal=normal, against=against, friction=friction, **limits
-        )
+        """Make a `PointContact`, with its options and the axle `axis` in the frame, (3,)."""
+        super().__init__(name, model, frame, translation, radius, **options)
         self._axle = unit(f"contacts.{name}.axis", axis)
 
     def _upward(self, dynamics: Dynamics, normal: Array) -> tuple[Array, Array, float]:

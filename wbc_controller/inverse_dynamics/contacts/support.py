@@ -1,7 +1,5 @@
 """Support polygons, friction and wrench cones."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import dataclass

@@ -1,27 +1,26 @@
 """Contact of a rectangle or polygon."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 import pinocchio as pin
 
 from wbc_controller.inverse_dynamics.contacts.contact import UnilateralContact
-from wbc_controller.inverse_dynamics.contacts.mount import Mount, pose_displacement
+from wbc_controller.inverse_dynamics.contacts.mount import Mount, MountedContact, pose_displacement
 from wbc_controller.inverse_dynamics.contacts.support import Support
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.instruction import Instruction
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
-_ALL = np.arange(6)
 #: Share of the yaw moment of corner forces of a single sole; evenly loaded, it exerts 0.54 (square) to 0.71 (narrow).
 _YAW_SHARE = 0.5
 
 
-class SurfaceContact(UnilateralContact):
+class SurfaceContact(MountedContact, UnilateralContact):
     """Flat sole without translation and rotation; the wrench [f, τ] is in the contact frame, with z the normal."""
+
+    _rows = np.arange(6)
 
     def __init__(
         self,
@@ -64,29 +63,13 @@ class SurfaceContact(UnilateralContact):
             return cone
         return np.vstack([cone, cone[cone[:, 5] != 0.0] / np.array([1.0, 1.0, 1.0, 1.0, 1.0, _YAW_SHARE])])
 
-    def placement(self, dynamics: Dynamics) -> pin.SE3:
-        """Return the placement of the contact frame in the world."""
-        return self._mount.placement(dynamics)
-
-    def pose(self, dynamics: Dynamics) -> pin.SE3:
-        """Return `placement`, or the placement in the touched link."""
-        return self._mount.pose(dynamics)
-
     def displacement(self, dynamics: Dynamics, anchor: Array) -> Array:
         """Return e, (6,)."""
         return pose_displacement(self._mount.anchor_in_contact_frame(dynamics, anchor))
 
     def instruction(self) -> Instruction | None:
         """Return the instruction."""
-        return self._mount.instruction(_ALL) if type(self) is SurfaceContact else None
-
-    def jacobian(self, dynamics: Dynamics) -> Array:
-        """Return J of the relative twist in contact axes, (6, nv)."""
-        return self._mount.jacobian(dynamics)
-
-    def drift(self, dynamics: Dynamics) -> Array:
-        """Return its drift, (6,)."""
-        return self._mount.drift(dynamics)
+        return self._mount.instruction(self._rows) if type(self) is SurfaceContact else None
 
     def points(self, dynamics: Dynamics) -> Array:
         """Return the corners of the support, (n, 3) in m."""

@@ -3,8 +3,6 @@
 Decision variables as in `plain_qp`.
 """
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -186,7 +184,7 @@ class Layout:
         np.fill_diagonal(rows[:, columns], FORCE_UNIT)
         return rows
 
-    def snapshot(self) -> Layout:
+    def snapshot(self) -> "Layout":
         """Return a copy with its own problem; `places` remain views of this one."""
         kept = copy.copy(self)
         kept.problem = self.problem.copy()

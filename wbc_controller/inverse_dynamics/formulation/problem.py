@@ -1,7 +1,5 @@
 """A quadratic program as data."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 
@@ -107,7 +105,7 @@ class QuadraticProgram:
         self.constraints = Constraints(rows=rows, bounds=self.bounds, offset=self.offset)
 
     @classmethod
-    def empty(cls, n: int, equalities: int, inequalities: int, room: int = 0, outputs: int = 0) -> QuadraticProgram:
+    def empty(cls, n: int, equalities: int, inequalities: int, room: int = 0, outputs: int = 0) -> "QuadraticProgram":
         """Allocate a problem with infinite bounds."""
         return cls(
             QuadraticCost(np.zeros((n, n)), np.zeros(n)),
@@ -117,7 +115,7 @@ class QuadraticProgram:
             np.zeros(outputs),
         )
 
-    def copy(self) -> QuadraticProgram:
+    def copy(self) -> "QuadraticProgram":
         """Return a persistent copy."""
         cost = QuadraticCost(self.H.copy(), self.g.copy(), self.cost.constant)
         return QuadraticProgram(cost, self.bounds.copy(), self.memory[self.room :].copy(), 0, self.offset.copy())
@@ -138,7 +136,7 @@ class QuadraticProgram:
         squares = sum(sum_of_squares(part) for part in (self.H, self.g, self.memory[self.room :]))
         return math.isfinite(squares) and not np.isnan(self.bounds).any()
 
-    def residuals(self, x: Array) -> Residuals:
+    def residuals(self, x: Array) -> "Residuals":
         """Return the residuals of the constraints at x."""
         found = Residuals(self)
         found.value[: self.n] = x
@@ -191,7 +189,7 @@ class SoftConstraints:
     bounds: Array  # (2, k)
     weights: Array  # w, (k,)
 
-    def joined_with(self, other: SoftConstraints) -> SoftConstraints:
+    def joined_with(self, other: "SoftConstraints") -> "SoftConstraints":
         """Return the union with others."""
         return SoftConstraints(
             np.concatenate([self.places, other.places]),

@@ -1,7 +1,5 @@
 """Relaxation of conflicting limits."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -35,7 +33,7 @@ class Relaxable:
     def of(
         cls, layout: Layout, name: str, places: np.ndarray, *, hard: Array | None = None, units: Array | None = None,
         weight: float = _VIOLATION_WEIGHT,
-    ) -> Relaxable:  # fmt: skip
+    ) -> "Relaxable":  # fmt: skip
         """Describe limits of a built problem; units are 1 by default."""
         bounds = layout.problem.bounds[:, places]
         hard = np.repeat([[-np.inf], [np.inf]], len(places), axis=1) if hard is None else hard

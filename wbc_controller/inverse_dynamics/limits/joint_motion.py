@@ -1,7 +1,5 @@
 """Bounds of joint accelerations from joint limits."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from wbc_controller.errors import ConfigurationError
@@ -65,7 +63,9 @@ class JointMotionLimit(Tunable):
         self._fastest = np.zeros(0) if velocity is None else np.ascontiguousarray(velocity)
 
     @classmethod
-    def of(cls, model: RobotModel, tuning: Tuning, *, position: bool = True, velocity: bool = True) -> JointMotionLimit:
+    def of(
+        cls, model: RobotModel, tuning: Tuning, *, position: bool = True, velocity: bool = True
+    ) -> "JointMotionLimit":
         """Make the limit from URDF and tuning.
 
         Raises:

@@ -1,7 +1,5 @@
 """Base class of limits."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics

@@ -1,7 +1,5 @@
 """Minimum distance between links."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import coal

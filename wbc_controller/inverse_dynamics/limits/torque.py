@@ -1,7 +1,5 @@
 """Bounds of torques."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

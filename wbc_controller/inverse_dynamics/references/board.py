@@ -1,7 +1,5 @@
 """Reference board: commanded changes and sampled references."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace

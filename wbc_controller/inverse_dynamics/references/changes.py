@@ -1,7 +1,5 @@
 """Commanded changes of references."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from wbc_controller.inverse_dynamics.references.trajectories import Knot

@@ -3,8 +3,6 @@
 Values in range may still be unreachable.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -43,7 +41,7 @@ class PositionRange:
     middle: Array | None  # (n,); None for the centre of mass
 
     @classmethod
-    def of(cls, task: Task, model: RobotModel) -> PositionRange:
+    def of(cls, task: Task, model: RobotModel) -> "PositionRange":
         """Return the range of a task's references."""
         middle, reach = _middle_and_reach(task, model)
         n = task.form.vector

@@ -1,7 +1,5 @@
 """Relative setpoints."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

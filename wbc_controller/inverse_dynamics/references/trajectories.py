@@ -1,7 +1,5 @@
 """Trajectories and ramps of references."""
 
-from __future__ import annotations
-
 import bisect
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Ramps between sets of gains and limits."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,7 +22,7 @@ class TuningRamp:
     after: Tuning  # from the end on
 
     @classmethod
-    def at(cls, tuning: Tuning) -> TuningRamp:
+    def at(cls, tuning: Tuning) -> "TuningRamp":
         """Return a constant ramp."""
         return cls(Ramp(0.0, 0.0, 1.0, 1.0), tuning, tuning)
 
@@ -33,7 +31,7 @@ class TuningRamp:
         share = self.share.sample(time)
         return self.after if share >= 1.0 else _between(self.before, self.after, share)
 
-    def towards(self, target: Tuning, time: float, duration: float) -> TuningRamp:
+    def towards(self, target: Tuning, time: float, duration: float) -> "TuningRamp":
         """Return a ramp from the present tuning to a target."""
         return TuningRamp(Ramp(time, duration, 0.0, 1.0), self.sample(time), target)
 

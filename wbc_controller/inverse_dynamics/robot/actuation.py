@@ -1,7 +1,5 @@
 """Generalized force of the actuators."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.linalg import null_space
 

@@ -1,13 +1,13 @@
 """Mechanism of a URDF for Pinocchio and MuJoCo."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Collection, Mapping
 from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
+
+from wbc_controller.inverse_dynamics.robot.urdf_structure import vector_of
 
 #: Elements outside the mechanism: shapes, joint friction, and <mimic>, which `Followers` handles.
 _DROPPED = {"link": ("visual", "collision"), "joint": ("dynamics", "mimic", "safety_controller", "calibration")}
@@ -53,11 +53,8 @@ def _lock(joint: ElementTree.Element, position: float) -> None:
         origin = joint.find("origin")
         if origin is None:
             origin = ElementTree.SubElement(joint, "origin")
-        xyz, rpy = (np.array([float(value) for value in origin.get(key, "0 0 0").split()]) for key in ("xyz", "rpy"))
-        found = joint.find("axis")
-        axis = np.array(
-            [float(value) for value in (found.get("xyz", "1 0 0") if found is not None else "1 0 0").split()]
-        )
+        xyz, rpy = (vector_of(origin, key, "0 0 0") for key in ("xyz", "rpy"))
+        axis = vector_of(joint.find("axis"), "xyz", "1 0 0")
         along = position * axis / np.linalg.norm(axis)
         motion = (
             pin.SE3(np.eye(3), along) if joint.get("type") == "prismatic" else pin.SE3(pin.exp3(along), np.zeros(3))

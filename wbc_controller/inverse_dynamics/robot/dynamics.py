@@ -1,7 +1,5 @@
 """Rigid-body dynamics at one state."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

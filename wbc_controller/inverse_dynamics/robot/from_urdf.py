@@ -1,75 +1,49 @@
 """Robot model from its URDF."""
 
-from __future__ import annotations
-
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from types import MappingProxyType
 from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.errors import ConfigurationError, require_known
 from wbc_controller.inverse_dynamics.robot.actuation import Actuation
 from wbc_controller.inverse_dynamics.robot.bare_mechanism import bare_mechanism
 from wbc_controller.inverse_dynamics.robot.mimic import Followers, Mimic, read_mimics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.inverse_dynamics.robot.passive import PassiveForces, PassiveJoint
-from wbc_controller.inverse_dynamics.robot.transmission import Transmission, make_drive
-from wbc_controller.inverse_dynamics.robot.urdf import JointLimits, read_robot
+from wbc_controller.inverse_dynamics.robot.passive import PassiveForces
+from wbc_controller.inverse_dynamics.robot.transmission import make_drive
+from wbc_controller.inverse_dynamics.robot.urdf import read_robot
 from wbc_controller.inverse_dynamics.robot.virtual_base import drop_virtual_joints, virtual_joints
 from wbc_controller.records import Array, frozen
+from wbc_controller.settings.robot import RobotSettings
 
 _LEAST_MASS = 1.0e-6  # of a robot, kg; divisions by smaller masses overflow
 _FREE_FLYER = "<floating base>"  # impossible in a URDF
 
 
-def build_model(
-    urdf: str,
-    joints: Sequence[str],
-    posture: Iterable[float],
-    *,
-    floating_base: bool = True,
-    armature: float = 0.0,
-    effort_limit_scale: float = 1.0,
-    actuators: Sequence[str] = (),
-    transmission: Mapping[str, Transmission] | None = None,
-    passive_joints: Mapping[str, PassiveJoint] | None = None,
-    locked_joints: Mapping[str, float] | None = None,
-    joint_limits: Mapping[str, JointLimits] | None = None,
-    commanded_by_joint: bool = False,
-) -> RobotModel:
+def build_model(urdf: str, robot: RobotSettings) -> RobotModel:
     """Build the model of a robot from its URDF.
 
-    Mimic joints follow their leader if it is in `joints`; all other joints outside `joints` are locked. Virtual joints
-    of a floating base are removed.
-
-    Args:
-        joints: moving and measured joints with one degree of freedom.
-        posture: nominal, rad.
-        armature: reflected rotor inertia of each joint with its own motor, kg·m².
-        effort_limit_scale: usable share of the effort limits.
-        actuators: joints with their own motor, and transmissions, in the order of the command; empty for all joints
-            that are not passive.
-        passive_joints: springs and dampers of joints without a motor.
-        locked_joints: positions, rad; 0 by default, or given by a locked leader.
-        joint_limits: replacements by joint.
-        commanded_by_joint: True for joint torques in the command.
+    Mimic joints follow their leader if it is in `robot.joints`; all other joints outside `robot.joints` are locked.
+    Virtual joints of a floating base are removed.
 
     Raises:
         ConfigurationError: for an invalid URDF or joint.
     """
-    tree, urdf = read_robot(urdf, joint_limits or {})
+    joints, passive_joints, floating_base = robot.joints, robot.passive_joints, robot.base == "floating"
+    tree, urdf = read_robot(urdf, robot.joint_limits)
     _refuse_virtual_motors(tree, joints)
     if floating_base and drop_virtual_joints(tree):
         urdf = ElementTree.tostring(tree, encoding="unicode")
     full = read_mechanism(tree, floating_base=floating_base)
-    mimics, passive_joints = read_mimics(tree), passive_joints or {}
-    _check_names(full, joints, passive_joints, locked_joints or {}, mimics)
+    mimics = read_mimics(tree)
+    _check_names(full, robot, mimics)
     following = {name: mimic for name, mimic in mimics.items() if mimic.leader in joints}
     for name in following:
         _require_one_coordinate(full, name, f"robot.urdf: {name!r}, which mimics {following[name].leader!r},")
-    locked = dict(locked_joints or {})
+    locked = dict(robot.locked_joints)
     for name, mimic in mimics.items():
         if name not in following and full.joints[full.getJointId(name)].nq == 1:
             locked[name] = mimic.ratio * locked.get(mimic.leader, 0.0) + mimic.offset
@@ -86,20 +60,12 @@ def build_model(
     )
     q_index, v_index = (np.array([index[name] for name in joints], dtype=np.intp) for index in (q_of, v_of))
     followers = Followers(following, q_of, v_of) if following else None
-    efforts = np.array(model.upperEffortLimit)[v_index]
-    drive = make_drive(
-        joints,
-        efforts,
-        actuators=actuators,
-        transmission=transmission,
-        passive=passive_joints,
-        by_joint=commanded_by_joint,
-    )
+    drive = make_drive(robot, np.array(model.upperEffortLimit)[v_index])
     coupling = followers.coupling(model.nv) if followers is not None else np.zeros((0, model.nv))
     actuation = Actuation(drive, v_index, coupling)
     joint_armature = np.array(model.armature)
-    own = [name in drive.names and name not in (transmission or {}) for name in joints]
-    joint_armature[v_index[own]] = armature
+    own = [name in drive.names and name not in robot.transmission for name in joints]
+    joint_armature[v_index[own]] = robot.armature
     model.armature = joint_armature
     lower, upper = np.array(model.lowerPositionLimit)[q_index], np.array(model.upperPositionLimit)[q_index]
     velocity_limits = np.array(model.upperVelocityLimit)[v_index]
@@ -122,9 +88,9 @@ def build_model(
         velocity_limits=frozen(velocity_limits),
         position_lower=frozen(lower),
         position_upper=frozen(upper),
-        posture=frozen(list(posture)),
+        posture=frozen(robot.posture),
         actuation=actuation,
-        effort_limits=frozen(effort_limit_scale * actuation.effort_limits),
+        effort_limits=frozen(robot.effort_limit_scale * actuation.effort_limits),
         passive=PassiveForces(passive_joints, q_of, v_of) if passive_joints else None,
         followers=followers,
         locked=MappingProxyType(locked),
@@ -148,21 +114,12 @@ def _refuse_virtual_motors(tree: ElementTree.Element, joints: Sequence[str]) -> 
         )
 
 
-def _check_names(
-    full: pin.Model,
-    joints: Sequence[str],
-    passive: Collection[str],
-    locked: Mapping[str, float],
-    mimics: Mapping[str, Mimic],
-) -> None:
+def _check_names(full: pin.Model, robot: RobotSettings, mimics: Mapping[str, Mimic]) -> None:
+    joints = robot.joints
     for name in joints:
         _require_own_coordinate(full, name, "robot.joints", mimics)
-    for name in passive:
-        if name not in joints:
-            raise ConfigurationError(
-                f"robot.passive_joints: {name!r} is not one of robot.joints; {valid_choices(name, joints)}"
-            )
-    for name, position in locked.items():
+    require_known(robot.passive_joints, joints, "robot.passive_joints:", " is not one of robot.joints")
+    for name, position in robot.locked_joints.items():
         _require_own_coordinate(full, name, "robot.locked_joints", mimics)
         if name in joints:
             raise ConfigurationError(f"robot.locked_joints: {name!r} is also in robot.joints; remove one entry")
@@ -176,8 +133,7 @@ def _check_names(
 
 def _require_own_coordinate(full: pin.Model, name: str, key: str, mimics: Mapping[str, Mimic]) -> None:
     own = [str(joint) for joint in full.names[1:] if joint != _FREE_FLYER]
-    if name not in own:
-        raise ConfigurationError(f"{key}: {name!r} is not a joint of the URDF; {valid_choices(name, own)}")
+    require_known(name, own, f"{key}:", " is not a joint of the URDF")
     if name in mimics:
         raise ConfigurationError(f"{key}: {name!r} mimics {mimics[name].leader!r}; name the leader only")
     _require_one_coordinate(full, name, f"{key}: {name!r}")

@@ -1,7 +1,5 @@
 """Instructions for `robot.frame_kernels.fill_rows`."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -3,15 +3,13 @@
 They keep their coordinates; `Actuation` eliminates the coupling force. Most algorithms of Pinocchio 4.1 refuse them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from xml.etree import ElementTree
 
 import numpy as np
 
-from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.errors import ConfigurationError, require_known
 from wbc_controller.records import Array
 
 
@@ -33,10 +31,7 @@ def read_mimics(tree: ElementTree.Element) -> dict[str, Mimic]:
         if element is None or joint.get("type") == "fixed":
             continue
         name, leader = str(joint.get("name")), str(element.get("joint"))
-        if leader not in names:
-            raise ConfigurationError(
-                f"robot.urdf: joint {name!r} mimics the unknown joint {leader!r}; {valid_choices(leader, names)}"
-            )
+        require_known(leader, names, f"robot.urdf: joint {name!r} mimics the unknown joint")
         given[name] = Mimic(leader, float(element.get("multiplier", "1")), float(element.get("offset", "0")))
     found = {}
     for name, mimic in given.items():

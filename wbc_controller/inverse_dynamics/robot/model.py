@@ -1,7 +1,5 @@
 """Robot model: base, moving joints and actuation."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -10,7 +8,7 @@ from types import MappingProxyType
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.errors import ConfigurationError, require_known, valid_choices
 from wbc_controller.inverse_dynamics.arrays import as_slice
 from wbc_controller.inverse_dynamics.robot.actuation import Actuation
 from wbc_controller.inverse_dynamics.robot.mimic import Followers
@@ -142,11 +140,7 @@ class RobotModel:
         Raises:
             ConfigurationError: for an unknown joint.
         """
-        for name in names:
-            if name not in self.joints:
-                raise ConfigurationError(
-                    f"{key}: {name!r} is not one of robot.joints; {valid_choices(name, self.joints)}"
-                )
+        require_known(names, self.joints, f"{key}:", " is not one of robot.joints")
         return np.array([self.joints.index(name) for name in names or self.joints], dtype=np.intp)
 
     def configuration(self, joint_positions: Array, base: pin.SE3 | None = None) -> Array:

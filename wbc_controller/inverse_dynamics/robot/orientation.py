@@ -3,8 +3,6 @@
 ``pin.Quaternion(matrix)`` leaks 80 bytes per call with eigenpy 3.13, 140 MB per hour at 500 Hz.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 

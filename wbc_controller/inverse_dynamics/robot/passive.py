@@ -1,29 +1,18 @@
 """Springs and dampers of passive joints."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
 from wbc_controller.records import Array
-
-
-@dataclass(frozen=True, slots=True)
-class PassiveJoint:
-    """Spring and damper between the two links of a joint."""
-
-    stiffness: float = 0.0  # k, N·m/rad
-    damping: float = 0.0  # d, N·m·s/rad
-    rest: float = 0.0  # rest position q₀, rad
+from wbc_controller.settings.robot import PassiveJointSettings
 
 
 class PassiveForces:
     """Torques of springs and dampers, -k (q - q₀) - d q̇: part of the bias forces h (S1, S4)."""
 
     def __init__(
-        self, joints: Mapping[str, PassiveJoint], q_index: Mapping[str, int], v_index: Mapping[str, int]
+        self, joints: Mapping[str, PassiveJointSettings], q_index: Mapping[str, int], v_index: Mapping[str, int]
     ) -> None:
         self.joints = dict(joints)  # by name, (k,)
         self.v_index = np.array([v_index[name] for name in joints], dtype=np.intp)  # (k,)

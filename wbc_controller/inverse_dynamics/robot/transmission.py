@@ -1,25 +1,14 @@
 """Motors and transmissions, without Pinocchio."""
 
-from __future__ import annotations
-
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 
-from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.errors import ConfigurationError, require_known
 from wbc_controller.records import Array, frozen
+from wbc_controller.settings.robot import RobotSettings
 
 _INDEPENDENT = 1.0e-6  # smallest independent part of normalized ratios
-
-
-@dataclass(frozen=True, slots=True)
-class Transmission:
-    """Actuator of several joints: its speed is Σ ratio · q̇, and its torque τ gives joint torques ratio · τ."""
-
-    ratios: Mapping[str, float]  # rotation of actuator per rotation of joint, by joint
-    effort_limit: float  # N·m
-    rotor_inertia: float = 0.0  # of parts that rotate with the actuator, kg·m²
 
 
 class Drive:
@@ -89,30 +78,20 @@ class Drive:
         return self.from_joints(torques)
 
 
-def make_drive(
-    joints: Sequence[str],
-    joint_efforts: Array,
-    *,
-    actuators: Sequence[str] = (),
-    transmission: Mapping[str, Transmission] | None = None,
-    passive: Collection[str] = (),
-    by_joint: bool = False,
-) -> Drive:
-    """Make the drive of a robot from its settings, as in `from_urdf.build_model`.
-
-    `joint_efforts` are the URDF's limits, (nj,) in N·m.
+def make_drive(robot: RobotSettings, joint_efforts: Array) -> Drive:
+    """Make the drive of a robot; `joint_efforts` are the limits in its URDF, (nj,) in N·m.
 
     Raises:
         ConfigurationError: for an unknown name, a joint neither driven nor passive, or dependent actuators.
     """
-    transmission = transmission or {}
-    if transmission and not actuators:
+    joints, passive, transmission = robot.joints, robot.passive_joints, robot.transmission
+    if transmission and not robot.actuators:
         motors = [name for name in joints if name not in passive]
         raise ConfigurationError(
             f"robot.actuators: required with robot.transmission, for the order of the command; valid: "
             f"{', '.join(dict.fromkeys([*motors, *transmission]))}"
         )
-    names = list(actuators) or [name for name in joints if name not in passive]
+    names = robot.actuators or [name for name in joints if name not in passive]
     missing = [name for name in transmission if name not in names]
     if missing:
         raise ConfigurationError(f"robot.actuators: {missing[0]!r} of robot.transmission is missing")
@@ -121,11 +100,8 @@ def make_drive(
         given = transmission.get(name)
         if given is None:
             known = [*transmission, *(joint for joint in joints if joint not in passive)]
-            if name not in known:
-                raise ConfigurationError(
-                    f"robot.actuators: {name!r} is neither in robot.transmission nor a joint of robot.joints that can "
-                    f"have a motor; {valid_choices(name, known)}"
-                )
+            invalid = " is neither in robot.transmission nor a joint of robot.joints that can have a motor"
+            require_known(name, known, "robot.actuators:", invalid)
             ratios[row, joints.index(name)] = 1.0
             limits[row] = joint_efforts[joints.index(name)]
             if not (0.0 < limits[row] < np.inf):
@@ -135,12 +111,8 @@ def make_drive(
                 )
             continue
         limits[row] = given.effort_limit
+        require_known(given.ratios, joints, f"robot.transmission.{name}.ratios:", " is not one of robot.joints")
         for joint, ratio in given.ratios.items():
-            if joint not in joints:
-                raise ConfigurationError(
-                    f"robot.transmission.{name}.ratios: {joint!r} is not one of robot.joints; "
-                    f"{valid_choices(joint, joints)}"
-                )
             ratios[row, joints.index(joint)] = ratio
     for column, joint in enumerate(joints):
         if joint not in passive and not ratios[:, column].any():
@@ -149,7 +121,7 @@ def make_drive(
                 "list the joint in robot.passive_joints"
             )
     rotors = np.array([transmission[name].rotor_inertia if name in transmission else 0.0 for name in names])
-    return Drive(names, limits, ratios, rotor_inertia=rotors, by_joint=by_joint)
+    return Drive(names, limits, ratios, rotor_inertia=rotors, by_joint=robot.command == "joints")
 
 
 def _require_independent(names: Sequence[str], ratios: Array) -> None:

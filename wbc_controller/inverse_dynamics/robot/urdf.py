@@ -3,23 +3,20 @@
 All functions raise `ConfigurationError` in one sentence. Other readers ignore invalid content, or crash.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
 from xml.etree import ElementTree
 
 import numpy as np
 
-from wbc_controller.errors import ConfigurationError, valid_choices
-from wbc_controller.inverse_dynamics.robot.urdf_structure import check_structure, shape_problem
+from wbc_controller.errors import ConfigurationError, require_known
+from wbc_controller.inverse_dynamics.robot.urdf_structure import check_structure, end_of, shape_problem, vector_of
 from wbc_controller.records import Array
+from wbc_controller.settings.robot import JointLimitSettings
 
 UNLIMITED = 1.0e6  # rad: out of reach, with a rounding error of 1e-10 rad
 LARGEST_URDF = 4_000_000  # characters
-LONGEST_CHAIN, MOST_LINKS = 1000, 5000  # for Pinocchio's recursion and run time
 _ROUNDING = 1.0e-6  # of moments of inertia, kg·m²
 _LARGEST_NUMBER = 1.0e20
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
@@ -39,16 +36,6 @@ _NUMBERS: dict[str, dict[str, int]] = {
     "capsule": {"radius": 1, "length": 1},
     "mesh": {"scale": 3},
 }
-
-
-@dataclass(frozen=True, slots=True)
-class JointLimits:
-    """Limits of a joint that replace those of its URDF; None keeps them."""
-
-    effort: float | None = None  # N·m or N
-    velocity: float | None = None  # rad/s or m/s
-    lower: float | None = None  # rad or m
-    upper: float | None = None  # rad or m
 
 
 class _Builder(ElementTree.TreeBuilder):
@@ -80,15 +67,16 @@ def parse_urdf(urdf: str) -> ElementTree.Element:
                 if (text := element.get(key)) is not None:
                     _require_numbers(text, count, f"{subject}: <{element.tag} {key}=")
         axis = body.find("axis")
-        if axis is not None and body.get("type") != "fixed" and not any(map(float, axis.get("xyz", "1 0 0").split())):
+        if axis is not None and body.get("type") != "fixed" and not vector_of(axis, "xyz", "1 0 0").any():
             raise ConfigurationError(f"{subject}: <axis xyz={axis.get('xyz')!r}> has zero length; example: '0 0 1'")
         _check_inertial(body, subject)
-    _check_chains(tree)
     check_structure(tree)
     return tree
 
 
-def read_robot(urdf: str, limits: Mapping[str, JointLimits] = MappingProxyType({})) -> tuple[ElementTree.Element, str]:
+def read_robot(
+    urdf: str, limits: Mapping[str, JointLimitSettings] = MappingProxyType({})
+) -> tuple[ElementTree.Element, str]:
     """Read and check a URDF, replace limits of joints, and split joints with several coordinates.
 
     A continuous joint becomes a revolute joint without position limits: Pinocchio would lose its turns. A planar joint
@@ -101,20 +89,15 @@ def read_robot(urdf: str, limits: Mapping[str, JointLimits] = MappingProxyType({
     changed = _drop_unusable_visuals(tree)
     changed |= split_planar_joints(tree)
     joints = {str(joint.get("name")): joint for joint in tree.findall("joint")}
+    require_known(limits, joints, "robot.joint_limits:", " is not a joint of the URDF")
     for name, given in limits.items():
-        if name not in joints:
-            raise ConfigurationError(
-                f"robot.joint_limits: {name!r} is not a joint of the URDF; {valid_choices(name, joints)}"
-            )
-        values = {key: getattr(given, key) for key in ("effort", "velocity", "lower", "upper")}
-        _write_limits(joints[name], {key: value for key, value in values.items() if value is not None})
+        _write_limits(joints[name], given.model_dump(exclude_none=True))
         changed = True
-    for joint in joints.values():
+    for name, joint in joints.items():
         if joint.get("type") == "continuous":
-            own = limits.get(str(joint.get("name")), JointLimits())
             joint.set("type", "revolute")
-            lower = -UNLIMITED if own.lower is None else own.lower
-            _write_limits(joint, {"lower": lower, "upper": UNLIMITED if own.upper is None else own.upper})
+            own = limits[name].model_dump(exclude_none=True) if name in limits else {}
+            _write_limits(joint, {"lower": -UNLIMITED, "upper": UNLIMITED, **own})
             changed = True
     for name, joint in joints.items():
         if joint.get("type") in ("revolute", "prismatic"):
@@ -131,19 +114,17 @@ def split_planar_joints(tree: ElementTree.Element) -> bool:
 
 
 def _split(tree: ElementTree.Element, planar: ElementTree.Element) -> None:
-    name, axis, child = str(planar.get("name")), planar.find("axis"), planar.find("child")
-    normal = np.array([float(part) for part in (axis.get("xyz", "1 0 0") if axis is not None else "1 0 0").split()])
+    name, normal = str(planar.get("name")), vector_of(planar.find("axis"), "xyz", "1 0 0")
     normal /= np.linalg.norm(normal)
     across = np.cross([0.0, 1.0, 0.0], normal)  # x if the normal is z
     if not (np.linalg.norm(across) > 0.1):
         across = np.array([1.0, 0.0, 0.0])
     across /= np.linalg.norm(across)
-    below = str(child.get("link") if child is not None else "")
-    links = [f"{name}/x_link", f"{name}/y_link", below]
+    links = [f"{name}/x_link", f"{name}/y_link", end_of(planar, "child")]
     axes = {"x": across, "y": np.cross(normal, across), "theta": normal}
-    place, parent, limit = list(tree).index(planar), planar.find("parent"), planar.find("limit")
+    place, before = list(tree).index(planar), end_of(planar, "parent")
+    origin, limit = planar.find("origin"), planar.find("limit")
     tree.remove(planar)
-    before, origin = str(parent.get("link") if parent is not None else ""), planar.find("origin")
     for i, ((part, direction), after) in enumerate(zip(axes.items(), links, strict=True)):
         joint = ElementTree.Element("joint", name=f"{name}/{part}", type="revolute" if part == "theta" else "prismatic")
         ElementTree.SubElement(joint, "parent", link=before)
@@ -248,25 +229,3 @@ def _check_inertial(link: ElementTree.Element, subject: str) -> None:
         raise ConfigurationError(
             f"{subject}: the smallest principal moment of inertia is {smallest:g} kg·m²; it must not be negative"
         )
-
-
-def _check_chains(tree: ElementTree.Element) -> None:
-    links = [str(link.get("name")) for link in tree.findall("link")]
-    if len(links) > MOST_LINKS:
-        raise ConfigurationError(f"robot.urdf: the number of links is {len(links)}; the maximum is {MOST_LINKS}")
-    parents = {}
-    for joint in tree.findall("joint"):
-        child, parent = joint.find("child"), joint.find("parent")
-        if child is not None and parent is not None:
-            parents[str(child.get("link"))] = str(parent.get("link"))
-    children: dict[str, list[str]] = {}
-    for name, parent_name in parents.items():
-        children.setdefault(parent_name, []).append(name)
-    level, depth = [name for name in links if name not in parents], 0
-    while level:
-        depth += 1
-        if depth > LONGEST_CHAIN:
-            raise ConfigurationError(
-                f"robot.urdf: link {level[0]!r} is number {depth} in a chain of links; the maximum is {LONGEST_CHAIN}"
-            )
-        level = [child for name in level for child in children.get(name, ())]

@@ -1,12 +1,14 @@
-"""Structure checks of a URDF."""
+"""Structure of a URDF: access and checks."""
 
-from __future__ import annotations
-
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from xml.etree import ElementTree
 
-from wbc_controller.errors import ConfigurationError, valid_choices
+import numpy as np
 
+from wbc_controller.errors import ConfigurationError, require_known, valid_choices
+from wbc_controller.records import Array
+
+LONGEST_CHAIN, MOST_LINKS = 1000, 5000  # for Pinocchio's recursion and run time
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 _PINOCCHIO_WORLD = "universe"
 #: Shapes with required attributes.
@@ -18,6 +20,23 @@ SHAPES = {
     "mesh": ("filename",),
 }
 _NAMED = 6  # in a message
+
+
+def vector_of(element: ElementTree.Element | None, key: str, default: str) -> Array:
+    """Return the numbers of an attribute of a checked URDF."""
+    text = default if element is None else element.get(key, default)
+    return np.array([float(part) for part in text.split()])
+
+
+def mass_of(link: ElementTree.Element) -> float:
+    """Return the mass of a link of a checked URDF, kg."""
+    return float(vector_of(link.find("inertial/mass"), "value", "0")[0])
+
+
+def end_of(joint: ElementTree.Element, key: str) -> str:
+    """Return the link of a joint's ``parent`` or ``child``, or ""."""
+    element = joint.find(key)
+    return "" if element is None else str(element.get("link"))
 
 
 def check_structure(tree: ElementTree.Element) -> None:
@@ -71,10 +90,7 @@ def _unique_names(tree: ElementTree.Element, kind: str) -> dict[str, ElementTree
 
 def _check_joint(name: str, joint: ElementTree.Element) -> None:
     kind = joint.get("type", "")
-    if kind not in JOINT_TYPES:
-        raise ConfigurationError(
-            f"robot.urdf: joint {name!r} has the unknown type {kind!r}; {valid_choices(kind, JOINT_TYPES)}"
-        )
+    require_known(kind, JOINT_TYPES, f"robot.urdf: joint {name!r} has the unknown type")
     if name == _PINOCCHIO_WORLD:
         raise ConfigurationError(f"robot.urdf: invalid joint name {name!r}: Pinocchio reserves it for the world")
 
@@ -84,14 +100,13 @@ def _end(name: str, joint: ElementTree.Element, key: str, links: Mapping[str, ob
     link = None if element is None else element.get("link")
     if link is None:
         raise ConfigurationError(f"robot.urdf: joint {name!r} has no <{key} link=…>")
-    if link not in links:
-        raise ConfigurationError(
-            f"robot.urdf: joint {name!r}: its {key} {link!r} is not a link of the URDF; {valid_choices(link, links)}"
-        )
+    require_known(link, links, f"robot.urdf: joint {name!r}: its {key}", " is not a link of the URDF")
     return link
 
 
-def _check_tree(links: Iterable[str], above: Mapping[str, str]) -> None:
+def _check_tree(links: Collection[str], above: Mapping[str, str]) -> None:
+    if len(links) > MOST_LINKS:
+        raise ConfigurationError(f"robot.urdf: the number of links is {len(links)}; the maximum is {MOST_LINKS}")
     roots = [name for name in links if name not in above]
     if len(roots) > 1:
         raise ConfigurationError(
@@ -100,10 +115,14 @@ def _check_tree(links: Iterable[str], above: Mapping[str, str]) -> None:
     children: dict[str, list[str]] = {}
     for child, parent in above.items():
         children.setdefault(parent, []).append(child)
-    reached, queue = set(roots), list(roots)
-    while queue:
-        queue = [child for name in queue for child in children.get(name, ())]
-        reached.update(queue)
+    reached, level, depth = set(roots), roots, 1
+    while level := [child for name in level for child in children.get(name, ())]:
+        depth += 1
+        if depth > LONGEST_CHAIN:
+            raise ConfigurationError(
+                f"robot.urdf: link {level[0]!r} is number {depth} in a chain of links; the maximum is {LONGEST_CHAIN}"
+            )
+        reached.update(level)
     circle = [name for name in links if name not in reached]
     if circle:
         raise ConfigurationError(

@@ -1,9 +1,8 @@
 """Tasks that point an axis."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -12,7 +11,7 @@ from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks.form import ReferenceForm
-from wbc_controller.inverse_dynamics.tasks.task import Gains, MotionTask
+from wbc_controller.inverse_dynamics.tasks.task import MotionTask
 from wbc_controller.records import Array, Reference
 
 _TINY = 1.0e-9  # smallest distance of a target with a direction, m; smallest sin θ of a target beside the axis
@@ -38,18 +37,9 @@ class _AlignmentTask(MotionTask):
 
     size = 2
 
-    def __init__(
-        self,
-        name: str,
-        model: RobotModel,
-        frame: str,
-        axis: Sequence[float],
-        *,
-        stiffness: Gains = 100.0,
-        damping: Gains | None = None,
-    ) -> None:
-        """Make a task for an axis a, (3,) in the frame, with gains for b₁ and b₂."""
-        super().__init__(name, [True, True], stiffness=stiffness, damping=damping)
+    def __init__(self, name: str, model: RobotModel, frame: str, axis: Sequence[float], **gains: Any) -> None:
+        """Make a task for an axis a, (3,) in the frame, with gains of `MotionTask` for b₁ and b₂."""
+        super().__init__(name, [True, True], **gains)
         self.frame = frame
         self._frame_id = model.frame_id(frame, f"tasks.{name}.frame")
         length = float(np.linalg.norm(axis))

@@ -1,7 +1,5 @@
 """Capture point task."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """Centre of mass task."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics

@@ -1,7 +1,5 @@
 """Contact wrench task."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

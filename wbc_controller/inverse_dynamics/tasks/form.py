@@ -1,7 +1,5 @@
 """Form of a reference."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

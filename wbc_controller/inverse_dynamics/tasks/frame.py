@@ -1,8 +1,7 @@
 """Pose, position and orientation tasks."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -13,7 +12,7 @@ from wbc_controller.inverse_dynamics.robot.instruction import Instruction, place
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of, rotation_of
 from wbc_controller.inverse_dynamics.tasks.form import ReferenceForm
-from wbc_controller.inverse_dynamics.tasks.task import Gains, MotionTask
+from wbc_controller.inverse_dynamics.tasks.task import MotionTask
 from wbc_controller.records import Array
 
 _WORLD_AXES = pin.LOCAL_WORLD_ALIGNED
@@ -29,16 +28,10 @@ class _FrameTask(MotionTask):
     part: slice  # of the frame's twist
 
     def __init__(
-        self,
-        name: str,
-        model: RobotModel,
-        frame: str,
-        mask: Sequence[bool] | None = None,
-        *,
-        stiffness: Gains = 100.0,
-        damping: Gains | None = None,
+        self, name: str, model: RobotModel, frame: str, mask: Sequence[bool] | None = None, **gains: Any
     ) -> None:
-        super().__init__(name, [True] * self.size if mask is None else mask, stiffness=stiffness, damping=damping)
+        """Make a task, by default for all axes, with the gains of `MotionTask`."""
+        super().__init__(name, [True] * self.size if mask is None else mask, **gains)
         self.frame = frame
         self._frame_id = model.frame_id(frame, f"tasks.{name}.frame")
         self._on_link = placement_on_link(model, self._frame_id)

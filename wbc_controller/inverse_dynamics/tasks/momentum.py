@@ -1,7 +1,5 @@
 """Linear and angular momentum tasks."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

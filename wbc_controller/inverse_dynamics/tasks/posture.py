@@ -1,8 +1,7 @@
 """Joint position task."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +10,7 @@ from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.frame_kernels import JOINTS
 from wbc_controller.inverse_dynamics.robot.instruction import Instruction
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.inverse_dynamics.tasks.task import Gains, MotionTask
+from wbc_controller.inverse_dynamics.tasks.task import MotionTask
 from wbc_controller.records import Array
 
 
@@ -20,21 +19,13 @@ class PostureTask(MotionTask):
 
     unit = "rad"
 
-    def __init__(
-        self,
-        name: str,
-        model: RobotModel,
-        joints: Sequence[str] = (),
-        *,
-        stiffness: Gains = 100.0,
-        damping: Gains | None = None,
-    ) -> None:
-        """Make a task, by default for all actuated joints.
+    def __init__(self, name: str, model: RobotModel, joints: Sequence[str] = (), **gains: Any) -> None:
+        """Make a task, by default for all actuated joints, with the gains of `MotionTask`.
 
         A passive joint moves only by the accelerations of the others.
         """
         columns = model.joint_columns(joints or model.driven_joints, f"tasks.{name}.joints")
-        super().__init__(name, [True] * len(columns), stiffness=stiffness, damping=damping)
+        super().__init__(name, [True] * len(columns), **gains)
         self.size = len(columns)
         self.joints = tuple(joints) or model.driven_joints
         self._q_index = as_slice(model.q_index[columns])

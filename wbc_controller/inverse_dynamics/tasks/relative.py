@@ -1,8 +1,7 @@
 """Task on a relative pose."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -11,7 +10,7 @@ from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks.form import ReferenceForm
 from wbc_controller.inverse_dynamics.tasks.frame import orientation_error
-from wbc_controller.inverse_dynamics.tasks.task import Gains, MotionTask
+from wbc_controller.inverse_dynamics.tasks.task import MotionTask
 from wbc_controller.records import Array
 
 _WORLD_AXES = pin.LOCAL_WORLD_ALIGNED
@@ -44,11 +43,9 @@ class RelativePoseTask(MotionTask):
         frame: str,
         reference_frame: str,
         mask: Sequence[bool] | None = None,
-        *,
-        stiffness: Gains = 100.0,
-        damping: Gains | None = None,
+        **gains: Any,
     ) -> None:
-        super().__init__(name, [True] * 6 if mask is None else mask, stiffness=stiffness, damping=damping)
+        super().__init__(name, [True] * 6 if mask is None else mask, **gains)
         self.frame = frame
         self.reference_frame = reference_frame
         self._b = model.frame_id(frame, f"tasks.{name}.frame")

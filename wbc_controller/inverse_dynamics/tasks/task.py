@@ -1,7 +1,5 @@
 """Base classes: rows of the least-squares cost."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Protocol
@@ -279,11 +277,9 @@ class MotionTask(AccelerationTask):
         """Make a task with a mask, (size,), and gains; the default damping is critical, 2√K."""
         super().__init__(name, mask)
         self.stiffness = gains(stiffness, len(mask), f"tasks.{name}.stiffness")
-        self.damping = (
-            np.asarray(2.0 * np.sqrt(self.stiffness))
-            if damping is None
-            else gains(damping, len(mask), f"tasks.{name}.damping")
-        )
+        self.damping = np.asarray(2.0 * np.sqrt(self.stiffness))
+        if damping is not None:
+            self.damping = gains(damping, len(mask), f"tasks.{name}.damping")
 
     @property
     def parameters(self) -> tuple[npt.ArrayLike, npt.ArrayLike]:

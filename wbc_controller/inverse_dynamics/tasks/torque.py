@@ -1,12 +1,10 @@
 """Joint torque task."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
 
-from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.errors import ConfigurationError, require_known
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks.task import Efforts, EffortTask
 from wbc_controller.records import Array, Reference
@@ -21,11 +19,7 @@ class TorqueTask(EffortTask):
         """Make a task, by default for all actuated joints, with the target 0."""
         key = f"tasks.{name}.joints"
         columns = model.joint_columns(joints or model.driven_joints, key)
-        for joint in joints:
-            if joint not in model.driven_joints:
-                raise ConfigurationError(
-                    f"{key}: no actuator drives {joint!r}; {valid_choices(joint, model.driven_joints)}"
-                )
+        require_known(joints, model.driven_joints, f"{key}: no actuator drives")
         if target and len(target) != len(columns):
             raise ConfigurationError(
                 f"tasks.{name}.target has {len(target)} values; expected {len(columns)}, one per joint"

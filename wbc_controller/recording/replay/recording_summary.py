@@ -74,8 +74,8 @@ def explain_cycle(solved: ReplayedCycle, recorded: Recording, controller: Contro
         ("time in this mode", f"{cycle.scalar('now') - memory['_since']:.3f} s"),
         ("share of the solution's torques", f"{memory['_share'].sample(cycle.scalar('now')):.3f}"),
         ("largest torque rate", f"{supervisor.limits.torque_rate:g} effort limits per second"),
-        ("time without a solution", _budget(memory["_held_time"], supervisor.limits.hold_time)),
-        ("time with relaxed constraints", _budget(memory["_relaxed_time"], supervisor.limits.relax_time)),
+        ("time without a solution", _budget(memory["_held_time"], supervisor.limits.safety.hold_time)),
+        ("time with relaxed constraints", _budget(memory["_relaxed_time"], supervisor.limits.safety.relax_time)),
         ("time of the cycle", f"{1e3 * share:.3f} ms" if np.isfinite(share) else "unknown"),
     ]
     if result.command is not None and result.solution is not None:

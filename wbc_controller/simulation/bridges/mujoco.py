@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from wbc_controller.arguments import finite, sized
-from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.errors import ConfigurationError, require_known
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
 from wbc_controller.records import Array
@@ -29,9 +29,7 @@ class MujocoInterface:
             )
         self._model = model
         names = [mujoco_model.joint(i).name for i in range(mujoco_model.njnt)]
-        for name in model.joints:
-            if name not in names:
-                raise ConfigurationError(f"the MuJoCo model has no joint {name!r}; {valid_choices(name, names)}")
+        require_known(model.joints, names, "the MuJoCo model has no joint")
         numbers = [names.index(name) for name in model.joints]
         self._qpos = np.array(mujoco_model.jnt_qposadr)[numbers]
         self._dof = np.array(mujoco_model.jnt_dofadr)[numbers]

@@ -14,6 +14,7 @@ from wbc_controller.simulation.faults.fault import (
     TorqueFault,
     low_pass,
     number,
+    restoring,
 )
 from wbc_controller.simulation.mechanism import add_friction
 
@@ -116,14 +117,9 @@ class JointFriction(JointFault):
         joint, model = self._start(context), context.plant.model
         limits = context.robot.actuation.at_joints(context.plant.effort_limits)
         dof = int(model.joint(context.robot.joints[joint]).dofadr[0])
-        friction, stiffness, impedance = model.dof_frictionloss, model.dof_solref, model.dof_solimp
-        before = float(friction[dof]), stiffness[dof].copy(), impedance[dof].copy()
+        effect = restoring((model.dof_frictionloss, dof), (model.dof_solref, dof), (model.dof_solimp, dof))
         add_friction(model, dof, self.share * (abs(float(limits[joint])) or _NO_LIMIT), context.plant.step_seconds)
-
-        def end() -> None:
-            friction[dof], stiffness[dof], impedance[dof] = before
-
-        return Effect(ended=end)
+        return effect
 
 
 class JointLocked(JointFault):

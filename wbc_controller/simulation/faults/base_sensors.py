@@ -41,11 +41,8 @@ class OdomDrift(_BaseSensor):
 
     speed: float = number(0.02, 0.001, 1.0, "m/s", "drift")
 
-    def _start(self, context: FaultContext) -> Array:
-        return context.direction()
-
-    def _distort(self, measured: Measurement, context: FaultContext, state: Array) -> None:
-        measured.pose[:3] += self.speed * context.elapsed * state
+    def _distort(self, measured: Measurement, context: FaultContext, state: Any) -> None:
+        measured.pose[:3] += self.speed * context.elapsed * context.direction
 
 
 class OdomTurnDrift(_BaseSensor):
@@ -53,11 +50,8 @@ class OdomTurnDrift(_BaseSensor):
 
     rate: float = number(0.02, 0.001, 2.0, "rad/s", "drift, with random sign")
 
-    def _start(self, context: FaultContext) -> float:
-        return self.rate * float(context.rng.choice([-1.0, 1.0]))
-
-    def _distort(self, measured: Measurement, context: FaultContext, state: float) -> None:
-        _turn(measured.pose, np.array([0.0, 0.0, state * context.elapsed]))
+    def _distort(self, measured: Measurement, context: FaultContext, state: Any) -> None:
+        _turn(measured.pose, np.array([0.0, 0.0, self.rate * context.sign * context.elapsed]))
 
 
 class OdomJump(_BaseSensor):
@@ -65,12 +59,9 @@ class OdomJump(_BaseSensor):
 
     size: float = number(0.3, 0.005, 3.0, "m", "horizontal, in a random direction")
 
-    def _start(self, context: FaultContext) -> Array:
-        return self.size * context.direction()
-
-    def _distort(self, measured: Measurement, context: FaultContext, state: Array) -> None:
+    def _distort(self, measured: Measurement, context: FaultContext, state: Any) -> None:
         for pose in (measured.pose, measured.absolute):
-            pose[:3] += state
+            pose[:3] += self.size * context.direction
 
 
 class OdomTurnJump(_BaseSensor):
@@ -78,12 +69,9 @@ class OdomTurnJump(_BaseSensor):
 
     angle: float = number(0.3, 0.01, 3.0, "rad", "with random sign")
 
-    def _start(self, context: FaultContext) -> float:
-        return self.angle * float(context.rng.choice([-1.0, 1.0]))
-
-    def _distort(self, measured: Measurement, context: FaultContext, state: float) -> None:
+    def _distort(self, measured: Measurement, context: FaultContext, state: Any) -> None:
         for pose in (measured.pose, measured.absolute):
-            _turn(pose, np.array([0.0, 0.0, state]))
+            _turn(pose, np.array([0.0, 0.0, self.angle * context.sign]))
 
 
 class OdomTilt(_BaseSensor):
@@ -92,11 +80,8 @@ class OdomTilt(_BaseSensor):
     angle: float = number(0.05, 0.002, 0.4, "rad", "final tilt about a random horizontal axis")
     ramp: float = number(0.2, 0.0, 1.0, "s", "duration of the growth")
 
-    def _start(self, context: FaultContext) -> Array:
-        return context.direction()
-
-    def _distort(self, measured: Measurement, context: FaultContext, state: Array) -> None:
-        _turn(measured.pose, self.angle * ramp_share(context.elapsed, self.ramp) * state)
+    def _distort(self, measured: Measurement, context: FaultContext, state: Any) -> None:
+        _turn(measured.pose, self.angle * ramp_share(context.elapsed, self.ramp) * context.direction)
 
 
 class OdomFrozen(_BaseSensor):

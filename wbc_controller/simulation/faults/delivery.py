@@ -18,10 +18,7 @@ _MOST_KEPT = 1000
 
 class _DeliveryFault(Fault):
     def begin(self, context: FaultContext) -> Effect:
-        return Effect(posted={stream: self._post(context) for stream in self._streams()})
-
-    def _streams(self) -> tuple[str, ...]:
-        raise NotImplementedError
+        return Effect(posted={stream: self._post(context) for stream in self._streams(COMMAND)})
 
     def _post(self, context: FaultContext) -> _Post:
         raise NotImplementedError
@@ -33,15 +30,9 @@ class _StreamFault(_DeliveryFault):
         "both", description="affected stream; `both`: joint states and odometry"
     )
 
-    def _streams(self) -> tuple[str, ...]:
-        return ("joint_states", "odom") if self.stream == "both" else (self.stream,)
-
 
 class _CommandFault(_DeliveryFault):
     place = "delivery of commands"
-
-    def _streams(self) -> tuple[str, ...]:
-        return (COMMAND,)
 
 
 class MessageDelay(_StreamFault):

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -39,9 +40,9 @@ class Effect:
     ended: Callable[[], bool | None] = lambda: True  # at the end, and again while it returns False
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class FaultContext:
-    """Robot and time of a fault."""
+    """Robot, time and random choices of a fault."""
 
     robot: RobotModel
     plant: Plant
@@ -59,10 +60,16 @@ class FaultContext:
         """Return the index of a name; random for an empty name."""
         return names.index(name) if name else int(self.rng.integers(len(names)))
 
+    @cached_property
     def direction(self) -> Array:
-        """Draw a random horizontal direction, (3,)."""
+        """Random horizontal direction, (3,)."""
         angle = self.rng.uniform(0.0, 2.0 * np.pi)
         return np.array([np.cos(angle), np.sin(angle), 0.0])
+
+    @cached_property
+    def sign(self) -> float:
+        """Random sign."""
+        return float(self.rng.choice([-1.0, 1.0]))
 
 
 class Fault(Section):
@@ -86,6 +93,15 @@ class Fault(Section):
     def begin(self, context: FaultContext) -> Effect:
         """Start the fault and return its effect."""
         raise NotImplementedError
+
+    def _start(self, context: FaultContext) -> Any:
+        """Return constant random values, or storage for earlier values."""
+        return {}
+
+    def _streams(self, default: str) -> tuple[str, ...]:
+        """Return the affected streams of messages."""
+        stream = getattr(self, "stream", default)
+        return ("joint_states", "odom") if stream == "both" else (stream,)
 
 
 class NamedFault(Fault):
@@ -126,10 +142,6 @@ class MeasurementFault(Fault):
         state = self._start(context)
         return Effect(measured=lambda measured: self._distort(measured, context, state))
 
-    def _start(self, context: FaultContext) -> Any:
-        """Return constant random values, or storage for earlier values."""
-        return {}
-
     def _distort(self, measured: Measurement, context: FaultContext, state: Any) -> None:
         raise NotImplementedError
 
@@ -142,9 +154,6 @@ class TorqueFault(Fault):
         state = self._start(context)
         return Effect(torques=lambda tau: self._change(tau, context, state))
 
-    def _start(self, context: FaultContext) -> Any:
-        return {}
-
     def _change(self, tau: Array, context: FaultContext, state: Any) -> Array:
         raise NotImplementedError
 
@@ -152,6 +161,17 @@ class TorqueFault(Fault):
 def number(default: float, low: float, high: float, unit: str, meaning: str) -> Any:
     """Define a parameter with its range, also for campaigns."""
     return Field(default, ge=low, le=high, description=meaning, json_schema_extra={"unit": unit})
+
+
+def restoring(*parts: tuple[Array, Any]) -> Effect:
+    """Return an effect that restores parts of arrays, (array, index), at its end."""
+    before = [(array, index, array[index].copy()) for array, index in parts]
+
+    def end() -> None:
+        for array, index, values in before:
+            array[index] = values
+
+    return Effect(ended=end)
 
 
 def moving_links(robot: RobotModel) -> tuple[str, ...]:

@@ -95,12 +95,8 @@ class JointJump(_OneJoint):
 
     size: float = number(0.5, 0.02, 3.0, "rad", "with random sign")
 
-    def _start(self, context: FaultContext) -> tuple[int, float]:
-        return super()._start(context), self.size * context.rng.choice([-1.0, 1.0])
-
-    def _distort(self, measured: Measurement, context: FaultContext, state: tuple[int, float]) -> None:
-        joint, jump = state
-        measured.position[joint] += jump
+    def _distort(self, measured: Measurement, context: FaultContext, state: int) -> None:
+        measured.position[state] += self.size * context.sign
 
 
 class JointFrozen(_OneJoint):

@@ -14,12 +14,8 @@ _LAST, _FIRST = (2**31 - 1) * 1_000_000_000, 0
 class _TimeFault(MeasurementFault):
     place = "stamps and clock"
 
-    def _streams(self) -> tuple[str, ...]:
-        stream = getattr(self, "stream", "clock")
-        return ("joint_states", "odom") if stream == "both" else (stream,)
-
     def _distort(self, measured: Measurement, context: FaultContext, state: Any) -> None:
-        for stream in self._streams():
+        for stream in self._streams("clock"):
             stamp = measured.stamps[stream] + round(self._ahead(context.elapsed) * 1e9)
             measured.stamps[stream] = min(max(stamp, _FIRST), _LAST)
 
@@ -34,7 +30,7 @@ class _StampFault(_TimeFault):
 
 class _Frozen(_TimeFault):
     def _distort(self, measured: Measurement, context: FaultContext, state: dict[str, int]) -> None:
-        for stream in self._streams():
+        for stream in self._streams("clock"):
             measured.stamps[stream] = state.setdefault(stream, measured.stamps[stream])
 
 
@@ -42,7 +38,7 @@ class StampZero(_StampFault):
     """Stamps are zero."""
 
     def _distort(self, measured: Measurement, context: FaultContext, state: Any) -> None:
-        for stream in self._streams():
+        for stream in self._streams("clock"):
             measured.stamps[stream] = 0
 
 

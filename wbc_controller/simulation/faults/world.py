@@ -9,7 +9,15 @@ from pydantic import Field
 
 from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
 from wbc_controller.records import Array
-from wbc_controller.simulation.faults.fault import Effect, Fault, FaultContext, NamedFault, number, ramp_share
+from wbc_controller.simulation.faults.fault import (
+    Effect,
+    Fault,
+    FaultContext,
+    NamedFault,
+    number,
+    ramp_share,
+    restoring,
+)
 from wbc_controller.simulation.mechanism import FLOOR, position_and_wxyz
 from wbc_controller.simulation.plant import Plant
 
@@ -71,14 +79,10 @@ class CenterOfMassError(_WorldFault):
     def begin(self, context: FaultContext) -> Effect:
         """Shift the base's centre of mass."""
         model, body = context.plant.model, context.plant.body(context.robot.base_link)
-        before = model.body_ipos[body].copy()
-        model.body_ipos[body] += self.offset * context.direction()
+        effect = restoring((model.body_ipos, body))
+        model.body_ipos[body] += self.offset * context.direction
         model.body_sameframe[body] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE  # disables MuJoCo's shortcut
-
-        def ended() -> None:
-            model.body_ipos[body] = before
-
-        return Effect(ended=ended)
+        return effect
 
 
 class SlipperyFloor(_FloorFault):
@@ -90,15 +94,11 @@ class SlipperyFloor(_FloorFault):
     def _begin(self, context: FaultContext) -> Effect:
         model, touch = context.plant.model, context.plant.contact_forces
         geoms = touch.geoms[self.contact] if self.contact else touch.ground
-        before = model.geom_friction[geoms, 0].copy(), model.geom_priority[geoms].copy()
+        effect = restoring((model.geom_friction, geoms), (model.geom_priority, geoms))
         model.geom_friction[geoms, 0] = self.friction
         if self.contact:
             model.geom_priority[geoms] = model.geom_priority.max() + 1
-
-        def ended() -> None:
-            model.geom_friction[geoms, 0], model.geom_priority[geoms] = before
-
-        return Effect(ended=ended)
+        return effect
 
 
 class SoftFloor(_FloorFault):
@@ -108,13 +108,9 @@ class SoftFloor(_FloorFault):
 
     def _begin(self, context: FaultContext) -> Effect:
         solref, ground = context.plant.model.geom_solref, context.plant.contact_forces.ground
-        before = solref[ground].copy()
+        effect = restoring((solref, ground))
         solref[ground] = self.time_constant, 1.0
-
-        def ended() -> None:
-            solref[ground] = before
-
-        return Effect(ended=ended)
+        return effect
 
 
 class FloorDrop(_FloorFault):
@@ -159,7 +155,7 @@ class FloorTilt(_FloorFault):
         rotation = rotation_of(floor.quat[[1, 2, 3, 0]])
         centre = np.array([*plant.state()[0][:2], 0.0])
         centre[2] = -float(rotation[:2, 2] @ (centre[:2] - floor.pos[:2])) / rotation[2, 2] + floor.pos[2]
-        axis = context.direction()
+        axis = context.direction
 
         def tilt() -> None:
             turned = pin.SE3(pin.exp3(self.angle * ramp_share(context.elapsed, self.ramp) * axis) @ rotation, centre)
@@ -176,7 +172,7 @@ class Push(_LinkFault):
 
     def begin(self, context: FaultContext) -> Effect:
         """Push for the remaining time."""
-        force = self.share * context.robot.mass * context.robot.gravity * context.direction()
+        force = self.share * context.robot.mass * context.robot.gravity * context.direction
         _push(context, self.link, force, max(context.end - context.plant.time, context.period))
         return Effect()
 
@@ -188,7 +184,7 @@ class Kick(_LinkFault):
 
     def begin(self, context: FaultContext) -> Effect:
         """Push for a short time."""
-        _push(context, self.link, self.speed * context.robot.mass / _KICK * context.direction(), _KICK)
+        _push(context, self.link, self.speed * context.robot.mass / _KICK * context.direction, _KICK)
         return Effect()
 
 

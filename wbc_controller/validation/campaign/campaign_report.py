@@ -6,7 +6,8 @@ import json
 import shlex
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -45,18 +46,20 @@ _VIOLATION = "#d6455d"
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """Trials of one kind of fault on one robot."""
+    """Trials of one kind of fault on one robot: a row of the CSV file."""
 
     place: str
     kind: str
     robot: str
     trials: int
     survived: int
-    interval: tuple[float, float]  # Wilson's 95 % interval of the share of survived trials
+    share_low: float  # Wilson's 95 % interval of the share of survived trials
+    share_high: float
     reasons: dict[str, int]  # by fault code
-    must_detect: int  # trials with a deadline
-    delays: tuple[float, ...]  # s
-    deadline: float | None  # longest, s; None without any
+    must_be_detected: int  # trials with a deadline
+    detected_median_s: float | None
+    detected_max_s: float | None
+    deadline_max_s: float | None
     violations: dict[str, int]  # trials by name
 
 
@@ -66,46 +69,49 @@ def rows_of(outcomes: Sequence[Outcome]) -> list[Row]:
     for outcome in outcomes:
         groups.setdefault((outcome.kind, outcome.robot), []).append(outcome)
     order = list(ALL_KINDS)
-    return [
-        _row(kind, robot, group)
-        for (kind, robot), group in sorted(groups.items(), key=lambda item: (order.index(item[0][0]), item[0][1]))
-    ]
+    return [_row(*key, groups[key]) for key in sorted(groups, key=lambda key: (order.index(key[0]), key[1]))]
 
 
 def _row(kind: str, robot: str, group: Sequence[Outcome]) -> Row:
     survived = sum(not outcome.code for outcome in group)
     low, high = stats.binomtest(survived, len(group)).proportion_ci(0.95, method="wilson")
-    must_detect = [outcome for outcome in group if outcome.deadline is not None]
+    deadlines = [outcome.deadline for outcome in group if outcome.deadline is not None]
+    delays = [outcome.after for outcome in group if outcome.deadline is not None and outcome.after is not None]
     return Row(
-        ALL_KINDS[kind].place,
-        kind,
-        robot,
-        len(group),
-        survived,
-        (float(low), float(high)),
-        dict(Counter(outcome.code for outcome in group if outcome.code).most_common()),
-        len(must_detect),
-        tuple(outcome.after for outcome in must_detect if outcome.after is not None),
-        max((outcome.deadline for outcome in must_detect if outcome.deadline is not None), default=None),
-        dict(Counter(name for outcome in group for name in outcome.violations)),
+        place=ALL_KINDS[kind].place,
+        kind=kind,
+        robot=robot,
+        trials=len(group),
+        survived=survived,
+        share_low=float(low),
+        share_high=float(high),
+        reasons=dict(Counter(outcome.code for outcome in group if outcome.code).most_common()),
+        must_be_detected=len(deadlines),
+        detected_median_s=float(np.median(delays)) if delays else None,
+        detected_max_s=max(delays, default=None),
+        deadline_max_s=max(deadlines, default=None),
+        violations=dict(Counter(name for outcome in group for name in outcome.violations)),
     )
 
 
 def _cells(row: Row) -> tuple[str, ...]:
-    low, high = row.interval
-    delays = f"{1e3 * np.median(row.delays):.0f} (max {1e3 * max(row.delays):.0f})" if row.delays else "–"
+    delays = f"{_milliseconds(row.detected_median_s)} (max {_milliseconds(row.detected_max_s)})"
     return (
         row.kind,
         row.robot,
         str(row.trials),
         str(row.survived),
-        f"{row.survived / row.trials:.2f} ({low:.2f}–{high:.2f})",
+        f"{row.survived / row.trials:.2f} ({row.share_low:.2f}–{row.share_high:.2f})",
         _counts_text(row.reasons),
-        str(row.must_detect),
-        delays,
-        "–" if row.deadline is None else f"{1e3 * row.deadline:.0f}",
+        str(row.must_be_detected),
+        delays if row.detected_max_s is not None else "–",
+        _milliseconds(row.deadline_max_s),
         _counts_text(row.violations),
     )
+
+
+def _milliseconds(seconds: float | None) -> str:
+    return "–" if seconds is None else f"{1e3 * seconds:.0f}"
 
 
 def _counts_text(counts: dict[str, int]) -> str:
@@ -178,7 +184,7 @@ def write_report(outcomes: Sequence[Outcome], folder: Path, repeated: Sequence[s
         require_libraries("plotly")
     except ConfigurationError as error:
         return f"faults.md, faults.csv; no faults.html: {error}"
-    _write_page(rows, outcomes, folder / "faults.html")
+    write_page(_page(rows, outcomes), folder / "faults.html")
     return "faults.md, faults.csv, faults.html"
 
 
@@ -206,34 +212,25 @@ def _markdown(rows: Sequence[Row], outcomes: Sequence[Outcome], repeated: Sequen
 
 def _csv(rows: Sequence[Row]) -> str:
     text = io.StringIO()
-    writer = csv.writer(text)
-    writer.writerow(
-        ("place", "kind", "robot", "trials", "survived", "share_low", "share_high", "reasons", "must_be_detected",
-         "detected_median_s", "detected_max_s", "deadline_max_s", "violations")
-    )  # fmt: skip
-    for row in rows:
-        median, largest = (float(np.median(row.delays)), max(row.delays)) if row.delays else ("", "")
-        writer.writerow(
-            (row.place, row.kind, row.robot, row.trials, row.survived, *row.interval, json.dumps(row.reasons),
-             row.must_detect, median, largest, "" if row.deadline is None else row.deadline, json.dumps(row.violations))
-        )  # fmt: skip
+    writer = csv.DictWriter(text, [field.name for field in fields(Row)])
+    writer.writeheader()
+    for row in map(asdict, rows):
+        writer.writerow({key: json.dumps(value) if isinstance(value, dict) else value for key, value in row.items()})
     return text.getvalue()
 
 
-def _write_page(rows: Sequence[Row], outcomes: Sequence[Outcome], path: Path) -> None:
+def _page(rows: Sequence[Row], outcomes: Sequence[Outcome]) -> PageReport:
     bad = sum(bool(outcome.violations) for outcome in outcomes)
-    table = [(_cells(row), not row.violations) for row in rows]
-    write_page(
-        PageReport(
-            title="Fault campaign",
-            kind="wbc faults",
-            verdict=f"{bad} trials with violations." if bad else "No violations.",
-            passed=not bad,
-            note=f"{summary(outcomes)}.",
-            table=ResultTable("Trials", _COLUMNS, table, words=("ok", "violated")),
-            plots=_plots(rows, outcomes),
+    return PageReport(
+        title="Fault campaign",
+        kind="wbc faults",
+        verdict=f"{bad} trials with violations." if bad else "No violations.",
+        passed=not bad,
+        note=f"{summary(outcomes)}.",
+        table=ResultTable(
+            "Trials", _COLUMNS, [(_cells(row), not row.violations) for row in rows], words=("ok", "violated")
         ),
-        path,
+        plots=_plots(rows, outcomes),
     )
 
 
@@ -253,7 +250,11 @@ def _plots(rows: Sequence[Row], outcomes: Sequence[Outcome]) -> list[Plot]:
             "From the beginning of the fault until damping, as a share of the deadline; required: below 1. Only faults "
             "that must be detected.",
             by_category(
-                _by_robot(detected, lambda each: (each.after or 0.0) / (each.deadline or 1.0), _delay),
+                _by_robot(
+                    detected,
+                    lambda each: (each.after or 0.0) / (each.deadline or 1.0),
+                    lambda each: f"{_milliseconds(each.after)} of {_milliseconds(each.deadline)} ms",
+                ),
                 axis="time / deadline [1]",
                 limit=1.0,
             ),
@@ -263,7 +264,9 @@ def _plots(rows: Sequence[Row], outcomes: Sequence[Outcome]) -> list[Plot]:
             "Motion of the robot",
             "Largest distance of the centre of mass from its position at the beginning of the fault, in survived "
             "trials.",
-            by_category(_by_robot(survived, lambda each: each.moved, _distance), axis="distance [m]"),
+            by_category(
+                _by_robot(survived, lambda each: each.moved, lambda each: f"{each.moved:.3f} m"), axis="distance [m]"
+            ),
         ),
     ]
 
@@ -273,7 +276,10 @@ def _shares(rows: Sequence[Row]) -> list[Series]:
     trials = {kind: sum(row.trials for row in rows if row.kind == kind) for kind in kinds}
     series = []
     for name in dict.fromkeys([*_COLORS, *(code for row in rows for code in row.reasons)]):
-        counts = {kind: sum(_count(row, name) for row in rows if row.kind == kind) for kind in kinds}
+        counts = {
+            kind: sum({**row.reasons, "survived": row.survived}.get(name, 0) for row in rows if row.kind == kind)
+            for kind in kinds
+        }
         if any(counts.values()):
             shares = [100.0 * counts[kind] / trials[kind] for kind in kinds]
             texts = [f"{counts[kind]} of {trials[kind]}" for kind in kinds]
@@ -284,25 +290,12 @@ def _shares(rows: Sequence[Row]) -> list[Series]:
     return series
 
 
-def _count(row: Row, name: str) -> int:
-    return row.survived if name == "survived" else row.reasons.get(name, 0)
-
-
 def _by_robot(
     outcomes: Sequence[Outcome], value: Callable[[Outcome], float], text: Callable[[Outcome], str]
 ) -> list[Series]:
     series = []
-    for i, robot in enumerate(dict.fromkeys(each.robot for each in outcomes)):
+    for robot, color in zip(dict.fromkeys(each.robot for each in outcomes), cycle(PALETTE), strict=False):
         own = [each for each in outcomes if each.robot == robot]
-        points = [value(each) for each in own]
-        color = PALETTE[i % len(PALETTE)]
-        series.append(Series(robot, [each.kind for each in own], points, color, texts=[text(each) for each in own]))
+        texts = [f"seed {each.seed}: {text(each)}" for each in own]
+        series.append(Series(robot, [each.kind for each in own], [value(each) for each in own], color, texts=texts))
     return series
-
-
-def _delay(outcome: Outcome) -> str:
-    return f"seed {outcome.seed}: {1e3 * (outcome.after or 0.0):.0f} of {1e3 * (outcome.deadline or 0.0):.0f} ms"
-
-
-def _distance(outcome: Outcome) -> str:
-    return f"seed {outcome.seed}: {outcome.moved:.3f} m"

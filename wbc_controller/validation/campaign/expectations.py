@@ -54,6 +54,10 @@ class RuleContext:
         """Shortest duration of implausible samples for a fault, s."""
         return 0.5 * (SEQUENCE - 1) * self.cycle
 
+    def exceeded(self, threshold: str) -> float:
+        """Return a value that certainly exceeds a threshold of `safety`."""
+        return float(_MARGIN * getattr(self.settings.safety, threshold))
+
     def expect_stale(self, lasts: float, after: float = 0.0) -> Expectation:
         """Return the outcome of messages that are missing or refused for a time, s, from `after` on."""
         if lasts <= self.timeout + self.cycle:
@@ -67,62 +71,41 @@ class RuleContext:
 
 def expect(fault: Fault, settings: Settings) -> Expectation:
     """Return the expected outcome of a fault."""
-    period = 1.0 / settings.control.rate
-    context = RuleContext(settings, 2.0 * period, settings.safety.state_timeout)
+    if getattr(fault, "stream", "") == "imu":  # the controller does not read it
+        return HARMLESS
     rule = RULES[fault.kind()]
-    return rule if isinstance(rule, Expectation) else rule(fault, context)
-
-
-def _ramped(value: float, ramp: float, lasts: float, threshold: float) -> bool:
-    """Return True if the mismatch ramped to `value` exceeds a threshold, with the filter's decay."""
-    grown = min(ramp, lasts)
-    peak = abs(value) if ramp == 0.0 else abs(value) / ramp * MEMORY * (1.0 - np.exp(-grown / MEMORY))
-    return peak > _MARGIN * threshold
-
-
-def _drifting(rate: float, lasts: float, threshold: float) -> float | None:
-    """Return the time until the mismatch of a steady drift exceeds a threshold, s, or None."""
-    share = _MARGIN * threshold / (rate * MEMORY)
-    time = -MEMORY * float(np.log(1.0 - share)) if share < 1.0 else np.inf
-    return time if time < lasts else None
+    if isinstance(rule, Expectation):
+        return rule
+    return rule(fault, RuleContext(settings, 2.0 / settings.control.rate, settings.safety.state_timeout))
 
 
 def _spike(fault: Any, context: RuleContext) -> Expectation:
-    """Return the rule's outcome: single implausible samples are rejected, a sequence is a fault."""
+    """Single implausible samples are rejected, a sequence is a fault."""
     messages = np.ceil(np.log(_NEGLIGIBLE) / np.log(1.0 - fault.share**SEQUENCE))
     surely = float(messages) * 0.5 * SEQUENCE * context.cycle
-    large = fault.size > _MARGIN * context.settings.safety.joint_mismatch
+    large = fault.size > context.exceeded("joint_mismatch")
     return context.expect_detection(large and surely < fault.duration, surely)
 
 
-def _share_refused(fault: Any, context: RuleContext) -> Expectation:
+def _lost(fault: Any, context: RuleContext) -> Expectation:
+    """A share of the messages is lost or refused."""
     return context.expect_stale(fault.duration) if fault.share == 1.0 else STALE_OR_BALANCE
 
 
-def _message_loss(fault: Any, context: RuleContext) -> Expectation:
-    if fault.stream == "imu" or fault.share <= 0.1:
-        return HARMLESS
-    return _share_refused(fault, context)
-
-
-def _missing_stream(fault: Any, context: RuleContext) -> Expectation:
-    return HARMLESS if getattr(fault, "stream", "") == "imu" else context.expect_stale(fault.duration)
+def _missing(fault: Any, context: RuleContext) -> Expectation:
+    return context.expect_stale(fault.duration)
 
 
 def _growing_delay(fault: Any, context: RuleContext) -> Expectation:
     """Without synchronized clocks, a growing delay looks like a slow clock."""
     visible_growth = fault.growth if context.settings.safety.synchronized_clocks else fault.growth - 1.0
-    if visible_growth <= 0.0:
-        return STALE_OR_BALANCE
-    too_old = context.timeout / visible_growth * (1.0 + fault.growth)
-    if too_old + context.timeout + context.cycle >= fault.duration:
-        return STALE_OR_BALANCE
-    return Expectation(STALE | BALANCE, too_old + context.timeout + context.cycle)
+    too_old = context.timeout / visible_growth * (1.0 + fault.growth) if visible_growth > 0.0 else np.inf
+    detected = too_old + context.timeout + context.cycle
+    return Expectation(STALE | BALANCE, detected) if detected < fault.duration else STALE_OR_BALANCE
 
 
 def _stamp_ahead(fault: Any, context: RuleContext) -> Expectation:
-    safety = context.settings.safety
-    limit = _MARGIN * safety.clock_tolerance if safety.synchronized_clocks else _FAR_AHEAD
+    limit = context.exceeded("clock_tolerance") if context.settings.safety.synchronized_clocks else _FAR_AHEAD
     return context.expect_stale(fault.duration) if fault.by > limit else STALE_OR_BALANCE
 
 
@@ -130,15 +113,6 @@ def _clock(fault: Any, context: RuleContext) -> Expectation:
     if fault.by < 0.0:
         return context.expect_detection(True, 0.0, CLOCK)
     return context.expect_detection(fault.by > _MARGIN * context.timeout, context.timeout, STALE | CLOCK)
-
-
-def _harmless_for_imu(rule: _Rule) -> _Rule:
-    """Faults of the IMU are harmless: the controller does not read it."""
-    return lambda fault, context: HARMLESS if fault.stream == "imu" else rule(fault, context)
-
-
-def _stale_or_balance(fault: Any, context: RuleContext) -> Expectation:
-    return STALE_OR_BALANCE
 
 
 def _refused_for(key: str) -> _Rule:
@@ -155,15 +129,17 @@ def _harmless_below(limits: Mapping[str, float], otherwise: Expectation = EITHER
 def _jump(key: str, threshold: str, share: float = 1.0) -> _Rule:
     """A jump by a parameter, with a share along one axis, compared with a threshold of `safety`."""
     return lambda fault, context: context.expect_detection(
-        share * getattr(fault, key) > _MARGIN * getattr(context.settings.safety, threshold), context.sequence
+        share * getattr(fault, key) > context.exceeded(threshold), context.sequence
     )
 
 
 def _drift(key: str, threshold: str, share: float = 1.0) -> _Rule:
+    """The mismatch of a steady drift approaches drift · T."""
+
     def rule(fault: Any, context: RuleContext) -> Expectation:
-        limit = getattr(context.settings.safety, threshold)
-        time = _drifting(share * getattr(fault, key), fault.duration, limit)
-        if time is not None:
+        part = context.exceeded(threshold) / (share * getattr(fault, key) * MEMORY)
+        time = -MEMORY * float(np.log(1.0 - part)) if part < 1.0 else np.inf
+        if time < fault.duration:
             return context.expect_detection(True, time)
         return HARMLESS if getattr(fault, key) <= _SLOW_DRIFT else EITHER
 
@@ -171,10 +147,12 @@ def _drift(key: str, threshold: str, share: float = 1.0) -> _Rule:
 
 
 def _ramp(key: str, threshold: str, share: float = 1.0) -> _Rule:
+    """The mismatch of a ramp decays with T."""
+
     def rule(fault: Any, context: RuleContext) -> Expectation:
-        limit = getattr(context.settings.safety, threshold)
-        sure = _ramped(share * getattr(fault, key), fault.ramp, fault.duration, limit)
-        return context.expect_detection(sure, min(fault.ramp, fault.duration) + context.sequence)
+        value, grown = abs(share * getattr(fault, key)), min(fault.ramp, fault.duration)
+        peak = value if fault.ramp == 0.0 else value / fault.ramp * MEMORY * (1.0 - np.exp(-grown / MEMORY))
+        return context.expect_detection(peak > context.exceeded(threshold), grown + context.sequence)
 
     return rule
 
@@ -185,11 +163,6 @@ def _frozen(fault: Any, context: RuleContext) -> Expectation:
     return context.expect_detection(fault.duration > lasts, lasts)
 
 
-_FAR_AHEAD = 0.26  # advance of a refused stamp, s (middleware/stamps.py)
-_SLOW_DRIFT = 0.01  # m/s or rad/s
-_ALONG = float(np.sqrt(0.5))  # smallest share of a horizontal direction along an axis
-
-
 def _absurd(fault: Any, context: RuleContext) -> Expectation:
     return context.expect_detection(True, context.sequence)
 
@@ -198,6 +171,9 @@ def _estop(fault: Any, context: RuleContext) -> Expectation:
     return Expectation(frozenset({"ESTOP"}), context.cycle)
 
 
+_FAR_AHEAD = 0.26  # advance of a refused stamp, s (middleware/stamps.py)
+_SLOW_DRIFT = 0.01  # m/s or rad/s
+_ALONG = float(np.sqrt(0.5))  # smallest share of a horizontal direction along an axis
 _EITHER = (
     "joint_scale", "joint_lag", "joint_frozen", "joints_swapped", "velocity_sign", "velocity_dead", "command_delay",
     "actuator_dead", "actuator_reversed", "actuator_gain", "actuator_weak", "actuator_delay", "joint_friction",
@@ -218,9 +194,9 @@ RULES: Mapping[str, Expectation | _Rule] = {
     "joint_spike": _spike,
     "joint_jump": _jump("size", "joint_mismatch"),
     "joint_states_frozen": _frozen,
-    "joint_not_a_number": _share_refused,
+    "joint_not_a_number": _lost,
     "joint_absurd": _absurd,
-    "joint_missing": _missing_stream,
+    "joint_missing": _missing,
     "velocity_lag": _harmless_below({"time_constant": 0.002}),
     "odom_noise": _harmless_below({"sigma": 1e-4, "turn_sigma": 1e-4}),
     "odom_velocity_noise": _harmless_below({"sigma": 1e-3}),
@@ -232,23 +208,21 @@ RULES: Mapping[str, Expectation | _Rule] = {
     "odom_frozen": _frozen,
     "odom_lag": _harmless_below({"time_constant": 0.002}),
     "odom_slow": _refused_for("period"),
-    "odom_bad_quaternion": _missing_stream,
-    "odom_not_a_number": _share_refused,
+    "odom_bad_quaternion": _missing,
+    "odom_not_a_number": _lost,
     "odom_absurd": _absurd,
-    "odom_wrong_frame": _missing_stream,
-    "message_delay": _harmless_for_imu(_refused_for("delay")),
-    "message_growing_delay": _harmless_for_imu(_growing_delay),
-    "message_jitter": _harmless_for_imu(_stale_or_balance),
-    "message_loss": _message_loss,
-    "message_dropout": _missing_stream,
-    "message_reordering": _harmless_for_imu(_stale_or_balance),
-    "message_replay": _harmless_for_imu(
-        lambda fault, context: context.expect_stale(fault.duration - fault.length, fault.length)
-    ),
-    "message_queue": _missing_stream,
+    "odom_wrong_frame": _missing,
+    "message_delay": _refused_for("delay"),
+    "message_growing_delay": _growing_delay,
+    "message_jitter": STALE_OR_BALANCE,
+    "message_loss": lambda fault, context: HARMLESS if fault.share <= 0.1 else _lost(fault, context),
+    "message_dropout": _missing,
+    "message_reordering": STALE_OR_BALANCE,
+    "message_replay": lambda fault, context: context.expect_stale(fault.duration - fault.length, fault.length),
+    "message_queue": _missing,
     "command_loss": _harmless_below({"share": 0.02}),
-    "stamp_zero": _missing_stream,
-    "stamp_frozen": _missing_stream,
+    "stamp_zero": _missing,
+    "stamp_frozen": _missing,
     "stamp_back": _refused_for("by"),
     "stamp_ahead": _stamp_ahead,
     "stamp_drift": _harmless_below({"rate": 1e-3}, STALE_OR_BALANCE),

@@ -2,6 +2,7 @@
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -20,18 +21,7 @@ import click
 @click.option("--recordings", type=click.Path(path_type=Path, file_okay=False),
               help="Folder of the fault recordings. Each must name its fault, and its replay must be identical in each "
               "bit. Existing trials are not recorded.")  # fmt: skip
-def faults(
-    robots: tuple[str, ...],
-    kinds: str,
-    seeds: int,
-    seed: int | None,
-    walking: bool,
-    jobs: int,
-    folder: Path,
-    backend: str,
-    address: str | None,
-    recordings: Path | None,
-) -> None:
+def faults(robots: tuple[str, ...], kinds: str, seeds: int, seed: int | None, walking: bool, **options: Any) -> None:
     """Run a fault campaign on mock robots, by default standing g1, talos and go2.
 
     Exit status 1: a trial violated a guarantee.
@@ -42,11 +32,7 @@ def faults(
         robots or (("g1", "talos") if walking else ("g1", "talos", "go2")),
         [kind.strip() for kind in kinds.split(",") if kind.strip()],
         range(seeds) if seed is None else (seed,),
-        folder,
         walking=walking,
-        jobs=jobs,
-        backend=backend,
-        address=address,
-        recordings=recordings,
+        **options,
     )
     sys.exit(0 if good else 1)

@@ -11,17 +11,10 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.errors import ConfigurationError, require_known
 from wbc_controller.extras import optional_libraries
 from wbc_controller.settings.files import find_configuration
-from wbc_controller.validation.campaign.campaign_report import (
-    repeat_command,
-    repetitions,
-    summary,
-    terminal_table,
-    worst_trial,
-    write_report,
-)
+from wbc_controller.validation.campaign import campaign_report
 from wbc_controller.validation.campaign.results import Outcome, Results, TrialKey
 from wbc_controller.validation.campaign.trial import ALL_KINDS, run_trial
 
@@ -55,9 +48,7 @@ def run_campaign(
     console = console or (Console() if Console().is_terminal else Console(width=_WIDTH))
     for robot in robots:
         find_configuration(robot)
-    for kind in kinds:
-        if kind not in ALL_KINDS:
-            raise ConfigurationError(f"unknown kind of fault {kind!r}; {valid_choices(kind, ALL_KINDS)}")
+    require_known(kinds, ALL_KINDS, "unknown kind of fault")
     requested = [
         TrialKey(robot, kind, seed, walking) for seed in seeds for kind in kinds or ALL_KINDS for robot in robots
     ]
@@ -87,17 +78,17 @@ def run_campaign(
     outcomes = [results.outcomes[key] for key in requested if key in results.outcomes]
     if not outcomes:
         return not interrupted
-    console.print(terminal_table(outcomes))
-    console.print(summary(outcomes))
-    repeated = repetitions(outcomes, results.repeated)
+    console.print(campaign_report.terminal_table(outcomes))
+    console.print(campaign_report.summary(outcomes))
+    repeated = campaign_report.repetitions(outcomes, results.repeated)
     for sentence in repeated:
         console.print(sentence, markup=False)
-    console.print(f"report: {folder}/{write_report(outcomes, folder, repeated)}", markup=False)
-    bad = worst_trial(outcomes)
+    console.print(f"report: {folder}/{campaign_report.write_report(outcomes, folder, repeated)}", markup=False)
+    bad = campaign_report.worst_trial(outcomes)
     if bad is not None:
         names = "; ".join(f"{name}: {sentence}" for name, sentence in bad.violations.items())
         console.print(f"worst trial: {bad.robot}, {bad.kind}, seed {bad.seed}: {names}", markup=False)
-        console.print(f"repeat with: {repeat_command(bad)}", markup=False)
+        console.print(f"repeat with: {campaign_report.repeat_command(bad)}", markup=False)
     return bad is None and not interrupted
 
 
@@ -110,8 +101,7 @@ def _in_new_process(key: TrialKey, trial: Callable[..., Outcome]) -> Outcome:
 def _parallel(jobs: int, backend: str, address: str | None, trial: Callable[..., Outcome]) -> Iterator[Any]:
     with optional_libraries():
         import joblib
-    if backend not in BACKENDS:
-        raise ConfigurationError(f"unknown backend {backend!r}; {valid_choices(backend, BACKENDS)}")
+    require_known(backend, BACKENDS, "unknown backend")
     if backend == "loky" and address is not None:
         raise ConfigurationError(
             f"--address {address!r}: not valid for the backend loky (this machine); valid: dask, ray"

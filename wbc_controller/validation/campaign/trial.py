@@ -4,19 +4,18 @@ Controller, physics and user run in one thread on simulated time. Odd seeds set 
 seeds the controller learns the offset of its clock.
 """
 
-import contextlib
 import gc
 import math
 import time
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from wbc_controller.controller.controller import Controller
-from wbc_controller.errors import ConfigurationError, WbcError, valid_choices
+from wbc_controller.errors import ConfigurationError, WbcError, require_known
 from wbc_controller.middleware.setpoints import velocity_message
 from wbc_controller.recording.recorder import Recorder
 from wbc_controller.records import Mode
@@ -64,8 +63,7 @@ def run_trial(
         ConfigurationError: if the kind is unknown or the configuration invalid.
     """
     began = time.perf_counter()
-    if kind not in ALL_KINDS:
-        raise ConfigurationError(f"unknown kind of fault {kind!r}; {valid_choices(kind, ALL_KINDS)}")
+    require_known(kind, ALL_KINDS, "unknown kind of fault")
     rng = np.random.default_rng([seed, zlib.crc32(f"{robot}/{kind}".encode())])
     given = {
         "start": rng.uniform(*_START_RANGE),
@@ -80,8 +78,12 @@ def run_trial(
     with logged_errors() as logged, np.errstate(all="ignore"):  # absurd values overflow before their refusal
         trial = _Trial(robot, fault, rng, place, walking=walking, synchronized=seed % 2 == 1)
         prepare(trial.controller)
-        with _frozen_objects():
+        gc.collect()
+        gc.freeze()
+        try:
             trial.run()
+        finally:
+            gc.unfreeze()
         if place is not None and (deactivation := trial.monitor.deactivation) is not None and deactivation[2]:
             error = place.error_of_fault(deactivation[1], deactivation[2])
             if error:
@@ -237,13 +239,3 @@ class _Trial(MonitoredRobot):
         elif expected.deadline is not None and not (after is not None and after <= expected.deadline + 1e-9):
             came = f"detected after {after:.4f} s" if after is not None else "not detected"
             self.monitor.add_violation("undetected", f"{came}; required: within {expected.deadline:.4f} s")
-
-
-@contextlib.contextmanager
-def _frozen_objects() -> Iterator[None]:
-    gc.collect()
-    gc.freeze()
-    try:
-        yield
-    finally:
-        gc.unfreeze()

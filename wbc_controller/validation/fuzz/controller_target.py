@@ -177,7 +177,6 @@ class ControllerTarget(Target):
         parts: dict[str, Any] = {
             "settings": controller.live.settings,
             "live settings": controller.live.newest,
-            "supervisor.limits": controller.supervisor.limits,
         }
         for key, value in vars(controller.board).items():
             if key in (*controller.board.SAMPLE_CACHE, "forces"):  # forces are those of the last solution

@@ -77,7 +77,7 @@ def fuzz_files(
     while due < first + count and failures < _MOST_FAILURES:
         ours, theirs = multiprocessing.get_context("spawn").Pipe()
         child = multiprocessing.get_context("spawn").Process(
-            target=_work, args=(theirs, _reader, kind, robots, seed, due, first + count, folder), daemon=True
+            target=_work, args=(theirs, read_case, kind, robots, seed, due, first + count, folder), daemon=True
         )
         child.start()
         theirs.close()
@@ -188,9 +188,6 @@ def _read_configuration(path: Path) -> None:
         Controller(settings, preflight=False)
         describe(read_urdf(settings.robot.urdf), settings.robot)
         Plant(make_model(settings), settings)
-
-
-_reader = read_case  # reads a case in the child process
 
 
 @contextlib.contextmanager

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from wbc_controller.errors import ConfigurationError, WbcError, valid_choices
+from wbc_controller.errors import WbcError, require_known
 from wbc_controller.middleware.codec import encode, message
 from wbc_controller.middleware.setpoints import com_trajectory
 from wbc_controller.middleware.topics import Endpoint, counterpart
@@ -81,9 +81,7 @@ class StopTrial:
 
     flood: str
     stop: Stop
-    # cycles from that state to the first with zero torques and the fault
-    # unrecorded ones
-    cycles: int
+    cycles: int  # from the newest state known to the sender to zero torques and the fault, with unrecorded cycles
     slowest: float  # s
     period: float
 
@@ -140,9 +138,7 @@ def flood_trials(
     seed: int = 0,
 ) -> Iterator[StopTrial]:
     """Flood each kind of input of a running controller, and stop it; raise `WbcError` if a process fails."""
-    for kind in kinds:
-        if kind not in FLOODS:
-            raise ConfigurationError(f"unknown flood {kind!r}; {valid_choices(kind, FLOODS)}")
+    require_known(kinds, FLOODS, "unknown flood")
     rng = np.random.default_rng(seed)
     with RobotProcesses(robot, folder, domain, _CHANGES) as nodes:
         nodes.start("mock")

@@ -5,6 +5,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
@@ -117,25 +118,12 @@ def _files(kind: str, robots: str, count: int, first: int, seed: int, folder: Pa
     _report(run.fuzz_files(kind, tuple(robots.split(",")), count, seed, folder, first=first), run.summary)
 
 
-@fuzz.command()
-@_of_files
-def configurations(**options: Any) -> None:
-    """Read hostile configuration files."""
-    _files("configurations", **options)
-
-
-@fuzz.command()
-@_of_files
-def urdf(**options: Any) -> None:
-    """Read hostile URDFs."""
-    _files("urdf", **options)
-
-
-@fuzz.command()
-@_of_files
-def recordings(**options: Any) -> None:
-    """Read hostile recordings with valid checksums."""
-    _files("recordings", **options)
+for _kind, _content in (
+    ("configurations", "configuration files"),
+    ("urdf", "URDFs"),
+    ("recordings", "recordings with valid checksums"),
+):
+    fuzz.command(_kind, help=f"Read hostile {_content}.")(_of_files(partial(_files, _kind)))
 
 
 @fuzz.command()

@@ -1,7 +1,5 @@
 """Fuzzer of user-defined classes."""
 
-from __future__ import annotations
-
 import logging
 from collections import Counter
 from collections.abc import Iterator, Sequence

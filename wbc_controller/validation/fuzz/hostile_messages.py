@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.errors import ConfigurationError, require_known
 from wbc_controller.nodes import processes
 from wbc_controller.validation.fuzz.controller_target import ControllerTarget
 from wbc_controller.validation.fuzz.other_targets import EstimatorTarget, GuardTarget, MockTarget, UrdfTarget
@@ -88,7 +88,8 @@ def fuzz_messages(
     progress: Callable[[Outcome, str, int], None] = lambda outcome, key, episode: None,
 ) -> Outcome:
     """Send hostile messages to all nodes."""
-    shares = {key: _of(key)[1] for key in targets}
+    require_known(targets, TARGETS, "unknown node")
+    shares = {key: TARGETS[key][1] for key in targets}
     done, episodes = dict.fromkeys(targets, 0), dict.fromkeys(targets, first)
     outcome, warm, began, before_all = Outcome(), 0, time.monotonic(), time.process_time()
     while outcome.sent < count and len(outcome.failures) < most_failures:
@@ -118,12 +119,6 @@ def memory() -> int:
     return processes.memory(os.getpid())
 
 
-def _of(key: str) -> tuple[Callable[[str], Target], float]:
-    if key not in TARGETS:
-        raise ConfigurationError(f"unknown node {key!r}; {valid_choices(key, TARGETS)}")
-    return TARGETS[key]
-
-
 def _episode(key: str, robot: str, seed: str, outcome: Outcome, count: int) -> Failure | None:
     messages: list[Message] = []
 
@@ -143,7 +138,7 @@ def _send(key: str, robot: str, sent: Callable[[Target], Iterable[Message]]) -> 
     """Send messages to a fresh node; return its exception, or None."""
     with collected_errors() as errors:
         try:
-            target = _of(key)[0](robot)
+            target = TARGETS[key][0](robot)
             for name, payload in sent(target):
                 target.deliver(target.topics[name], payload)
                 if errors:
@@ -165,6 +160,7 @@ def _reduced(key: str, robot: str, messages: list[Message], error: Exception) ->
 
 def replay(key: str, robot: str, sent: Sequence[Message]) -> str | None:
     """Send messages to a fresh node, and return the violated invariant or None."""
+    require_known(key, TARGETS, "unknown node")
     error = _send(key, robot, lambda target: sent)
     return None if error is None else _sentence(error)
 

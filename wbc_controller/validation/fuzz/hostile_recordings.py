@@ -1,7 +1,5 @@
 """Hostile recordings with valid checksums."""
 
-from __future__ import annotations
-
 import copy
 import json
 import struct

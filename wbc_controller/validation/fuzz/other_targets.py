@@ -9,17 +9,8 @@ from wbc_controller.controller.build.guard import make_guard_damping
 from wbc_controller.controller.build.robot_description import describe
 from wbc_controller.errors import WbcError
 from wbc_controller.estimation.absolute_pose import AGREEMENT_TIME
+from wbc_controller.middleware import topics
 from wbc_controller.middleware.codec import decode, message
-from wbc_controller.middleware.topics import (
-    CONTROLLER_TOPICS,
-    ESTIMATOR_NODE,
-    ESTIMATOR_TOPICS,
-    GUARD_TOPICS,
-    MOCK_TOPICS,
-    Endpoint,
-    counterpart,
-    endpoints,
-)
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.estimator_service import EstimatorService
 from wbc_controller.nodes.guard_service import NODE_NAME as GUARD_NODE
@@ -60,10 +51,10 @@ class GuardTarget(Target):
         settings, self._model = with_all_diagnostics(fuzzed.settings), fuzzed.model
         description = describe(self._model.urdf, settings.robot)
         self._limits = description.effort_limits
-        topics = list(endpoints(GUARD_TOPICS, GUARD_NODE))
-        super().__init__(topics, ("effort", "diagnostics"))
+        opened = list(topics.endpoints(topics.GUARD_TOPICS, GUARD_NODE))
+        super().__init__(opened, ("effort", "diagnostics"))
         self._guard = GuardService(
-            settings, description, make_guard_damping(settings, self._model), topics, self.transport(), self.clock
+            settings, description, make_guard_damping(settings, self._model), opened, self.transport(), self.clock
         )
         self._period = 1.0 / settings.control.rate
         self._step = settings.limits.torque_rate * self._period * self._limits
@@ -72,14 +63,14 @@ class GuardTarget(Target):
         self._command()
         self._cycle("the start")
 
-    def example(self, topic: Endpoint) -> Any:
+    def example(self, topic: topics.Endpoint) -> Any:
         """See `Target`."""
         content = valid_message(topic.type, self._model.joints, "", round(1e9 * self.clock.time))
         if topic.key == "controller_state":
             content.data = "active"
         return content
 
-    def deliver(self, topic: Endpoint, payload: bytes) -> None:
+    def deliver(self, topic: topics.Endpoint, payload: bytes) -> None:
         """Deliver a message between a joint state and the command after it."""
         mode = self._guard.guard.mode
         self.clock.time += self._period
@@ -148,9 +139,9 @@ class EstimatorTarget(Target):
         estimation = fuzzed.settings.estimation.model_copy(update={"settling": _SETTLING, "absolute_pose": True})
         settings = with_all_diagnostics(fuzzed.settings).model_copy(update={"estimation": estimation})
         self._model = fuzzed.model
-        topics = list(endpoints(ESTIMATOR_TOPICS, ESTIMATOR_NODE, contacts=settings.contacts))
-        super().__init__(topics, ("odom", "diagnostics"))
-        self._node = EstimatorService(settings, self._model, topics, self.transport(), self.clock)
+        opened = list(topics.endpoints(topics.ESTIMATOR_TOPICS, topics.ESTIMATOR_NODE, contacts=settings.contacts))
+        super().__init__(opened, ("odom", "diagnostics"))
+        self._node = EstimatorService(settings, self._model, opened, self.transport(), self.clock)
         self._period = 1.0 / settings.control.rate
         self._standing = measure(self._model, Plant(self._model, settings), 0, self._node.estimator.imu_frame)
         for _ in range(round(2.0 * _SETTLING / self._period)):
@@ -163,13 +154,13 @@ class EstimatorTarget(Target):
         if not self.alive:
             raise InvariantViolation(f"no estimate: {self._node.estimator.waits_for}")
 
-    def example(self, topic: Endpoint) -> Any:
+    def example(self, topic: topics.Endpoint) -> Any:
         """See `Target`."""
         if topic.key in STREAMS:
             return self._sensed(topic.key)
         return valid_message(topic.type, self._model.joints, "", round(1e9 * self.clock.time))
 
-    def deliver(self, topic: Endpoint, payload: bytes) -> None:
+    def deliver(self, topic: topics.Endpoint, payload: bytes) -> None:
         """Deliver a message between the sensors' messages."""
         what = f"a message on {topic.name}"
         self.clock.time += 0.5 * self._period
@@ -221,7 +212,7 @@ class MockTarget(Target):
     def __init__(self, robot: str) -> None:
         fuzzed = fuzzed_robot(robot)
         self._settings, self._model = fuzzed.settings, fuzzed.model
-        super().__init__(list(endpoints(MOCK_TOPICS, MOCK_NODE, contacts=self._settings.contacts)))
+        super().__init__(list(topics.endpoints(topics.MOCK_TOPICS, MOCK_NODE, contacts=self._settings.contacts)))
         self._robots = [
             MockRobot(self._model, self._settings, self.transport(), lockstep=lockstep) for lockstep in (False, True)
         ]
@@ -230,12 +221,12 @@ class MockTarget(Target):
         self._start = self._robots[0].plant.state()
         self._count = 0
 
-    def example(self, topic: Endpoint) -> Any:
+    def example(self, topic: topics.Endpoint) -> Any:
         """See `Target`."""
         frame = self._model.base_link if topic.key == "push" else ""
         return valid_message(topic.type, self._model.joints, frame, self._robots[1].stamp)
 
-    def deliver(self, topic: Endpoint, payload: bytes) -> None:
+    def deliver(self, topic: topics.Endpoint, payload: bytes) -> None:
         """Deliver a message, and simulate a period."""
         with time_limit(READ_LIMIT, f"reading {len(payload)} bytes on {topic.name}"):
             self.publish(topic, payload)
@@ -267,20 +258,20 @@ class UrdfTarget(Target):
     """A node that waits for its URDF: every message is refused or returned unchanged."""
 
     def __init__(self, robot: str) -> None:
-        row = [topic for topic in CONTROLLER_TOPICS if topic.key == "robot_description"]
+        row = [topic for topic in topics.CONTROLLER_TOPICS if topic.key == "robot_description"]
         super().__init__(())
-        self.topics = {topic.name: topic for topic in endpoints(row, NODE_NAME)}
+        self.topics = {topic.name: topic for topic in topics.endpoints(row, NODE_NAME)}
         self._stop = threading.Event()
         self._stop.set()
 
-    def example(self, topic: Endpoint) -> Any:
+    def example(self, topic: topics.Endpoint) -> Any:
         """Return a small URDF."""
         return message(topic.type, data="<robot name='r'><link name='a'/></robot>")
 
-    def deliver(self, topic: Endpoint, payload: bytes) -> None:
+    def deliver(self, topic: topics.Endpoint, payload: bytes) -> None:
         """Publish a URDF, and wait for it."""
         bus = MemoryBus()
-        MemoryTransport(bus).advertise(counterpart(topic))(payload)
+        MemoryTransport(bus).advertise(topics.counterpart(topic))(payload)
         with time_limit(READ_LIMIT, f"reading {len(payload)} bytes on {topic.name}"):
             text = wait_for_urdf(MemoryTransport(bus), self._stop, [topic])
         if text and text != decode(payload, topic.type).data:

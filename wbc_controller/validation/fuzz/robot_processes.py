@@ -1,7 +1,5 @@
 """Mock robot, controller and guard as processes."""
 
-from __future__ import annotations
-
 import subprocess
 import time
 from collections import deque
@@ -69,7 +67,7 @@ class RobotProcesses(Processes):
         }
         self.user = User(self.settings, self.model, topics, self._transport)
 
-    def __enter__(self) -> RobotProcesses:
+    def __enter__(self) -> "RobotProcesses":
         return self
 
     def close(self) -> None:

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -24,9 +25,7 @@ def bench() -> None:
 @click.option("--domain", default=DOMAIN, show_default=True, help="DDS domain of the processes.")
 @click.option("--out", "folder", type=click.Path(path_type=Path), default=Path("bench"), show_default=True,
               help="Folder of the results and logs.")  # fmt: skip
-def latency(
-    robot: str, rate: float | None, seconds: float, transport: str, mock: bool, domain: int, folder: Path
-) -> None:
+def latency(robot: str, seconds: float, transport: str, mock: bool, folder: Path, **options: Any) -> None:
     """Measure the time from joint state to torques, and compare it with a bare echo.
 
     A state without torques within its period is late. Do not use the computer during the measurement.
@@ -36,11 +35,10 @@ def latency(
     found = measure_latency(
         robot,
         folder,
-        rate=rate,
         seconds=seconds,
         transport=transport,
         mock=mock,
-        domain=domain,
+        **options,
         progress=lambda done, ours, bare: click.echo(
             f"{done:.0f} of {seconds:g} s: {1e6 * ours.quantiles[0]:.0f} us median, echo "
             f"{1e6 * bare.quantiles[0]:.0f}; {ours.late} of {ours.seconds.size} late",

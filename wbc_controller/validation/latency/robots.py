@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from wbc_controller.controller.build.estimation import imu_frame
-from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.errors import ConfigurationError, require_known
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.codec import encode, torques
 from wbc_controller.middleware.message_layout import Template
@@ -38,8 +38,7 @@ def open_transport(kind: str, node: str, domain: int) -> Iterator[Transport]:
         ConfigurationError: if the transport is unknown, rclpy cannot be imported, or two ROS 2 would be mixed.
         TransportError: if the transport cannot be started.
     """
-    if kind not in TRANSPORTS:
-        raise ConfigurationError(f"unknown transport {kind!r}; {valid_choices(kind, TRANSPORTS)}")
+    require_known(kind, TRANSPORTS, "unknown transport")
     if kind == "dds":
         from wbc_controller.middleware.transports.dds import DdsTransport
 
