@@ -15,7 +15,7 @@ import numpy as np
 from wbc_controller.controller.controller import Controller
 from wbc_controller.controller.report import CycleReport
 from wbc_controller.controller.result import CycleResult
-from wbc_controller.middleware.codec import encode, header, message, torques
+from wbc_controller.middleware.codec import encode, message, torques
 from wbc_controller.middleware.decoding import Vocabulary
 from wbc_controller.middleware.message_layout import Template
 from wbc_controller.middleware.setpoints import WRENCH, wrench_stamped
@@ -83,12 +83,7 @@ class Outputs:
         # Messages of every cycle are written in place.
         self._efforts = Template(torques(no_torques), ["data"])
         commands = message(
-            "sensor_msgs/msg/JointState",
-            header=header(0),
-            name=list(model.joints),
-            position=joints,
-            velocity=joints,
-            effort=joints,
+            "sensor_msgs/msg/JointState", name=list(model.joints), position=joints, velocity=joints, effort=joints
         )
         self._joint_commands = Template(commands, ["position"], ["velocity"], ["effort"])
         self._wrenches = {

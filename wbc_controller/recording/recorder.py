@@ -374,9 +374,8 @@ def recording(settings: Settings, file: Path | None, *, name: str = "") -> Itera
 
 def _array_prefix(slots: Sequence[Slot]) -> bytes:
     labels = [message("std_msgs/msg/MultiArrayDimension", label=s.name, size=s.size, stride=s.size) for s in slots]
-    layout = message("std_msgs/msg/MultiArrayLayout", dim=labels, data_offset=0)
     count = sum(slot.size for slot in slots)
-    whole = encode(message(_ARRAY, layout=layout, data=np.zeros(count)))
+    whole = encode(message(_ARRAY, layout={"dim": labels}, data=np.zeros(count)))
     return whole[: len(whole) - 8 * count]
 
 

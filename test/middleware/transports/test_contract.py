@@ -13,7 +13,7 @@ from participants import is_omitted
 
 from wbc_controller.errors import TransportError
 from wbc_controller.middleware import topics
-from wbc_controller.middleware.codec import decode, encode, header, message, nanoseconds, stamp
+from wbc_controller.middleware.codec import decode, encode, header, message, nanoseconds, time_fields
 from wbc_controller.middleware.topics import Direction, Endpoint, counterpart, endpoints
 from wbc_controller.nodes.simulated_clock import make_simulated_clock
 
@@ -282,7 +282,7 @@ def clock_and_writer(join):
     reader, writer = join("reader"), join("writer")
     (topic,) = endpoints([topic for topic in topics.CONTROLLER_TOPICS if topic.key == "clock"], "reader")
     clock, publish = make_simulated_clock([topic], reader), writer.advertise(counterpart(topic))
-    tell = lambda time_ns: publish(encode(message("rosgraph_msgs/msg/Clock", clock=stamp(time_ns))))  # noqa: E731
+    tell = lambda time_ns: publish(encode(message("rosgraph_msgs/msg/Clock", clock=time_fields(time_ns))))  # noqa: E731
     return clock, tell, reader, writer
 
 
