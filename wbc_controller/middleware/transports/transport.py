@@ -69,6 +69,57 @@ class Transport(Protocol):
         ...
 
 
+class TransportWrapper:
+    """Transport that passes all calls to another one, and incoming messages through `_receiver`."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport, self.discovery_time = transport, transport.discovery_time
+
+    def _receiver(self, endpoint: Endpoint) -> Callable[[bytes], bool]:
+        """Return a function that receives each message of a topic; it drops the message by returning False."""
+        return lambda payload: True
+
+    def advertise(self, endpoint: Endpoint) -> Publish:
+        """See `Transport`."""
+        return self._transport.advertise(endpoint)
+
+    def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
+        """See `Transport`."""
+        accepts = self._receiver(endpoint)
+
+        def receive(payload: bytes) -> None:
+            if accepts(payload):
+                callback(payload)
+
+        self._transport.subscribe(endpoint, receive)
+
+    def stream(self, endpoint: Endpoint, depth: int) -> Stream:
+        """See `Transport`."""
+        return _WrappedStream(self._transport.stream(endpoint, depth), self._receiver(endpoint))
+
+    def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
+        """See `Transport`."""
+        return self._transport.publishers(endpoint)
+
+    def has_reader(self, endpoint: Endpoint) -> bool:
+        """See `Transport`."""
+        return self._transport.has_reader(endpoint)
+
+    def close(self) -> None:
+        """See `Transport`."""
+        self._transport.close()
+
+
+class _WrappedStream:
+    def __init__(self, stream: Stream, accepts: Callable[[bytes], bool]) -> None:
+        self._stream, self._accepts = stream, accepts
+        self.wait, self.wake = stream.wait, stream.wake
+
+    def take(self) -> list[bytes]:
+        """See `Stream`."""
+        return [payload for payload in self._stream.take() if self._accepts(payload)]
+
+
 @contextlib.contextmanager
 def translated_errors(attempt: str, *kinds: type[Exception]) -> Iterator[None]:
     """Translate middleware errors into a `TransportError` with the attempt."""
