@@ -25,7 +25,7 @@ class RequestSender:
     def __init__(
         self,
         settings: Settings,
-        send: Callable[[Request], None],
+        send: Callable[[Request], object],
         report: Callable[[str, str], None],
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
