@@ -22,7 +22,6 @@ from wbc_controller.settings import Settings
 _FIRST_DOMAIN, _DOMAINS = 100, 100  # as for the demo, on the loopback
 _START_TIMEOUT = 120.0  # wall time, s; a first start compiles the kernels
 _CHECK_PERIOD = 0.5  # s
-_LOG_LINES = 12
 
 
 def play(
@@ -93,12 +92,10 @@ def _release_hoist(settings: Settings, stop: threading.Event, errors: list[str])
 
 def _watch(processes: Processes, stop: threading.Event, errors: list[str]) -> None:
     while not stop.wait(_CHECK_PERIOD):
-        for name, process in processes.processes.items():
-            if process.poll() is not None:
-                last = "\n".join(processes.log(name).splitlines()[-_LOG_LINES:])
-                errors.append(f"the {name} ended with exit status {process.returncode}:\n{last}")
-                stop.set()
-                return
+        error = processes.early_end()
+        if error:
+            errors.append(error)
+            stop.set()
 
 
 def _open_browser(address: str) -> None:
