@@ -14,10 +14,9 @@ from wbc_controller.errors import TransportError
 from wbc_controller.middleware.codec import encode, message, time_fields
 from wbc_controller.middleware.topics import CONTROLLER_TOPICS, counterpart, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
-from wbc_controller.nodes import simulated_clock
-from wbc_controller.nodes.clock import ManualClock, MonotonicClock
+from wbc_controller.nodes import clock as clock_module
+from wbc_controller.nodes.clock import ManualClock, MonotonicClock, make_simulated_clock
 from wbc_controller.nodes.controller_service import make_clock
-from wbc_controller.nodes.simulated_clock import make_simulated_clock
 from wbc_controller.records import Mode
 
 
@@ -84,9 +83,9 @@ def test_a_flood_of_times_costs_a_bounded_number_of_reads(clock_and_time, monkey
     clock, publish = clock_and_time
     reads = []
     monkeypatch.setattr(
-        simulated_clock,
+        clock_module,
         "decode",
-        lambda payload, kind, read=simulated_clock.decode: reads.append(1) or read(payload, kind),
+        lambda payload, kind, read=clock_module.decode: reads.append(1) or read(payload, kind),
     )
     for i in range(1, 10_001):
         publish(i * 20_000)
@@ -98,7 +97,7 @@ def test_a_flood_of_times_costs_a_bounded_number_of_reads(clock_and_time, monkey
 def test_messages_that_are_no_time_are_refused_and_logged_once_a_second(clock_and_bytes, monkeypatch, caplog):
     clock, publish = clock_and_bytes
     now = [100.0]
-    monkeypatch.setattr(simulated_clock.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(clock_module.time, "monotonic", lambda: now[0])
     publish(encode(time_message(5_000_000_000)))
     for _ in range(3):
         publish(b"\0\1\0\0")

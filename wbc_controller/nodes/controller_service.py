@@ -26,14 +26,13 @@ from wbc_controller.middleware.codec import decode
 from wbc_controller.middleware.log_limit import LogLimit
 from wbc_controller.middleware.topics import CONTROLLER_TOPICS, Endpoint, endpoints
 from wbc_controller.middleware.transports.transport import Transport
-from wbc_controller.nodes.clock import Clock, MonotonicClock
-from wbc_controller.nodes.diagnostics.walk_status import walk_values
+from wbc_controller.nodes.clock import Clock, MonotonicClock, SimulatedClock, make_simulated_clock
+from wbc_controller.nodes.diagnostics.status import walk_values
 from wbc_controller.nodes.inputs import Inputs
 from wbc_controller.nodes.loop import ControlLoop
 from wbc_controller.nodes.outputs import Outputs
 from wbc_controller.nodes.ownership import Ownership
 from wbc_controller.nodes.realtime import apply_realtime, describe_scheduling
-from wbc_controller.nodes.simulated_clock import SimulatedClock, make_simulated_clock
 from wbc_controller.nodes.urdf import wait_for_urdf
 from wbc_controller.nodes.wiring import controller_endpoints, make_vocabulary
 from wbc_controller.recording.recorder import NOT_RECORDED, Recorder, recording

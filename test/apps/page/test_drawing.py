@@ -35,7 +35,7 @@ def test_meshes_have_the_place_of_the_visuals(robot):
 
 
 def test_unmeasured_base_is_fitted_to_the_contacts(robot):
-    from wbc_controller.apps.page.base_on_contacts import BaseOnContacts
+    from wbc_controller.apps.page.topic_source import BaseOnContacts
 
     model, dynamics = robot.model, robot.dynamics
     standing = BaseOnContacts(robot)

@@ -15,7 +15,7 @@ from wbc_controller.errors import TransportError
 from wbc_controller.middleware import topics
 from wbc_controller.middleware.codec import decode, encode, header, message, nanoseconds, time_fields
 from wbc_controller.middleware.topics import Direction, Endpoint, counterpart, endpoints
-from wbc_controller.nodes.simulated_clock import make_simulated_clock
+from wbc_controller.nodes.clock import make_simulated_clock
 
 pytestmark = pytest.mark.live
 

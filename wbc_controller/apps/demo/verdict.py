@@ -11,8 +11,7 @@ import pinocchio as pin
 from wbc_controller.apps.demo.director import Director, Window
 from wbc_controller.apps.demo.scenario import Scenario
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.recording.report.base_motion import heading, mean_velocity
-from wbc_controller.recording.report.run_data import Result, RunData
+from wbc_controller.recording.report.run_data import Result, RunData, heading, mean_velocity
 from wbc_controller.records import Array
 
 #: Largest mean velocity after a stop, m/s and rad/s.

@@ -9,8 +9,7 @@ from html import escape
 import numpy as np
 
 from wbc_controller.apps.page.snapshot import Robot, Snapshot
-from wbc_controller.apps.terminal.robot_status import RobotStatus
-from wbc_controller.apps.terminal.status_view import binding, facts, next_step, task_rows
+from wbc_controller.apps.terminal.status_view import RobotStatus, binding, facts, next_step, task_rows
 from wbc_controller.controller.visualization.scene import friction_used
 from wbc_controller.inverse_dynamics.contacts import UnilateralContact
 from wbc_controller.nodes.diagnostics.shortfall import describe_constraint

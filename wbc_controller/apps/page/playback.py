@@ -13,7 +13,7 @@ import numpy as np
 import viser
 
 from wbc_controller.apps.page.snapshot import Robot, Snapshot
-from wbc_controller.apps.terminal.robot_status import RobotStatus
+from wbc_controller.apps.terminal.status_view import RobotStatus
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.middleware.codec import decode
 from wbc_controller.recording.cycle_layout import MODES, cycle_slots, reference_slots

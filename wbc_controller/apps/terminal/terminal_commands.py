@@ -13,13 +13,14 @@ import click
 
 from wbc_controller.apps.terminal import DISCOVERY_PATIENCE
 from wbc_controller.apps.terminal.command_options import (
+    complete_topics,
+    complete_words,
     config_argument,
     load_named,
     namespace_option,
     remap_option,
     with_options,
 )
-from wbc_controller.apps.terminal.shell_completion import complete_topics, complete_words
 from wbc_controller.errors import InputRefused, valid_choices
 from wbc_controller.middleware.topics import Direction, Endpoint
 from wbc_controller.settings import Settings
@@ -153,8 +154,7 @@ def status(config: str, once: bool, **connection: Any) -> None:
     from rich.console import Console, RenderableType
     from rich.live import Live
 
-    from wbc_controller.apps.terminal.robot_status import StatusListener
-    from wbc_controller.apps.terminal.status_view import status_view
+    from wbc_controller.apps.terminal.status_view import StatusListener, status_view
 
     settings = load_named(config)
     console = Console()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import statistics
 from array import array
 from collections import Counter
@@ -14,6 +15,8 @@ from wbc_controller.controller.report import CycleReport
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.codec import diagnostics
 from wbc_controller.records import Array, Disturbance, Mode, Solution
+from wbc_controller.walking.footsteps import Velocity
+from wbc_controller.walking.walker import Walker
 
 _TIMES_PER_PIECE = 500  # sorted times per piece of the message
 _OK, _WARN, _ERROR = 0, 1, 2
@@ -216,3 +219,30 @@ def _check_values(last: CycleReport) -> dict[str, str]:
         values["audit/unmodelled_force"] = " ".join(f"{part:.3f}" for part in audit.force) + " N"
         values["audit/largest_unmodelled_torque"] = f"{float(np.max(np.abs(audit.joint_torques))):.4f} N·m"
     return values | {f"publishers/{topic}": names for topic, names in last.shared.items()}
+
+
+def walk_values(walker: Walker | None) -> dict[str, str]:
+    """Return the values by key; none without a walker."""
+    if walker is None:
+        return {}
+    values = {
+        "walking/phase": walker.phase.value,
+        "walking/steps": str(walker.steps),
+        "walking/command": "none" if walker.command is None else _velocity_text(walker.command),
+    }
+    if walker.goal is not None:
+        goal = walker.goal
+        values["walking/goal"] = f"{goal.place.real:.3f} {goal.place.imag:.3f} m, {goal.heading:.3f} rad"
+    plan = walker.plan()
+    if plan is None:
+        return values
+    values["walking/velocity"] = _velocity_text(walker.velocity)
+    values["walking/margin"] = f"{plan.margin:.4f} m"
+    values["walking/dcm_error"] = f"{abs(plan.dcm - plan.wanted_dcm):.4f} m"
+    if math.isfinite(plan.remaining):
+        values["walking/touchdown"] = f"{plan.remaining:.3f} s"
+    return values
+
+
+def _velocity_text(velocity: Velocity) -> str:
+    return f"{velocity.linear.real:.3f} {velocity.linear.imag:.3f} m/s, {velocity.turning:.3f} rad/s"
