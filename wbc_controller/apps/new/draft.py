@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.apps.new import tuning
-from wbc_controller.apps.new.feet import Body, Elements
+from wbc_controller.apps.new.feet import LEG_JOINTS, Body, Elements
 from wbc_controller.apps.new.foot_shape import Foot
 from wbc_controller.apps.new.mechanism import UrdfSource, choose_joints, ranges_of, read_postures, read_source
 from wbc_controller.apps.new.notes import Draft
@@ -30,7 +30,6 @@ Base = Literal["floating", "fixed"]
 #: First line of the file, a comment.
 TITLE = "Drafted by `wbc new`. Every key, its unit, range and default: docs/configuration.md."
 _WORLD = "world"  # root link of a fixed robot
-_LEG_JOINTS = 3  # smallest number
 
 
 def new_configuration(
@@ -50,7 +49,7 @@ def new_configuration(
     postures = read_postures(srdf) if srdf is not None else {}
     draft, body, found = _feet(source, postures, feet, ())
     # A leg may end in a joint as light as a finger's: a second search keeps these joints.
-    if found and min(len(body.limb_of(foot).joints) for foot in found) < _LEG_JOINTS:
+    if found and min(len(body.limb_of(foot).joints) for foot in found) < LEG_JOINTS:
         draft, body, found = _feet(source, postures, feet, [foot.link for foot in found])
     model = body.model
     kind = _put_base(source, base, found, draft)

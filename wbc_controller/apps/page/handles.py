@@ -15,7 +15,7 @@ from wbc_controller.inverse_dynamics.tasks import AccelerationTask
 from wbc_controller.records import Array
 
 #: Task types with a handle: translation, rotation.
-_KINDS = {
+KINDS = {
     "com": (True, False),
     "frame_position": (True, False),
     "frame_pose": (True, True),
@@ -26,19 +26,13 @@ _DISABLED_OPACITY = 0.35
 _HOLD_TIME = 0.3  # after a setpoint ramp, s
 
 
-def make_handles(server: viser.ViserServer, robot: Robot, sender: RequestSender) -> list[Handle]:
-    """Return the handles of all tasks, shared by all pages."""
-    tasks = robot.settings.tasks
-    return [Handle(server, robot, name, sender) for name, task in tasks.items() if task.type in _KINDS]
-
-
 class Handle:
     """Handle of one task."""
 
     def __init__(self, server: viser.ViserServer, robot: Robot, task: str, sender: RequestSender) -> None:
         self._name, self._robot, self._sender = task, robot, sender
         self._kind = robot.settings.tasks[task].type
-        self._can_move, self._can_rotate = _KINDS[self._kind]
+        self._can_move, self._can_rotate = KINDS[self._kind]
         self._rings_shown = False
         #: Last orientation (w, x, y, z), kept while the rings are hidden and the handle has world axes.
         self._orientation = np.array([1.0, 0.0, 0.0, 0.0])

@@ -82,7 +82,9 @@ def send(config: str, words: tuple[str, ...], **connection: Any) -> None:
     requests = [parse_request(each, settings) for each in _split_requests(words)]
     for request in requests:
         if request.frame and settings.robot.urdf:
-            _check_frame(settings, request.frame)
+            from wbc_controller.controller.build.robot import make_model
+
+            make_model(settings).frame_id(request.frame, "at")
     with _connect(settings, connection) as session:
         for request in requests:
             answer = session.execute(request)
@@ -208,9 +210,3 @@ def _split_requests(words: tuple[str, ...]) -> list[list[str]]:
             continue
         requests[-1].append(word)
     return requests
-
-
-def _check_frame(settings: Settings, frame: str) -> None:
-    from wbc_controller.controller.build.robot import make_model
-
-    make_model(settings).frame_id(frame, "at")

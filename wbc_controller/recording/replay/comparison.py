@@ -138,7 +138,7 @@ def compare(recorded: Recording, config: Config) -> Comparison:
     result = Comparison(own_model.actuators, own_model.effort_limits)
     for a, b in zip(own.run(), other.run(), strict=True):
         if a.result.command is not None or b.result.command is not None:
-            result.add(1e-9 * (a.cycle.time - recorded.start), a, b.result)
+            result.add(recorded.elapsed(a.cycle.time), a, b.result)
     if not result.time:
         raise ConfigurationError(f"recording {recorded.path}: no cycle can be compared: no command was sent")
     return result
