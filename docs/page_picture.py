@@ -18,7 +18,7 @@ from pathlib import Path
 from PIL import Image
 from playwright.sync_api import Browser, Playwright, sync_playwright
 
-from wbc_controller.apps.page.play import free_domain
+from wbc_controller.apps.page.page_service import free_domain
 from wbc_controller.apps.terminal.request_parser import parse_request
 from wbc_controller.apps.terminal.session import Session
 from wbc_controller.settings.config import load

@@ -22,9 +22,8 @@ from wbc_controller.middleware.setpoints import WRENCH, wrench_stamped
 from wbc_controller.middleware.topics import Direction, Endpoint
 from wbc_controller.middleware.transports.transport import Publish, Transport
 from wbc_controller.nodes.diagnostics.markers import MarkerScene
-from wbc_controller.nodes.diagnostics.shortfall import Shortfall
 from wbc_controller.nodes.diagnostics.status import StatusSummary
-from wbc_controller.nodes.diagnostics.task_states import TaskStates
+from wbc_controller.nodes.diagnostics.task_reports import Shortfall, TaskStates
 from wbc_controller.records import Fault, Mode, RobotState
 
 #: Rows of the topic table with messages on demand.

@@ -60,7 +60,7 @@ def play(robot: str, host: str, port: int, domain: int | None, factor: float) ->
     ROBOT is a CONFIG as in other commands. Ctrl-C ends all processes.
     """
     require_libraries("mujoco", *_LIBRARIES)
-    from wbc_controller.apps.page.play import play as run
+    from wbc_controller.apps.page.page_service import play as run
 
     stop = threading.Event()
     with set_by_signals(stop):

@@ -12,7 +12,7 @@ from wbc_controller.apps.page.snapshot import Robot, Snapshot
 from wbc_controller.apps.terminal.status_view import RobotStatus, binding, facts, next_step, task_rows
 from wbc_controller.controller.visualization.scene import friction_used
 from wbc_controller.inverse_dynamics.contacts import UnilateralContact
-from wbc_controller.nodes.diagnostics.shortfall import describe_constraint
+from wbc_controller.nodes.diagnostics.task_reports import describe_constraint
 from wbc_controller.records import Array
 
 #: Colours of the modes.

@@ -17,7 +17,7 @@ from rich.text import Text
 
 from wbc_controller.apps.terminal.session import Session
 from wbc_controller.middleware.setpoints import JOINT_FIELDS
-from wbc_controller.nodes.diagnostics.shortfall import describe_constraint
+from wbc_controller.nodes.diagnostics.task_reports import describe_constraint
 from wbc_controller.settings import Settings
 
 _WINDOW = 2.0  # wall time, s
