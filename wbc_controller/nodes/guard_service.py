@@ -184,7 +184,10 @@ class GuardService:
             newest, self._joint_states = self._joint_states, None
         if newest is not None:
             try:
-                velocity = self._velocity_in(newest[1])
+                joints = self._states.read(newest[1])
+                velocity = joints.velocity
+                if self._velocity_filter is not None:
+                    velocity = self._velocity_filter.update(joints.stamp, joints.position)
             except InputRefused as refusal:
                 self._refuse("joint_states", refusal)
             else:
@@ -196,12 +199,6 @@ class GuardService:
             return GuardInputs(
                 self._command_at, self._torques, self._unanswered_at, self._mode, velocity_or_none, self._velocity_at
             )
-
-    def _velocity_in(self, payload: bytes) -> Array:
-        joints = self._states.read(payload)
-        if self._velocity_filter is None:
-            return joints.velocity
-        return self._velocity_filter.update(joints.stamp, joints.position)
 
     def cycle(self) -> float:
         """Decide, send torques after a takeover, publish the state; return the time of the next cycle, s."""

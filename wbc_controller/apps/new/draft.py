@@ -23,6 +23,7 @@ from wbc_controller.controller.build.collision_model import with_visuals
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.robot.virtual_base import virtual_joints
 from wbc_controller.settings.files import parse_settings
 from wbc_controller.settings.resources import PACKAGE_SCHEME, locate
 
@@ -126,12 +127,9 @@ def _put_base(source: UrdfSource, base: Base | None, feet: Sequence[Foot], draft
     if base is not None:
         draft.put("robot.base", base, f"From --base {base}.")
         return base
-    if source.has_floating_base:
-        draft.put(
-            "robot.base",
-            "floating",
-            "The joints between the root link and the base in the URDF represent a floating base.",
-        )
+    if virtual_joints(source.tree):
+        text = "The joints between the root link and the base in the URDF represent a floating base."
+        draft.put("robot.base", "floating", text)
         return "floating"
     if source.root == _WORLD:
         draft.put("robot.base", "fixed", f"The root link of the URDF is called {_WORLD!r}.")

@@ -44,11 +44,6 @@ class UrdfSource:
     tree: ElementTree.Element  # the text as XML
 
     @property
-    def has_floating_base(self) -> bool:
-        """True if URDF joints represent a floating base."""
-        return bool(virtual_joints(self.tree))
-
-    @property
     def root(self) -> str:
         """Root link."""
         children = {child.get("link") for child in self.tree.iterfind("joint/child")}

@@ -101,8 +101,12 @@ class Handle:
         if self._dragging is not None or time.monotonic() < self._hold_until:
             return
         known = None if self._disabled or references is None else references.tasks.get(self._name)
-        at = known.position if known is not None else self._task_value()
-        if at is None:
+        task = self._robot.tasks[self._name]
+        if known is not None:
+            at = known.position
+        elif isinstance(task, AccelerationTask):
+            at = np.asarray(task.position(self._robot.dynamics))
+        else:
             return
         position, turned = self._pose(at)
         if not np.allclose(position, self._gizmo.position, rtol=0.0, atol=1.0e-4):
@@ -112,10 +116,6 @@ class Handle:
             turned = np.array([1.0, 0.0, 0.0, 0.0])
         if not 1.0 - abs(float(turned @ self._gizmo.wxyz)) <= 1.0e-7:
             self._gizmo.wxyz = turned
-
-    def _task_value(self) -> Array | None:
-        task = self._robot.tasks[self._name]
-        return np.asarray(task.position(self._robot.dynamics)) if isinstance(task, AccelerationTask) else None
 
     def _pose(self, at: Array) -> tuple[Array, Array]:
         """Return position, (3,), and quaternion (w, x, y, z) of the handle for a value of the task."""

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from scipy.spatial.transform import Rotation
 
 from wbc_controller.apps.page.snapshot import FOLLOWING, Robot, Snapshot
 from wbc_controller.apps.terminal.session import Session
@@ -180,9 +181,9 @@ class BaseOnContacts:
         if not len(here):
             return q
         middle, reference_middle = here.mean(axis=0), self._reference_points.mean(axis=0)
-        # Kabsch's algorithm: the rotation R minimizes Σ ‖R (here - middle) - (reference - reference_middle)‖².
-        u, _, vt = np.linalg.svd((here - middle).T @ (self._reference_points - reference_middle))
-        turned = np.diag([1.0, 1.0, np.sign(np.linalg.det(vt.T @ u.T)) or 1.0])
-        rotation = vt.T @ turned @ u.T if len(here) > 2 else np.eye(3)
+        rotation = np.eye(3)
+        if len(here) > 2:
+            fitted, _ = Rotation.align_vectors(self._reference_points - reference_middle, here - middle)
+            rotation = fitted.as_matrix()
         q[:7] = pin.SE3ToXYZQUAT(pin.SE3(rotation, reference_middle - rotation @ middle))
         return q

@@ -21,6 +21,8 @@ from wbc_controller.walking.walker import Walker
 _TIMES_PER_PIECE = 500  # sorted times per piece of the message
 _OK, _WARN, _ERROR = 0, 1, 2
 _CONTRADICTION = 0.5  # residual of contradictory contacts, m/s² or rad/s²
+#: Units of a binding constraint's multiplier by its kind, as the cost has no unit.
+_COST_UNITS = {"torque": "1/(N·m)", "cone": "1/N", "normal_force": "1/N", "motion": "1/(rad/s²)"}
 _LEVELS = {
     Mode.INACTIVE: _OK,
     Mode.ACTIVE: _OK,
@@ -172,12 +174,6 @@ def _disturbance_values(disturbance: Disturbance, model: RobotModel) -> dict[str
     return values
 
 
-def _cost_unit(constraint: str) -> str:
-    """Return the unit of a binding constraint's multiplier; the cost has no unit."""
-    kind = constraint.partition(":")[0]
-    return {"torque": "1/(N·m)", "cone": "1/N", "normal_force": "1/N", "motion": "1/(rad/s²)"}.get(kind, "1/(m/s²)")
-
-
 def _cycle_values(window: _ReportWindow) -> dict[str, str]:
     last = window.last
     values = {
@@ -197,7 +193,9 @@ def _solution_values(solution: Solution) -> dict[str, str]:
     values = {f"task_error/{name}": f"{error:.5f}" for name, error in solution.task_errors.items()}
     values |= {f"residual/{name}": f"{residual:.2e}" for name, residual in solution.residuals.items()}
     values["binding"] = ", ".join(solution.binding) or "none"
-    values |= {f"cost/{name}": f"{cost:.4g} {_cost_unit(name)}" for name, cost in solution.binding.items()}
+    for name, cost in solution.binding.items():
+        unit = _COST_UNITS.get(name.partition(":")[0], "1/(m/s²)")
+        values[f"cost/{name}"] = f"{cost:.4g} {unit}"
     values["solver_iterations"] = str(solution.iterations)
     return values | {
         f"level/{i}": f"{', '.join(level.tasks) or 'no task'}: cost {level.cost:.4g}, "
