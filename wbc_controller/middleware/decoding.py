@@ -140,10 +140,10 @@ def _read_setpoint(vocabulary: Vocabulary, task: str, content: Any) -> tuple[Cha
     if kind in JOINT_FIELDS:
         what, joints, frame = JOINT_FIELDS[kind], vocabulary.joints[task], content.header.frame_id
         # Drivers fill the frame of joints arbitrarily; only a frame of the task has a meaning.
-        if frame.startswith(f"{task}/"):
-            frame = _frame_of_setpoint(vocabulary, task, frame)
-            return (SetSetpoint(task, _joint_steps(joints, content.name, getattr(content, what), what), frame=frame),)
-        return (SetSetpoint(task, _joint_values(joints, content.name, getattr(content, what), what)),)
+        relative = frame.startswith(f"{task}/")
+        frame = _frame_of_setpoint(vocabulary, task, frame) if relative else ""
+        values = _joint_values(joints, content.name, getattr(content, what), what, partial=relative)
+        return (SetSetpoint(task, values, frame=frame),)
     frame = _frame_of_setpoint(vocabulary, task, content.header.frame_id)
     if kind == "contact_wrench":
         return (SetSetpoint(task, _wrench(content), frame=frame),)
@@ -163,39 +163,23 @@ def _position(form: ReferenceForm, vector: Any, quaternion: Any, what: str = "th
     return np.concatenate([values, _quaternion(quaternion)]) if form.oriented else values
 
 
-def _joint_values(joints: Sequence[str], names: Sequence[str], values: Any, what: str) -> Array:
-    _require_equal_sizes(names, values, what)
-    order = _joint_order(joints, names, what)
-    return np.asarray(finite(values, what)[order])
-
-
-def _joint_steps(joints: Sequence[str], names: Sequence[str], values: Any, what: str) -> Array:
-    """Return the displacements of the task's joints; 0 for missing ones."""
-    _require_equal_sizes(names, values, what)
-    _require_joints(joints, names)
-    steps = dict(zip(names, finite(values, what), strict=True))
-    return np.array([steps.get(name, 0.0) for name in joints])
-
-
-def _require_equal_sizes(names: Sequence[str], values: Any, what: str) -> None:
+def _joint_values(joints: Sequence[str], names: Sequence[str], values: Any, what: str, *, partial: bool) -> Array:
+    """Return the values in the task's order of joints; `partial` permits missing ones, with 0."""
     if len(values) != len(names):
         raise InputRefused(f"{what} has {len(values)} values for {len(names)} names")
+    _require_joints(joints, names, what, partial=partial)
+    given = dict(zip(names, finite(values, what), strict=True))
+    return np.array([given.get(name, 0.0) for name in joints])
 
 
-def _require_joints(joints: Sequence[str], names: Sequence[str]) -> None:
+def _require_joints(joints: Sequence[str], names: Sequence[str], what: str, *, partial: bool = False) -> None:
     for name in names:
         if name not in joints:
             raise InputRefused(f"{name!r} is not a joint of this task; {valid_choices(name, joints)}")
     require_unique(names)
-
-
-def _joint_order(joints: Sequence[str], names: Sequence[str], what: str) -> np.ndarray:
-    _require_joints(joints, names)
-    places = {name: i for i, name in enumerate(names)}
-    missing = [name for name in joints if name not in places]
+    missing = [] if partial else [name for name in joints if name not in names]
     if missing:
         raise InputRefused(f"{what}: {len(missing)} joints are missing: {', '.join(missing)}")
-    return np.array([places[name] for name in joints], dtype=np.intp)
 
 
 _MAX_POINTS = 5000  # of a trajectory
@@ -208,7 +192,9 @@ def _read_trajectory(vocabulary: Vocabulary, task: str, content: Any) -> tuple[C
         raise InputRefused(f"the trajectory has {len(content.points)} points (limit {_MAX_POINTS})")
     kind = vocabulary.kinds[task]
     if kind == "posture":
-        order = _joint_order(vocabulary.joints[task], content.joint_names, "positions")
+        joints, names = vocabulary.joints[task], list(content.joint_names)
+        _require_joints(joints, names, "positions")
+        order = np.array([names.index(name) for name in joints], dtype=np.intp)
         knots = [_joint_knot(order, point) for point in content.points]
     else:
         _require_reference_frame(vocabulary, task, content)
@@ -250,7 +236,7 @@ def _frame_knot(form: ReferenceForm, point: Any) -> Knot:
 
 
 def _weight(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
+    if not _is_number(value):
         raise InputRefused(f"weight is {reprlib.repr(value)}; it must be a number")
     if not (0.0 <= value <= 1.0e6):
         raise InputRefused(f"weight is {reprlib.repr(value)}; valid: 0 to 1e6")

@@ -80,7 +80,10 @@ def domain_settings(
     """
     _refuse_security(environment)
     if domain_id is None:
-        domain_id = _domain_id(environment.get("ROS_DOMAIN_ID", ""), "ROS_DOMAIN_ID")
+        text = environment.get("ROS_DOMAIN_ID") or "0"
+        if not (text.isascii() and text.isdigit() and int(text) <= MAX_DOMAIN_ID):
+            raise TransportError(f"ROS_DOMAIN_ID is {text!r}; valid: integers from 0 to {MAX_DOMAIN_ID}")
+        domain_id = int(text)
     elif not 0 <= domain_id <= MAX_DOMAIN_ID:
         raise TransportError(f"invalid domain {domain_id}; valid: 0 to {MAX_DOMAIN_ID}")
 
@@ -168,14 +171,6 @@ def _max_participant_index(domain_id: int) -> int:
     first = _PORT_BASE + _PORTS_PER_DOMAIN * domain_id + _FIRST_UNICAST_PORT
     last = min(first - _FIRST_UNICAST_PORT + _PORTS_PER_DOMAIN - 1, 65535)
     return (last - first - 1) // _PORTS_PER_PARTICIPANT
-
-
-def _domain_id(text: str, source: str) -> int:
-    if not text:
-        return 0
-    if not (text.isascii() and text.isdigit() and int(text) <= MAX_DOMAIN_ID):
-        raise TransportError(f"{source} is {text!r}; valid: integers from 0 to {MAX_DOMAIN_ID}")
-    return int(text)
 
 
 def _discovery_range(text: str, source: str) -> DiscoveryRange:
