@@ -33,7 +33,6 @@ def setpoint_message(
     Args:
         type_name: type of `TASK_TYPES`.
         position: in the task's reference form; missing coordinates become 0.
-        stamp: ns.
         joints: names, for a joint task.
     """
     values = np.asarray(position, dtype=np.float64)

@@ -62,10 +62,7 @@ def run_controller(
 ) -> None:
     """Run the controller until the event is set.
 
-    Args:
-        activate: activate without a command when the inputs are fresh.
-        use_sim_time: measure ages and durations by the clock topic.
-        record: file of a recording; None keeps only the last seconds.
+    `record` names a file; None keeps only the last seconds. Other options: `wbc run --help`.
 
     Raises:
         ConfigurationError: if settings and model do not fit together.

@@ -69,12 +69,7 @@ class Director:
         advance: Callable[[threading.Event], None],
         report_phase: Callable[[str], None],
     ) -> None:
-        """Open the topics of controller and mock robot.
-
-        Args:
-            advance: waits for a new state, as of `arrived`; in lockstep it executes one step.
-            report_phase: receives the name of each phase.
-        """
+        """Open the topics; `advance` waits for `arrived`, or in lockstep executes one step."""
         self.recorded: dict[tuple[str, str], list[tuple[int, bytes]]] = {}
         self.arrived = threading.Event()
         self.phases: list[tuple[float, str]] = []  # simulated time, s, and name

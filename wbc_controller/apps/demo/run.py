@@ -64,8 +64,6 @@ def run_demo(
 
     Args:
         robot: a configuration, or "walk" for the walk of G1; robots without a scenario get a derived one.
-        lockstep: run in one process without real time.
-        real_time_factor: simulated seconds per second.
         sensors: quality of the sensors for base estimation; None for exact sensors and odometry.
 
     Raises:

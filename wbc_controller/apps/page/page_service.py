@@ -133,13 +133,7 @@ _CHECK_PERIOD = 0.5  # s
 def play(
     robot: str, stop: threading.Event, *, host: str, port: int, domain: int | None = None, factor: float = 1.0
 ) -> None:
-    """Run mock robot, controller and page until the event is set.
-
-    `domain`: by default an unused DDS domain; `factor`: simulated seconds per second.
-
-    Raises:
-        WbcError: if a process ends by itself, with the end of its log.
-    """
+    """Run mock robot, controller and page until the event is set; raise `WbcError` if a process ends by itself."""
     domain = free_domain() if domain is None else domain
     # The environment also applies to the page's own participant.
     os.environ |= {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}

@@ -41,19 +41,14 @@ class Mark:
 class Playback:
     """Snapshots of a recording by time.
 
-    Attributes:
-        time: present time, s.
-        speed: recorded seconds per second.
-
-    Raises:
-        ConfigurationError: if the recording holds no robot state, or its cycle layout does not match the robot.
+    A recording without robot state, or of another robot, raises `ConfigurationError`.
     """
 
     def __init__(self, recorded: Recording, robot: Robot) -> None:
         slots = cycle_slots(robot.model, robot.contacts)
         recorded.require_slots(slots + reference_slots(robot.tasks, robot.contacts))
         self._recorded, self._robot = recorded, robot
-        self.time, self.speed, self.playing = 0.0, 1.0, True
+        self.time, self.speed, self.playing = 0.0, 1.0, True  # present time, s, and recorded seconds per second
         self._now = time.monotonic()
         self._times: list[float] = []
         self._cycles: list[RecordedCycle] = []

@@ -34,7 +34,6 @@ class RequestSender:
         Args:
             send: sends one request from any thread; may raise `WbcError`.
             report: receives the words of each request, empty for a drag, and its error or an empty text.
-            clock: monotonic clock, s.
         """
         self._settings, self._send, self._report, self._clock = settings, send, report, clock
         self._requests: queue.Queue[Request | None] = queue.Queue(_QUEUE_SIZE)

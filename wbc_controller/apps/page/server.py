@@ -66,7 +66,7 @@ class RateLimit:
     """Passes a burst at once, further messages at the rate."""
 
     def __init__(self, rate: float = RATE, burst: float = BURST) -> None:
-        """Start with a full burst of messages; rate in messages per second."""
+        """Start with a full burst; rate in messages per second."""
         self._period, self._ahead = 1.0 / rate, (burst - 1.0) / rate
         self._next = -float("inf")  # time of the next message at the constant rate, s
 

@@ -58,8 +58,7 @@ class StatusSummary:
     Args:
         node: name with namespace, because robots in one graph share the topic.
         scheduling: of the process; empty if unknown.
-        model: for the disturbances, or None.
-        recorder: returns the status of the recorder.
+        others: returns further values.
     """
 
     def __init__(
@@ -68,11 +67,11 @@ class StatusSummary:
         hardware: str,
         scheduling: str = "",
         model: RobotModel | None = None,
-        recorder: Callable[[], Mapping[str, str]] = dict,
+        others: Callable[[], Mapping[str, str]] = dict,
     ) -> None:
         self._model = model
         self._name, self._hardware = f"{node.strip('/')}: control loop", hardware
-        self._recorder = recorder
+        self._others = others
         self._scheduling = {"scheduling": scheduling} if scheduling else {}
         self._window: _ReportWindow | None = None
         self._taken = 0
@@ -157,7 +156,7 @@ class StatusSummary:
             level = _ERROR
         text = "; ".join([last.mode.value, *warnings])
         values["requests_taken"] = str(taken)
-        values |= self._recorder()
+        values |= self._others()
         return diagnostics(wall, level, self._name, text, self._hardware, values)
 
 
