@@ -9,13 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
-from wbc_controller.controller.build.estimation import (
-    estimates_base,
-    make_estimator,
-    make_odometry_agreement,
-    make_sensing,
-    make_velocity_filter,
-)
+from wbc_controller.controller.build import estimation
 from wbc_controller.controller.build.safety import make_plausibility
 from wbc_controller.controller.controller import Controller
 from wbc_controller.controller.report import CycleReport
@@ -112,7 +106,7 @@ def make_loop(
         recorder.stamp = clock.stamp
         transport = RecordingTransport(transport, recorder)
         observers = (*observers, recorder.observe)
-    estimated = estimates_base(settings, model)
+    estimated = estimation.estimates_base(settings, model)
     scheduling = describe_scheduling()
     _log.info("scheduling: %s", scheduling or "unknown")
     inputs = Inputs(
@@ -123,10 +117,10 @@ def make_loop(
         clock,
         partial(_prepare, controller),
         clock_tolerance=settings.safety.clock_tolerance if settings.safety.synchronized_clocks else None,
-        estimator=make_estimator(settings, model, published) if estimated else None,
-        agreement=make_odometry_agreement(settings, model, published),
-        sensing=make_sensing(settings, model, published) if estimated else None,
-        velocity_filter=make_velocity_filter(settings),
+        estimator=estimation.make_estimator(settings, model, published) if estimated else None,
+        agreement=estimation.make_odometry_agreement(settings, model, published),
+        sensing=estimation.make_sensing(settings, model, published) if estimated else None,
+        velocity_filter=estimation.make_velocity_filter(settings),
         plausibility=make_plausibility(settings),
     )
     recorded = recorder.status if recorder is not None else lambda: {"recorder": NOT_RECORDED}

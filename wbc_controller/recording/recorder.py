@@ -30,15 +30,7 @@ from wbc_controller.controller.live_settings import LivePart
 from wbc_controller.controller.memory import CycleRecord
 from wbc_controller.controller.report import CycleReport
 from wbc_controller.middleware.codec import TYPES, encode, message
-from wbc_controller.recording.cycle_layout import (
-    FORMAT,
-    MODES,
-    CycleRow,
-    ReferencesRow,
-    Slot,
-    cycle_slots,
-    reference_slots,
-)
+from wbc_controller.recording import cycle_layout as layout
 from wbc_controller.recording.json_records import to_json
 from wbc_controller.recording.writer import PINNED, TOPICS, TRIGGER, frame
 from wbc_controller.recording.writer_process import WriterProcess
@@ -136,11 +128,11 @@ class Recorder:
         """Begin the recording of a controller, after all topics were opened."""
         self._controller = controller
         config = controller.config
-        slots = cycle_slots(controller.model, controller.contacts)
-        references = reference_slots(controller.tasks, controller.contacts)
-        self._row = CycleRow(slots)
+        slots = layout.cycle_slots(controller.model, controller.contacts)
+        references = layout.reference_slots(controller.tasks, controller.contacts)
+        self._row = layout.CycleRow(slots)
         self._every = max(1, round(_SNAPSHOT / controller.period))
-        self._references = ReferencesRow(self._every)
+        self._references = layout.ReferencesRow(self._every)
         topic = f"{node}/{OWN}"
         self._groups: list[tuple[int, bytes, slice]] = []  # topic, start of its message, place in the row
         start = 0
@@ -158,13 +150,13 @@ class Recorder:
         self._process.send(frame(TOPICS, 0, json.dumps(self._topics).encode()))
         urdf = config.urdf if config.urdf is not None else read_urdf(self._settings.robot.urdf)
         about = {
-            "format": FORMAT,
+            "format": layout.FORMAT,
             "robot": robot,
             "node": node,
             "software": software_versions(),
             "config": config.to_yaml(),
             "layout": [[slot.group, slot.name, slot.size] for slot in (*slots, *references)],
-            "modes": [mode.value for mode in MODES],
+            "modes": [mode.value for mode in layout.MODES],
         }
         at = self.stamp()
         for number, text in ((about_topic, json.dumps(about)), (urdf_topic, urdf)):
@@ -372,7 +364,7 @@ def recording(settings: Settings, file: Path | None, *, name: str = "") -> Itera
             recorder.close()
 
 
-def _array_prefix(slots: Sequence[Slot]) -> bytes:
+def _array_prefix(slots: Sequence[layout.Slot]) -> bytes:
     labels = [message("std_msgs/msg/MultiArrayDimension", label=s.name, size=s.size, stride=s.size) for s in slots]
     count = sum(slot.size for slot in slots)
     whole = encode(message(_ARRAY, layout={"dim": labels}, data=np.zeros(count)))

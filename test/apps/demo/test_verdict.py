@@ -25,7 +25,7 @@ WINDOWS = {
     "shove left": (START + 5.0, START + 7.0),
 }
 TIME = np.arange(0.0, 8.0, 0.01)
-ROWS = {name: (w.start - START <= TIME) & (w.end - START >= TIME) for name, w in WINDOWS.items()}
+ROWS = {name: (start - START <= TIME) & (end - START >= TIME) for name, (start, end) in WINDOWS.items()}
 
 
 def good_run():

@@ -12,15 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from wbc_controller.apps.terminal import DISCOVERY_PATIENCE
-from wbc_controller.apps.terminal.command_options import (
-    complete_topics,
-    complete_words,
-    config_argument,
-    load_named,
-    namespace_option,
-    remap_option,
-    with_options,
-)
+from wbc_controller.apps.terminal import command_options as common
 from wbc_controller.errors import InputRefused, valid_choices
 from wbc_controller.middleware.topics import Direction, Endpoint
 from wbc_controller.settings import Settings
@@ -31,10 +23,10 @@ if TYPE_CHECKING:
 REFUSED, NO_ANSWER = 1, 3  # further exit statuses: request refused, and no answer
 _REFRESH = 0.5  # s
 
-_session_options = with_options(
-    config_argument,
-    namespace_option,
-    remap_option,
+_session_options = common.with_options(
+    common.config_argument,
+    common.namespace_option,
+    common.remap_option,
     click.option("--wait", "patience", default=DISCOVERY_PATIENCE, show_default=True, type=click.FloatRange(0.1),
                  help="Time limit for the discovery of a node, s."),
 )  # fmt: skip
@@ -55,7 +47,7 @@ def _connect(settings: Settings, connection: Mapping[str, Any]) -> Iterator[Sess
 
 @click.command(context_settings={"ignore_unknown_options": True})
 @_session_options
-@click.argument("words", nargs=-1, required=True, shell_complete=complete_words)
+@click.argument("words", nargs=-1, required=True, shell_complete=common.complete_words)
 def send(config: str, words: tuple[str, ...], **connection: Any) -> None:
     """Send a request to the running nodes of a robot, and print its outcome.
 
@@ -78,7 +70,7 @@ def send(config: str, words: tuple[str, ...], **connection: Any) -> None:
     """  # noqa: D301 - click's mark of lines that it must not join
     from wbc_controller.apps.terminal.request_parser import parse_request
 
-    settings = load_named(config)
+    settings = common.load_named(config)
     requests = [parse_request(each, settings) for each in _split_requests(words)]
     for request in requests:
         if request.frame and settings.robot.urdf:
@@ -108,7 +100,7 @@ def drive(config: str, speed: float, turn_rate: float, **connection: Any) -> Non
     from wbc_controller.apps.terminal.keyboard import KEYS, Drive, publish_velocities, single_keys
     from wbc_controller.nodes.signals import exit_by_signals
 
-    settings = load_named(config)
+    settings = common.load_named(config)
     if settings.walking is None:
         raise InputRefused(f"{config} cannot walk: its configuration has no section 'walking'")
     if not sys.stdin.isatty():
@@ -123,13 +115,13 @@ def drive(config: str, speed: float, turn_rate: float, **connection: Any) -> Non
 
 @click.command()
 @_session_options
-@click.argument("topic", shell_complete=complete_topics)
+@click.argument("topic", shell_complete=common.complete_topics)
 @click.option("--once", is_flag=True, help="Exit after the first message.")
 def echo(config: str, topic: str, once: bool, **connection: Any) -> None:
     """Print the messages on a topic: `~/state`, `com/reference`, `joint_states`, … (`wbc topics` lists them)."""
     from wbc_controller.apps.terminal.printing import as_text
 
-    with _connect(load_named(config), connection) as session:
+    with _connect(common.load_named(config), connection) as session:
         found = find_topic(topic, session.topics)
         messages = session.follow(found)
         deadline = time.monotonic() + connection["patience"]
@@ -158,7 +150,7 @@ def status(config: str, once: bool, **connection: Any) -> None:
 
     from wbc_controller.apps.terminal.status_view import StatusListener, status_view
 
-    settings = load_named(config)
+    settings = common.load_named(config)
     console = Console()
     if not console.is_terminal:
         console.width = 140
