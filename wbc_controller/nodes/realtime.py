@@ -31,10 +31,7 @@ _latency_file: list[int] = []  # descriptor, open until the process ends
 
 
 def apply_realtime(settings: RealtimeSettings) -> None:
-    """Apply the settings to this process until its end.
-
-    A refusal by the system raises `ConfigurationError`.
-    """
+    """Apply the settings to this process until its end. A refusal by the system raises `ConfigurationError`."""
     if settings != RealtimeSettings() and not hasattr(os, "sched_setscheduler"):
         raise ConfigurationError(f"{_KEY}: not supported on {sys.platform}; requires Linux; {_HELP}")
     if settings.affinity:

@@ -109,8 +109,7 @@ def derived_scenario(settings: Settings, model: RobotModel) -> Scenario:
     distance d from the edge. Arms: a reach with each such hand in its easiest direction, and pushes.
     Infeasible motions are omitted.
 
-    Raises:
-        ConfigurationError: without a task of the centre of mass or a support; on a fixed base without a posture task.
+    Raises `ConfigurationError` without a centre of mass task or a support; on a fixed base without a posture task.
     """
     hands = {
         name: task for name, task in settings.tasks.items() if isinstance(task, FramePoseTask) and not task.enabled

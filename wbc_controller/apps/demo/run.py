@@ -66,8 +66,7 @@ def run_demo(
         robot: a configuration, or "walk" for the walk of G1; robots without a scenario get a derived one.
         sensors: quality of the sensors for base estimation; None for exact sensors and odometry.
 
-    Raises:
-        ConfigurationError: if the robot is unknown, refused by the pre-flight check, or has no possible scenario.
+    Raises `ConfigurationError` if the robot is unknown, refused by the pre-flight check, or has no possible scenario.
     """
     config = load(WALK_ROBOT if robot == WALK else robot)
     check(config)

@@ -43,8 +43,7 @@ def new_configuration(
         base: attachment of the root link to the world; None for a choice by the feet.
         feet: links to stand on; empty for a search.
 
-    Raises:
-        ConfigurationError: if a file cannot be read, or the robot has no controllable joint.
+    Raises `ConfigurationError` if a file cannot be read, or the robot has no controllable joint.
     """
     source = read_source(urdf)
     postures = read_postures(srdf) if srdf is not None else {}

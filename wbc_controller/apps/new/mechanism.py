@@ -89,8 +89,7 @@ def ranges_of(source: UrdfSource, limits: Mapping[str, Mapping[str, float]]) -> 
 def choose_joints(source: UrdfSource, draft: Draft, carrying: Sequence[str] = ()) -> None:
     """Write ``robot.joints``, ``locked_joints`` and ``joint_limits`` in URDF order; `carrying` are links of feet.
 
-    Raises:
-        ConfigurationError: if the URDF is invalid or has no usable joint.
+    Raises `ConfigurationError` if the URDF is invalid or has no usable joint.
     """
     model = read_mechanism(source.tree, floating_base=True)
     mimics, mass = read_mimics(source.tree), pin.computeTotalMass(model)
@@ -142,8 +141,7 @@ def choose_joints(source: UrdfSource, draft: Draft, carrying: Sequence[str] = ()
 def read_postures(srdf: str) -> dict[str, dict[str, float]]:
     """Read the postures of an SRDF, joint positions in rad by name of the ``<group_state>``, in order of preference.
 
-    Raises:
-        ConfigurationError: if the SRDF is invalid.
+    Raises `ConfigurationError` if the SRDF is invalid.
     """
     tree = parse_xml(read_text(locate(srdf, "--srdf"), f"--srdf = {srdf!r}", LARGEST_URDF), "--srdf", "SRDF")
     found: dict[str, dict[str, float]] = {}

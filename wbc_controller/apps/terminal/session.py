@@ -198,8 +198,7 @@ class Session:
 
         Fast DDS delays latched messages by up to 3 s for a reader announced before the writer's discovery.
 
-        Raises:
-            NoAnswer: if no publisher is discovered in time.
+        Raises `NoAnswer` if no publisher is discovered in time.
         """
         state = counterpart(self.topics["controller", "state", ""])
         deadline = time.monotonic() + self._patience

@@ -191,11 +191,7 @@ _open_lock = threading.Lock()
 
 
 def open_domain(settings: DomainSettings) -> None:
-    """Open or share a domain.
-
-    Raises:
-        TransportError: if the domain cannot be opened, or is open with other settings.
-    """
+    """Open or share a domain; raise `TransportError` if the domain cannot be opened, or is open with other settings."""
     with _open_lock:
         known = _open.get(settings.domain_id)
         if known is None:

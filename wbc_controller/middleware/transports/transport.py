@@ -15,10 +15,7 @@ UNNAMED = "(a participant without a node name)"  # unknown node: not of ROS 2, o
 
 
 class Stream(Protocol):
-    """Topic with a queue of its newest messages, read without a callback thread.
-
-    The methods raise `TransportError`.
-    """
+    """Topic with a queue of its newest messages, read without a callback thread. The methods raise `TransportError`."""
 
     def take(self) -> list[bytes]:
         """Take the serialized messages of the queue, oldest first."""

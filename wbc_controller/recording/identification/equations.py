@@ -63,8 +63,7 @@ def select_samples(
         recorded: arrays of the cycles (`Recording.arrays`).
         width: smoothing window, s.
 
-    Raises:
-        ConfigurationError: if the recording is of another robot, or has no such samples.
+    Raises `ConfigurationError` if the recording is of another robot, or has no such samples.
     """
     missing = [name for name in ("stamp", "mode", "tau", "q", "v") if name not in recorded]
     if missing:
