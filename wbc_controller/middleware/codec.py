@@ -12,6 +12,7 @@ from rosbags.typesys import Stores, get_typestore
 from wbc_controller.errors import InputRefused
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
+OK, WARN, ERROR = 0, 1, 2  # levels of a diagnostic status
 _MESSAGE, _PRIMITIVE = Nodetype.NAME, Nodetype.BASE
 
 
@@ -82,12 +83,7 @@ def torques(tau: Any) -> Any:
 
 
 def diagnostics(wall: int, level: int, name: str, text: str, hardware: str, values: Mapping[str, str]) -> Any:
-    """Make a DiagnosticArray with one status at the time `wall`, ns.
-
-    Args:
-        level: 0 (OK), 1 (WARN) or 2 (ERROR).
-        name: ``node: subject``.
-    """
+    """Make a DiagnosticArray with one status, named ``node: subject``, at the time `wall`, ns."""
     status = message(
         "diagnostic_msgs/msg/DiagnosticStatus",
         level=level,

@@ -47,7 +47,6 @@ def run_controller(
     transport: Transport,
     stop: threading.Event,
     *,
-    node: str = NODE_NAME,
     namespace: str = "/",
     remappings: Mapping[str, str] | None = None,
     activate: bool = False,
@@ -62,17 +61,17 @@ def run_controller(
         ConfigurationError: if settings and model do not fit together.
         TransportError: if a topic cannot be opened.
     """
-    with recording(settings, record, name=node) as recorder:  # starts its process before `apply_realtime`
+    with recording(settings, record, name=NODE_NAME) as recorder:  # starts its process before `apply_realtime`
         urdf = None
         if not settings.robot.urdf:
-            rows = endpoints(URDF_TOPIC, node, namespace=namespace, remappings=remappings)
+            rows = endpoints(URDF_TOPIC, NODE_NAME, namespace=namespace, remappings=remappings)
             urdf = wait_for_urdf(transport, stop, rows)
         if stop.is_set():
             return
         controller = Controller(Config(settings, "", urdf), preflight=False)
         apply_realtime(settings.control.realtime)
-        topics = controller_endpoints(settings, controller.model, node=node, namespace=namespace, remappings=remappings)
-        full_name = f"{namespace.rstrip('/')}/{node}"
+        topics = controller_endpoints(settings, controller.model, namespace=namespace, remappings=remappings)
+        full_name = f"{namespace.rstrip('/')}/{NODE_NAME}"
         loop = make_loop(
             controller,
             transport,
@@ -81,7 +80,7 @@ def run_controller(
             recorder=recorder,
             node=full_name,
         )
-        _log.info("%s: %d joints, waiting for 'activate' on %s/command", node, controller.model.nj, full_name)
+        _log.info("%s: %d joints, waiting for 'activate' on %s/command", NODE_NAME, controller.model.nj, full_name)
         loop.run(stop, controller.period, triggered=settings.control.trigger == "joint_states", activate=activate)
 
 
@@ -101,7 +100,7 @@ def make_loop(
     vocabulary = make_vocabulary(settings, model)
     published = {name: controller.contacts[name] for name in settings.contacts}
     graph = transport
-    _subscribe_requests(recorder, graph, topics)
+    _subscribe_record(recorder, graph, topics)
     if recorder is not None:
         recorder.stamp = clock.stamp
         transport = RecordingTransport(transport, recorder)
@@ -148,7 +147,7 @@ def _prepare(controller: Controller, change: Change | ChangeSettings) -> None:
         check_change(change, controller.tasks, controller.model)
 
 
-def _subscribe_requests(recorder: Recorder | None, transport: Transport, topics: Sequence[Endpoint]) -> None:
+def _subscribe_record(recorder: Recorder | None, transport: Transport, topics: Sequence[Endpoint]) -> None:
     (endpoint,) = [topic for topic in topics if topic.key == "record"]
     limit = LogLimit()
 

@@ -25,7 +25,7 @@ import numpy as np
 from wbc_controller.controller.build.robot_description import Description, describe
 from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.estimation.joint_velocity import VelocityFilter
-from wbc_controller.middleware.codec import decode, diagnostics, encode, message, torques
+from wbc_controller.middleware.codec import ERROR, OK, WARN, decode, diagnostics, encode, message, torques
 from wbc_controller.middleware.joint_states import JointStateReader
 from wbc_controller.middleware.log_limit import LogLimit
 from wbc_controller.middleware.topics import GUARD_NODE, GUARD_TOPICS, Direction, Endpoint, endpoints
@@ -47,7 +47,6 @@ _RECHECK_DELAY = 0.001  # in which late commands of a busy computer can still ar
 _CONTROLLER_KEYS = ("joint_commands", "controller_state")  # topics of the controller alone
 _LARGEST_TORQUE = 1.0 + 1.0e-6  # multiple of the effort limit, for rounding
 
-_OK, _WARN, _ERROR = 0, 1, 2
 _log = logging.getLogger(__name__)
 
 
@@ -254,7 +253,7 @@ class GuardService:
         refused = dict(self._refused)
         values |= {f"refused/{topic}": reason for topic, reason in refused.items()}
         values |= {f"publishers/{topic}": names for topic, names in self._shared.items()}
-        level = _ERROR if self.guard.reason else _WARN if refused or self._shared else _OK
+        level = ERROR if self.guard.reason else WARN if refused or self._shared else OK
         return diagnostics(time.time_ns(), level, self._name, text, self._hardware, values)
 
     def run(self, stop: threading.Event) -> None:

@@ -86,7 +86,7 @@ def ranges_of(source: UrdfSource, limits: Mapping[str, Mapping[str, float]]) -> 
     return found
 
 
-def choose_joints(source: UrdfSource, draft: Draft, carrying: Sequence[str] = ()) -> None:
+def choose_joints(source: UrdfSource, draft: Draft, carrying: Sequence[str]) -> None:
     """Write ``robot.joints``, ``locked_joints`` and ``joint_limits`` in URDF order; `carrying` are links of feet.
 
     Raises `ConfigurationError` if the URDF is invalid or has no usable joint.

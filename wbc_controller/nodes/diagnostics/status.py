@@ -13,23 +13,22 @@ import numpy as np
 
 from wbc_controller.controller.report import CycleReport
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.middleware.codec import diagnostics
+from wbc_controller.middleware.codec import ERROR, OK, WARN, diagnostics
 from wbc_controller.records import Array, Disturbance, Mode, Solution
 from wbc_controller.walking.footsteps import Velocity
 from wbc_controller.walking.walker import Walker
 
 _TIMES_PER_PIECE = 500  # sorted times per piece of the message
-_OK, _WARN, _ERROR = 0, 1, 2
 _CONTRADICTION = 0.5  # residual of contradictory contacts, m/s² or rad/s²
 #: Units of a binding constraint's multiplier by its kind, as the cost has no unit.
 _COST_UNITS = {"torque": "1/(N·m)", "cone": "1/N", "normal_force": "1/N", "motion": "1/(rad/s²)"}
 _LEVELS = {
-    Mode.INACTIVE: _OK,
-    Mode.ACTIVE: _OK,
-    Mode.HOLDING: _WARN,
-    Mode.DAMPING: _WARN,
-    Mode.STOPPED: _WARN,
-    Mode.FAULT: _ERROR,
+    Mode.INACTIVE: OK,
+    Mode.ACTIVE: OK,
+    Mode.HOLDING: WARN,
+    Mode.DAMPING: WARN,
+    Mode.STOPPED: WARN,
+    Mode.FAULT: ERROR,
 }
 
 
@@ -148,12 +147,12 @@ class StatusSummary:
         if "pose/contradiction" in last.inputs.estimate:
             warnings.append(last.inputs.estimate["pose/contradiction"])
         yield
-        level = max(_LEVELS[last.mode], _WARN if warnings else _OK)
+        level = max(_LEVELS[last.mode], WARN if warnings else OK)
         if last.fault is not None:
-            level = max(level, _WARN)
+            level = max(level, WARN)
             warnings.insert(0, f"{last.fault.code}: {last.fault.sentence}")
         if last.contested and last.command is not None:
-            level = _ERROR
+            level = ERROR
         text = "; ".join([last.mode.value, *warnings])
         values["requests_taken"] = str(taken)
         values |= self._others()
