@@ -1,7 +1,5 @@
 """Codec of ROS 2 messages: `rosbags` dataclasses, little-endian CDR."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

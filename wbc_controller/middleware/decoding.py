@@ -1,7 +1,5 @@
 """Decoders of users' messages."""
 
-from __future__ import annotations
-
 import difflib
 import itertools
 import math

@@ -1,7 +1,5 @@
 """Setpoint messages: the inverse of `decoding`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

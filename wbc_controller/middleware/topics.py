@@ -3,8 +3,6 @@
 In the name templates ``~`` is the node's name; ``{task}``, ``{contact}`` and ``{frame}`` come from the configuration.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import enum
 from collections.abc import Iterable, Iterator, Mapping

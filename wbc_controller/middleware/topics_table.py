@@ -1,7 +1,5 @@
 """The table of topics as Markdown."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from wbc_controller.middleware.topics import BY_TASK, NODES, TASK_TYPES, Qos, Topic

@@ -1,7 +1,5 @@
 """Clocks of the loop."""
 
-from __future__ import annotations
-
 import logging
 import math
 import threading

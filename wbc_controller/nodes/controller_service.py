@@ -1,7 +1,5 @@
 """The controller as a service."""
 
-from __future__ import annotations
-
 import logging
 import threading
 import time

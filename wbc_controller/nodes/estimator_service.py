@@ -3,8 +3,6 @@
 With `estimation.base_state: imu` the controller estimates its base itself, without this node.
 """
 
-from __future__ import annotations
-
 import gc
 import logging
 import math

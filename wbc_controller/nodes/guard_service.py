@@ -4,8 +4,6 @@ The guard survives the death of the controller. It imports neither Pinocchio nor
 its damping.
 """
 
-from __future__ import annotations
-
 import gc
 import logging
 import math

@@ -6,8 +6,6 @@
   absolute poses.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections import deque

@@ -1,7 +1,5 @@
 """The control loop: inputs, controller, outputs."""
 
-from __future__ import annotations
-
 import gc
 import logging
 import math

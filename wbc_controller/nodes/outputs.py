@@ -4,8 +4,6 @@ Diagnostics and markers are composed in pieces, after the torques were sent. Con
 require subscriptions; diagnostics without a subscription are composed once per second, for the recorder.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Generator, Iterable, Mapping
 from functools import partial
 from typing import Any

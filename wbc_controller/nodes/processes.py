@@ -1,7 +1,5 @@
 """Processes of a robot's nodes (Linux)."""
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import os

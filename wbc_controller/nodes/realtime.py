@@ -4,8 +4,6 @@ Scheduling class and processors apply to all threads, as the loop waits for the 
 the interpreter's lock.
 """
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import errno

@@ -1,7 +1,5 @@
 """Endpoints and valid names of a controller."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from wbc_controller import settings as schema

@@ -4,8 +4,6 @@ The loop's thread sends numbers and messages in batches through a pipe. A separa
 controller's memory (every two seconds) to JSON.
 """
 
-from __future__ import annotations
-
 import contextlib
 import importlib.metadata
 import json

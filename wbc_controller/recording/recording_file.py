@@ -1,7 +1,5 @@
 """Reader of recordings."""
 
-from __future__ import annotations
-
 import bisect
 import contextlib
 import heapq

@@ -1,7 +1,5 @@
 """Transport that records its messages."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from wbc_controller.middleware.topics import Endpoint

@@ -1,7 +1,5 @@
 """Scenario of any robot, scaled to its limbs, support and mass."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 

@@ -1,7 +1,5 @@
 """Execution of a demo scenario by topics."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial

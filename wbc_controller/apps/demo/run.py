@@ -1,7 +1,5 @@
 """Execution of a demo, with verdict and report."""
 
-from __future__ import annotations
-
 import os
 import tempfile
 import threading

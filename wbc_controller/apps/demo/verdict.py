@@ -1,7 +1,5 @@
 """Verdict of a demo: comparison with the targets."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Steps from a URDF to a draft."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Mapping, Sequence
 from pathlib import Path

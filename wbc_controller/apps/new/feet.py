@@ -1,7 +1,5 @@
 """Search for the feet."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

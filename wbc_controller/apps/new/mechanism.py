@@ -1,7 +1,5 @@
 """Movable joints of a URDF, and postures of its SRDF."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Draft of a configuration: values with notes on their origin."""
 
-from __future__ import annotations
-
 import re
 import textwrap
 from collections.abc import Mapping

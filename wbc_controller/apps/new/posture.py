@@ -1,7 +1,5 @@
 """Nominal posture: the SRDF's if possible, otherwise a computed one."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Controls that send requests of `wbc send`."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any

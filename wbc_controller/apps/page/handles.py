@@ -1,7 +1,5 @@
 """Handles of tasks; a drag sends the setpoint."""
 
-from __future__ import annotations
-
 import time
 from typing import Any
 

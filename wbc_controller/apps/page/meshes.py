@@ -1,7 +1,5 @@
 """Simplified meshes for the browser, with sharp edges."""
 
-from __future__ import annotations
-
 import logging
 from dataclasses import dataclass
 

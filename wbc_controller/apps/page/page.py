@@ -1,7 +1,5 @@
 """The page: scene, panels, handles and controls."""
 
-from __future__ import annotations
-
 import collections
 import logging
 import threading

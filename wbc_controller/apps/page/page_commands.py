@@ -1,7 +1,5 @@
 """Commands `wbc view`, `play` and `demo`."""
 
-from __future__ import annotations
-
 import sys
 import threading
 from collections.abc import Mapping

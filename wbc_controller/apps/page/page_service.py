@@ -1,7 +1,5 @@
 """Service of the page, on topics or a recording, and execution of `wbc play`."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import socket

@@ -1,7 +1,5 @@
 """Panels of the page as HTML."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from html import escape

@@ -1,7 +1,5 @@
 """Playback of a recording, with a time line."""
 
-from __future__ import annotations
-
 import bisect
 import time
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Sender of requests from the pages."""
 
-from __future__ import annotations
-
 import logging
 import queue
 import threading

@@ -4,8 +4,6 @@ viser serves its page and connections on one port with `websockets`, which calls
 `PageConnection` drops messages that are not on the allow-list.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import hmac

@@ -1,7 +1,5 @@
 """Robot and its state at one moment."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Snapshots of a running robot from its topics."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import Any

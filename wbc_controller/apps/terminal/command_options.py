@@ -1,7 +1,5 @@
 """Common arguments and options of commands, with their shell completion."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar

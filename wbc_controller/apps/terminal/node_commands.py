@@ -1,7 +1,5 @@
 """Commands `wbc run`, `mock`, `guard` and `estimate`."""
 
-from __future__ import annotations
-
 import contextlib
 import logging
 import threading

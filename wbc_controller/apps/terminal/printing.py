@@ -1,7 +1,5 @@
 """Messages as YAML text, with six digits and arrays in one line."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

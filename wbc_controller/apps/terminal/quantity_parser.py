@@ -1,7 +1,5 @@
 """Parser of ``+0.02 forward``, ``20mm up``, ``10deg left``."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Parser of `wbc send`: words to one message on one topic."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial

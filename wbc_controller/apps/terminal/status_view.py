@@ -1,7 +1,5 @@
 """Status of a robot as text for `wbc status`, with the next step after a fault."""
 
-from __future__ import annotations
-
 import re
 import time
 from collections import deque

@@ -3,8 +3,6 @@
 The default differs from ROS 2: LOCALHOST, so that other computers cannot command the robot (docs/ros2.md).
 """
 
-from __future__ import annotations
-
 import contextlib
 import enum
 import logging

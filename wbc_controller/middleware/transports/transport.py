@@ -1,7 +1,5 @@
 """Interface of all transports."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable, Iterator
 from typing import Protocol

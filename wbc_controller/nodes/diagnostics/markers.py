@@ -3,8 +3,6 @@
 Each kind of shape has its own namespace. Markers expire, also after the death of the controller.
 """
 
-from __future__ import annotations
-
 import copy
 import math
 from collections.abc import Collection, Generator, Mapping

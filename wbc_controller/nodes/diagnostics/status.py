@@ -1,7 +1,5 @@
 """Summary as a diagnostic_msgs/DiagnosticArray."""
 
-from __future__ import annotations
-
 import math
 import statistics
 from array import array

@@ -1,7 +1,5 @@
 """Reports on tasks: values and references, persistent errors, binding constraints."""
 
-from __future__ import annotations
-
 import re
 from collections import deque
 from collections.abc import Collection, Mapping

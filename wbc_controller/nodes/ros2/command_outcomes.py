@@ -1,7 +1,5 @@
 """Outcomes of service commands."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass

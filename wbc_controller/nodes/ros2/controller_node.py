@@ -1,7 +1,5 @@
 """The managed lifecycle node `wbc_controller`."""
 
-from __future__ import annotations
-
 import logging
 import sys
 import threading

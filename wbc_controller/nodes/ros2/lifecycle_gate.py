@@ -1,7 +1,5 @@
 """Message delivery only in the active state."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable
 

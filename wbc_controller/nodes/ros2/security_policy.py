@@ -3,8 +3,6 @@
 Format: policy schema 0.2.0 (design article "ROS 2 Access Control Policies"), with one enclave per node.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from typing import Any
 from xml.etree import ElementTree

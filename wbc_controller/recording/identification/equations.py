@@ -12,8 +12,6 @@ A basis Z of the motions permitted by the contacts, J Z = 0, eliminates the unme
 principle, equations (17) to (19); S3), and likewise the undetermined dry friction of resting joints.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

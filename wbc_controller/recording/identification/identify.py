@@ -1,7 +1,5 @@
 """Bounded least squares with standard errors, and the tables of `wbc identify`."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Comparison of two configurations on a recording."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path

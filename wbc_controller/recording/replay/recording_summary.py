@@ -1,7 +1,5 @@
 """Summary of a recording or cycle."""
 
-from __future__ import annotations
-
 import datetime
 from collections.abc import Mapping
 from typing import Any

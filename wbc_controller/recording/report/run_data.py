@@ -1,7 +1,5 @@
 """Data of a report: arrays over samples."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
