@@ -4,8 +4,6 @@ Needs Chromium, the packages of requirements/dev.txt, and for `demo` and `walk` 
 `wbc demo g1 --sensors good --lockstep` and `wbc demo walk --sensors good --lockstep`.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import os

@@ -1,7 +1,5 @@
 """Messages to bytes and back."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

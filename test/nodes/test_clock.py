@@ -1,7 +1,5 @@
 """Simulated time, and a loop with this clock."""
 
-from __future__ import annotations
-
 import re
 import threading
 import time

@@ -1,7 +1,5 @@
 """Reading of recordings: formats of other versions, and topics added after the run."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Verdict of the demo: a good run meets each target; a bad run misses the one that it violates."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

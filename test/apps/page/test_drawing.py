@@ -1,7 +1,5 @@
 """Drawing of the robot's meshes, and of a robot without a measured base."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

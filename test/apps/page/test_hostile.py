@@ -1,7 +1,5 @@
 """Hostile browsers on the real server: the STOP buttons and handles of all other pages keep working."""
 
-from __future__ import annotations
-
 import logging
 import threading
 import time

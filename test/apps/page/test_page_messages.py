@@ -1,7 +1,5 @@
 """Allow-list and rate limit of messages."""
 
-from __future__ import annotations
-
 import dataclasses
 import typing
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Requests of a user and their outcomes, on a transport double."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import pytest

@@ -1,7 +1,5 @@
 """Commands without a node: topics by name, completion, and messages as text."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

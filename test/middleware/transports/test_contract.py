@@ -1,7 +1,5 @@
 """The interface of all transports, run on each of them."""
 
-from __future__ import annotations
-
 import dataclasses
 import logging
 import threading

@@ -1,7 +1,5 @@
 """Reports of unreachable references with the binding constraints, and none during an approach."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

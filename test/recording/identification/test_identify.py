@@ -1,7 +1,5 @@
 """Identification from a recording, against the mock robot of the recording."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

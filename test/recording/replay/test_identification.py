@@ -1,7 +1,5 @@
 """`wbc identify` with a file of the flight recorder."""
 
-from __future__ import annotations
-
 import pytest
 
 from wbc_controller.errors import ConfigurationError

@@ -1,7 +1,5 @@
 """Recordings of a walking robot: replay bit for bit, also from the middle of a step, and faults during a step."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
