@@ -59,13 +59,8 @@ def new_configuration(
     else:
         _put_legged(draft, model, body, found, postures)
         tuning.put_walking(source.text, draft)
-    draft.put(
-        "robot.armature",
-        0.0,
-        "rotor inertia at the joints, N² times the inertia of the rotor with gear ratio N, from the data sheet; a URDF "
-        "has no such value.",
-        "missing",
-    )
+    text = "rotor inertia at the joints, N² times the inertia of the rotor with gear ratio N, from the data sheet; a "
+    draft.put("robot.armature", 0.0, f"{text}URDF has no such value.", "missing")
     return draft
 
 

@@ -114,13 +114,8 @@ def choose_joints(source: UrdfSource, draft: Draft, carrying: Sequence[str]) -> 
         raise ConfigurationError(
             "robot.urdf: no usable joint; required: a joint of one degree of freedom with a range and a moved mass"
         )
-    draft.put(
-        "robot.joints",
-        joints,
-        "Joints in the order of the URDF. Torques are sent in this order; it must equal the order of `joints` in your "
-        "effort controller.",
-        "guess",
-    )
+    text = "Joints in the order of the URDF. Torques are sent in this order; it must equal the order of `joints` in "
+    draft.put("robot.joints", joints, f"{text}your effort controller.", "guess")
     for names, why in (
         (light, f"each moves less than {100.0 * _FINGER_SHARE:g} % of the robot's mass, as fingers do"),
         (stiff, "their range in the URDF is empty"),
