@@ -21,11 +21,9 @@ class Clock(Protocol):
 
     def now(self) -> float:
         """Return the time since a fixed instant, s."""
-        ...
 
     def stamp(self) -> int:
         """Return the time for message headers, ns."""
-        ...
 
     def clock_offset(self) -> float:
         """Return `stamp` minus `now`, s."""

@@ -9,7 +9,6 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from wbc_controller.errors import WbcError
@@ -54,9 +53,7 @@ class Processes:
         for name in reversed(list(self.processes)):
             self.stop(name)
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def start(self, name: str, *options: str) -> subprocess.Popen[bytes]:

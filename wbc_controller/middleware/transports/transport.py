@@ -17,15 +17,12 @@ class Stream(Protocol):
 
     def take(self) -> list[bytes]:
         """Take the serialized messages of the queue, oldest first."""
-        ...
 
     def wait(self, seconds: float) -> bool:
         """Wait for a message or `wake`, at most `seconds` of wall time; return True if one arrived."""
-        ...
 
     def wake(self) -> None:
         """End the present or next wait, from any thread."""
-        ...
 
 
 class Transport(Protocol):
@@ -38,30 +35,24 @@ class Transport(Protocol):
 
     def advertise(self, endpoint: Endpoint) -> Publish:
         """Open a topic for writing; return the thread-safe function that sends a serialized message."""
-        ...
 
     def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
         """Open a topic for reading; the callback receives each serialized message."""
-        ...
 
     def stream(self, endpoint: Endpoint, depth: int) -> Stream:
         """Open a topic for reading by hand, with a queue of the newest `depth` messages."""
-        ...
 
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
         """Return the full node names (or `UNNAMED`) of the other publishers on a topic, sorted.
 
         The answer may lag behind the graph; it takes up to 1 ms.
         """
-        ...
 
     def has_reader(self, endpoint: Endpoint) -> bool:
         """Return True if an advertised topic has a reader."""
-        ...
 
     def close(self) -> None:
         """Close all topics; afterwards no callback runs."""
-        ...
 
 
 class TransportWrapper:
