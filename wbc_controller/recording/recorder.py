@@ -340,21 +340,15 @@ class Recorder:
             self._controller.cycle_records = None
 
 
-def start_recorder(settings: Settings, file: Path | None = None, *, name: str = "") -> Recorder | None:
-    """Start a recorder; return None if it is off, or cannot be started (logged)."""
-    if file is None and not settings.recorder.seconds > 0.0:
-        return None
-    try:
-        return Recorder(settings, file, name=name)
-    except OSError as error:  # too many processes
-        _log.warning("nothing is recorded: the recorder cannot be started: %s", error.strerror or error)
-        return None
-
-
 @contextlib.contextmanager
-def recording(settings: Settings, file: Path | None, *, name: str = "") -> Iterator[Recorder | None]:
-    """Open a recorder for a run by `start_recorder`."""
-    recorder = start_recorder(settings, file, name=name)
+def recording(settings: Settings, file: Path | None = None, *, name: str = "") -> Iterator[Recorder | None]:
+    """Open a recorder for a run; None if it is off, or cannot be started (logged)."""
+    recorder = None
+    if file is not None or settings.recorder.seconds > 0.0:
+        try:
+            recorder = Recorder(settings, file, name=name)
+        except OSError as error:  # too many processes
+            _log.warning("nothing is recorded: the recorder cannot be started: %s", error.strerror or error)
     try:
         yield recorder
     finally:
