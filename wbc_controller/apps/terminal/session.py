@@ -97,8 +97,8 @@ class Session:
         return newest
 
     def newest(self, node: str, key: str, subject: str = "") -> Any | None:
-        """Return the newest message; None before the first."""
-        payloads = self._messages[node, key, subject]
+        """Return the newest message of a subscription; None before the first."""
+        payloads = self._messages.get((node, key, subject))
         return decode(payloads[-1], self.topics[node, key, subject].type) if payloads else None
 
     def wait_for_message(self, node: str, key: str, subject: str = "") -> Any:
@@ -120,7 +120,7 @@ class Session:
 
     def mode(self) -> str:
         """Return the controller's state; initially empty."""
-        state = self.newest("controller", "state") if ("controller", "state", "") in self._messages else None
+        state = self.newest("controller", "state")
         return "" if state is None else str(state.data)
 
     def _mode_note(self) -> str:

@@ -5,6 +5,8 @@ import time
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import starmap
 from typing import Any
 
 import numpy as np
@@ -36,12 +38,6 @@ class RobotStatus:
         """Values of the status by key."""
         return {value.key: value.value for value in self.status.values}
 
-    @property
-    def level(self) -> int:
-        """0 for ok, 1 for a warning, 2 for an error."""
-        level = self.status.level  # some codecs return a byte string
-        return level[0] if isinstance(level, bytes | bytearray) else int(level)
-
 
 class StatusListener:
     """Subscribes to the status, and counts the cycles."""
@@ -53,14 +49,9 @@ class StatusListener:
         session.listen("controller", "state")
         session.listen("controller", "diagnostics", depth=1000)
         session.listen("guard", "state")
-        self._task_topics = [
-            (name, key)
-            for name in settings.tasks
-            for key in ("task_value", "task_reference")
-            if ("controller", key, name) in session.topics
-        ]
-        for name, key in self._task_topics:
-            session.listen("controller", key, name)
+        self._task_topics = [place for place in session.topics if place[1] in ("task_value", "task_reference")]
+        for place in self._task_topics:
+            session.listen(*place)
 
     def wait_for_first(self) -> None:
         """Wait for a complete status; raise `NoAnswer` without a controller."""
@@ -70,7 +61,7 @@ class StatusListener:
         )
         if self._session.mode().startswith(("active", "holding")):
             deadline = time.monotonic() + _TASK_PERIODS / self._settings.control.diagnostics_rate
-            while time.monotonic() < deadline and not all(self._newest(*place) for place in self._task_topics):
+            while time.monotonic() < deadline and not all(starmap(self._session.newest, self._task_topics)):
                 time.sleep(0.02)
 
     def read_statuses(self) -> list[Any]:
@@ -89,15 +80,10 @@ class StatusListener:
             return None
         (first, before), (last, after) = self._cycles[0], self._cycles[-1]
         guard = self._session.newest("guard", "state")
-        tasks = {
-            name: (self._newest(name, "task_value"), self._newest(name, "task_reference"))
-            for name in self._settings.tasks
-        }
+        newest = partial(self._session.newest, "controller")
+        tasks = {name: (newest("task_value", name), newest("task_reference", name)) for name in self._settings.tasks}
         rate = (after - before) / (last - first) if last > first else float("nan")
         return RobotStatus(self._status, rate, tasks, "" if guard is None else str(guard.data))
-
-    def _newest(self, name: str, key: str) -> Any | None:
-        return self._session.newest("controller", key, name) if (name, key) in self._task_topics else None
 
 
 _COLOURS = {0: "green", 1: "yellow", 2: "red"}
@@ -135,7 +121,7 @@ def status_view(settings: Settings, robot: RobotStatus) -> RenderableType:
     for row in facts(robot):
         table.add_row(*row)
     return Group(
-        Text(f"{robot.status.hardware_id}: {robot.status.message}", style=f"bold {_COLOURS.get(robot.level, 'red')}"),
+        Text(f"{robot.status.hardware_id}: {robot.status.message}", style=f"bold {_COLOURS[robot.status.level]}"),
         table,
         _task_table(settings, robot),
         *(
