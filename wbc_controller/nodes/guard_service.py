@@ -90,7 +90,6 @@ class GuardService:
         self._joint_states: tuple[float, bytes] | None = None
         self._velocity_at, self._velocity = -math.inf, np.zeros(0)
         self._refused: dict[str, str] = {}
-        self._types = {topic.key: topic.type for topic in topics}
         self._publish: dict[str, Publish] = {
             topic.key: transport.advertise(topic) for topic in topics if topic.direction is Direction.OUT
         }
@@ -145,7 +144,7 @@ class GuardService:
     def _process_mode(self, payload: bytes) -> None:
         self._processed["controller_state"] = payload
         try:
-            mode = Mode(decode(payload, self._types["controller_state"]).data.partition(" ")[0])
+            mode = Mode(decode(payload, "std_msgs/msg/String").data.partition(" ")[0])
         except (InputRefused, ValueError) as error:
             self._refuse("controller_state", error)
             return

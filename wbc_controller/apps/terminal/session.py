@@ -212,12 +212,8 @@ class Session:
         self.find_controller()
         self.listen("controller", "state")
         self.listen("controller", "diagnostics", depth=1000)
-        for key in ("state", "diagnostics"):
-            name = self.topics["controller", key, ""].name
-            self.until(
-                lambda key=key: self._messages["controller", key, ""],  # type: ignore[misc]
-                f"no message on {name}{self._mode_note()}",
-            )
+        self.wait_for_message("controller", "state")
+        self.wait_for_message("controller", "diagnostics")
 
     def _send_and_confirm(self, request: Request) -> Answer:
         topic, before = self.topics[request.node, request.key, request.subject], self._status_values()
