@@ -14,6 +14,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -83,12 +84,16 @@ class GuardService:
         self._published_text, self._limit = "", LogLimit()
         self._unlogged, self._logged_at = 0, -math.inf  # changes since the last log line, and its time, s
         self._lock = threading.Lock()
-        self._command_at, self._torques = -math.inf, np.zeros(len(robot.effort_limits))
         self._drive = robot.drive
-        self._unanswered_at = math.inf
-        self._mode: Mode | None = None
+        self._received = GuardInputs(
+            command_at=-math.inf,
+            torques=np.zeros(len(robot.effort_limits)),
+            unanswered_at=math.inf,
+            mode=None,
+            velocity=None,
+            velocity_at=-math.inf,
+        )
         self._joint_states: tuple[float, bytes] | None = None
-        self._velocity_at, self._velocity = -math.inf, np.zeros(0)
         self._refused: dict[str, str] = {}
         self._publish: dict[str, Publish] = {
             topic.key: transport.advertise(topic) for topic in topics if topic.direction is Direction.OUT
@@ -125,10 +130,12 @@ class GuardService:
         except InputRefused as refusal:  # does not count as a command
             self._refuse("joint_commands", refusal)
             return
+        self._store("joint_commands", command_at=now, unanswered_at=math.inf, torques=tau)
+
+    def _store(self, topic: str, **values: Any) -> None:
         with self._lock:
-            self._command_at, self._unanswered_at = now, math.inf
-            self._torques = tau
-            self._refused.pop("joint_commands", None)
+            self._received = replace(self._received, **values)
+            self._refused.pop(topic, None)
 
     def _torques_of(self, effort: Array) -> Array:
         tau, limits = self._drive.from_joints(effort), self.guard.limits.effort
@@ -148,15 +155,13 @@ class GuardService:
         except (InputRefused, ValueError) as error:
             self._refuse("controller_state", error)
             return
-        with self._lock:
-            self._mode = mode
-            self._refused.pop("controller_state", None)
+        self._store("controller_state", mode=mode)
 
     def _store_joint_states(self, payload: bytes) -> None:
         now = self._clock.now()
         with self._lock:
             self._joint_states = now, payload
-            self._unanswered_at = min(self._unanswered_at, now)
+            self._received = replace(self._received, unanswered_at=min(self._received.unanswered_at, now))
 
     def _refuse(self, topic: str, reason: Exception) -> None:
         with self._lock:
@@ -187,14 +192,8 @@ class GuardService:
             except InputRefused as refusal:
                 self._refuse("joint_states", refusal)
             else:
-                self._velocity_at, self._velocity = newest[0], velocity
-                with self._lock:
-                    self._refused.pop("joint_states", None)
-        velocity_or_none = self._velocity if len(self._velocity) else None
-        with self._lock:
-            return GuardInputs(
-                self._command_at, self._torques, self._unanswered_at, self._mode, velocity_or_none, self._velocity_at
-            )
+                self._store("joint_states", velocity=velocity if len(velocity) else None, velocity_at=newest[0])
+        return self._received
 
     def cycle(self) -> float:
         """Decide, send torques after a takeover, publish the state; return the time of the next cycle, s."""
@@ -206,7 +205,7 @@ class GuardService:
         tau = self.guard.step(now, received)
         if tau is not None:
             payload = encode(torques(self._drive.command(tau)))
-            if received.command_at == self._command_at:  # no command arrived during this cycle
+            if received.command_at == self._received.command_at:  # no command arrived during this cycle
                 self._publish["effort"](payload)
         self._publish_diagnostics(now, received)
         if self.guard.sending:
