@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "test/support"))
 
 from browser import Browser
 
-from wbc_controller.apps.page.play import free_domain
+from wbc_controller.apps.page.page_service import free_domain
 from wbc_controller.apps.terminal.request_parser import parse_request
 from wbc_controller.apps.terminal.session import Session
 from wbc_controller.nodes.processes import Processes, memory, processor_time, until

@@ -1,7 +1,5 @@
 """Calls on the path of a joint state, from the transport to the torque message."""
 
-from __future__ import annotations
-
 #: Definition of the path, for `docs/map.md` and `test/integration/test_data_path.py`.
 DEFINITION = """\
 In each cycle, `ControlLoop.cycle` passes the joint state through these calls, from the message of the transport to the

@@ -1,7 +1,5 @@
 """Lists of fault kinds in docs/faults.md, by affected part."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from pydantic.fields import FieldInfo

@@ -1,7 +1,5 @@
 """Table of permitted imports of the package's folders, checked by `test/test_layering.py`."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 

@@ -1,7 +1,5 @@
 """Generator of docs/map.md: folders and files of the package with the first lines of their docstrings."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Generator of map.md, topics.md and configuration.md, run by `make docs`."""
 
-from __future__ import annotations
-
 import json
 import math
 import sys

@@ -1,7 +1,5 @@
 """Table of the supervisor's checks, printed for docs/safety.md."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 

@@ -1,7 +1,5 @@
 """Hooks of the documentation site, named in mkdocs.yml: pages of the root folder, linked source files, equations."""
 
-from __future__ import annotations
-
 import html
 import logging
 import re

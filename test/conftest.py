@@ -16,8 +16,8 @@ from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.check.preflight import stance
 from wbc_controller.controller.controller import Controller
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.middleware.codec import decode, encode, header, message, stamp
-from wbc_controller.middleware.odometry import odometry, quaternion, vector
+from wbc_controller.middleware.codec import decode, encode, header, message, time_fields
+from wbc_controller.middleware.odometry import odometry
 from wbc_controller.middleware.setpoints import setpoint_message
 from wbc_controller.middleware.topics import Direction, counterpart
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
@@ -55,7 +55,7 @@ def standing(name: str) -> np.ndarray:
 
 def _twist(twist: Any) -> Any:
     linear, angular = np.split(np.asarray(twist, dtype=float), [3])
-    return message("geometry_msgs/msg/Twist", linear=vector(linear), angular=vector(angular))
+    return message("geometry_msgs/msg/Twist", linear=linear, angular=angular)
 
 
 def _velocity(key: str, values: Any) -> Any:
@@ -75,7 +75,7 @@ def _pose_array(poses: Any, frame: str = "world") -> Any:
 
 def _transform(pose: Any) -> Any:
     place, turn = np.split(np.asarray(pose, dtype=float), [3])
-    return message("geometry_msgs/msg/Transform", translation=vector(place), rotation=quaternion(turn))
+    return message("geometry_msgs/msg/Transform", translation=place, rotation=turn)
 
 
 def _joint_state(names: Any, position: Any, velocity: Any = (), effort: Any = (), time: int = 1) -> Any:
@@ -88,18 +88,14 @@ def _odom(pose: Any, twist: Any = (0.0,) * 6, child: str = "", time: int = 1, fr
     return odometry(time, frame, child, np.asarray(pose, dtype=float), np.asarray(twist, dtype=float))
 
 
-def _duration(time: float) -> Any:
-    value = stamp(round(time * 1e9))
-    return message("builtin_interfaces/msg/Duration", sec=value.sec, nanosec=value.nanosec)
-
-
 def _joint_trajectory(names: Any, points: Any, start: int = 0) -> Any:
     """Points are (time, positions, velocities, accelerations); the last two may be left out."""
     made = []
     for time, *arrays in points:
-        arrays = [np.asarray(array, dtype=float) for array in arrays] + [np.zeros(0)] * (4 - len(arrays))
-        fields = dict(zip(("positions", "velocities", "accelerations", "effort"), arrays, strict=True))
-        made.append(message("trajectory_msgs/msg/JointTrajectoryPoint", time_from_start=_duration(time), **fields))
+        arrays = [np.asarray(array, dtype=float) for array in arrays]
+        fields = dict(zip(("positions", "velocities", "accelerations"), arrays, strict=False))
+        fields["time_from_start"] = time_fields(round(1e9 * time))
+        made.append(message("trajectory_msgs/msg/JointTrajectoryPoint", **fields))
     return message("trajectory_msgs/msg/JointTrajectory", header=header(start), joint_names=list(names), points=made)
 
 
@@ -112,8 +108,7 @@ def _frame_trajectory(points: Any, frame: str = "world", names: Any = ("frame",)
                 "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint",
                 transforms=[_transform(transform) for transform in transforms],
                 velocities=[_twist(twist) for twist in (twists[0] if twists else ())],
-                accelerations=[],
-                time_from_start=_duration(time),
+                time_from_start=time_fields(round(1e9 * time)),
             )
         )
     return message(

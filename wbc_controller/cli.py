@@ -18,7 +18,7 @@ COMMANDS = {
     "accuracy": "validation.accuracy.accuracy_commands",
     "bench": "validation.latency.latency_commands",
     "check": "apps.terminal.configuration_commands",
-    "demo": "apps.demo.demo_command",
+    "demo": "apps.page.page_commands",
     "drive": "apps.terminal.terminal_commands",
     "echo": "apps.terminal.terminal_commands",
     "estimate": "apps.terminal.node_commands",

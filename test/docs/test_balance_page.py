@@ -1,7 +1,5 @@
 """The tasks that docs/balance.md shows keep a pushed robot on its feet where a task on the centre of mass would not."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

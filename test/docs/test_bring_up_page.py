@@ -1,7 +1,5 @@
 """What docs/bring-up.md shows of `wbc check` is what it prints, for its configurations and for each of its mistakes."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Every kind of contact from its YAML to its forces: what docs/contacts.md shows runs, is made and broken by topic."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

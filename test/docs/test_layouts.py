@@ -1,7 +1,5 @@
 """Every topic, field, joint and contact that a layout names exists, with a type that can be shown there."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

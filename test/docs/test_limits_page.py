@@ -1,7 +1,5 @@
 """What docs/limits.md shows runs."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

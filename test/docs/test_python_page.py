@@ -1,7 +1,5 @@
 """docs/python.md: snippets, names and numbers."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Service and mock robot on each transport, and a user of their topics."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import os

@@ -1,7 +1,5 @@
 """The commands of docs/bring-up.md in two real processes without ROS 2."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

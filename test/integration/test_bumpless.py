@@ -1,7 +1,5 @@
 """G1 sways from foot to foot in the simulator while contacts and tasks are switched: 100 switches, and no jump."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

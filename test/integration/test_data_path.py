@@ -5,8 +5,6 @@ object returned by a function with the data in its arguments or callees. Objects
 dataclasses, and objects of `inverse_dynamics` with their attributes.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import inspect
 import sys

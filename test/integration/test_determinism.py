@@ -1,7 +1,5 @@
 """Lockstep runs are reproducible bit for bit, here without odometry and with sensor noise."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

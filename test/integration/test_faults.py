@@ -1,7 +1,5 @@
 """Real processes: a robot that dies during a run, and invalid messages."""
 
-from __future__ import annotations
-
 import re
 import signal
 import time

@@ -1,7 +1,5 @@
 """Real processes: floods of the controller's inputs do not block an emergency stop."""
 
-from __future__ import annotations
-
 import dataclasses
 import types
 

@@ -3,8 +3,6 @@
 A busy machine only adds delays, so that the fastest of several repetitions counts.
 """
 
-from __future__ import annotations
-
 import re
 import signal
 import time

@@ -1,7 +1,5 @@
 """Real processes: controller and mock robot are killed, hung up and stopped at random times."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import pytest

@@ -1,7 +1,5 @@
 """Real processes: two controllers of one robot, then two robots on one topic."""
 
-from __future__ import annotations
-
 import pytest
 
 pytestmark = pytest.mark.live

@@ -1,7 +1,5 @@
 """One scenario on every transport: by topics alone, from hanging on the hoist to standing on three legs and back."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Processes on simulated time on an overloaded computer."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Real processes: half a minute of controller, mock robot and guard without memory growth or faults."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from domains import own_domain

@@ -1,7 +1,5 @@
 """Robot and controller on two hosts; the network is cut for 5 s."""
 
-from __future__ import annotations
-
 import json
 import os
 import queue

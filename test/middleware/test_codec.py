@@ -1,12 +1,10 @@
 """Messages to bytes and back."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from wbc_controller.errors import InputRefused
-from wbc_controller.middleware.codec import decode, encode, header, message, nanoseconds, stamp
+from wbc_controller.middleware.codec import decode, encode, header, message, nanoseconds, time_fields
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 
@@ -56,4 +54,20 @@ def test_padding_of_the_middleware_is_no_fault():
 
 
 def test_time_keeps_its_nanoseconds():
-    assert nanoseconds(stamp(1_763_705_622_123_456_789)) == 1_763_705_622_123_456_789
+    time = message("builtin_interfaces/msg/Time", **time_fields(1_763_705_622_123_456_789))
+    assert nanoseconds(time) == 1_763_705_622_123_456_789
+
+
+def test_omitted_fields_are_zero():
+    pose = message("geometry_msgs/msg/PoseStamped", pose={"position": np.array([1.0, 2.0])})
+    (x, y, z), turn = (pose.pose.position.x, pose.pose.position.y, pose.pose.position.z), pose.pose.orientation
+    assert (x, y, z, turn.x, turn.y, turn.z, turn.w) == (1.0, 2.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    assert (pose.header.stamp.sec, pose.header.frame_id) == (0, "")
+    states = decode(encode(message(JOINT_STATE, name=["a"], effort=np.array([3.0]))), JOINT_STATE)
+    assert (states.name, states.position.size, states.effort.tolist()) == (["a"], 0, [3.0])
+    assert message("nav_msgs/msg/Odometry").pose.covariance.shape == (36,)
+
+
+def test_an_unknown_field_is_an_error():
+    with pytest.raises(TypeError, match="speed"):
+        message(JOINT_STATE, speed=1.0)

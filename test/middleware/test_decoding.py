@@ -1,7 +1,5 @@
 """Decoding of messages, and all refusals."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Templates write the bytes of the codec, and layouts find the numbers of a message."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

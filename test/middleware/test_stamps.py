@@ -1,7 +1,5 @@
 """Ages by timestamp: offset estimation, and refused stamps (constant, decreasing, far ahead)."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Decoders of measured states: equal to the codec, and refusals of invalid messages."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The topic table: names, types, directions, quality of service, and use of every row."""
 
-from __future__ import annotations
-
 import pytest
 
 from wbc_controller.errors import ConfigurationError

@@ -1,7 +1,5 @@
 """The topic pose: its use, refusals, and effect on a robot under control."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The base state from the topic imu: the rules of odometry, and those of the estimate."""
 
-from __future__ import annotations
-
 import re
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """Hostile or faulty inputs neither end, stall nor deceive the loop."""
 
-from __future__ import annotations
-
 import threading
 import time
 

@@ -1,7 +1,5 @@
 """Simulated time, and a loop with this clock."""
 
-from __future__ import annotations
-
 import re
 import threading
 import time
@@ -11,18 +9,17 @@ import pytest
 from starved import StarvedThread
 
 from wbc_controller.errors import TransportError
-from wbc_controller.middleware.codec import encode, message, stamp
+from wbc_controller.middleware.codec import encode, message, time_fields
 from wbc_controller.middleware.topics import CONTROLLER_TOPICS, counterpart, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
-from wbc_controller.nodes import simulated_clock
-from wbc_controller.nodes.clock import ManualClock, MonotonicClock
+from wbc_controller.nodes import clock as clock_module
+from wbc_controller.nodes.clock import ManualClock, MonotonicClock, make_simulated_clock
 from wbc_controller.nodes.controller_service import make_clock
-from wbc_controller.nodes.simulated_clock import make_simulated_clock
 from wbc_controller.records import Mode
 
 
 def time_message(nanoseconds):
-    return message("rosgraph_msgs/msg/Clock", clock=stamp(nanoseconds))
+    return message("rosgraph_msgs/msg/Clock", clock=time_fields(nanoseconds))
 
 
 @pytest.fixture
@@ -84,9 +81,9 @@ def test_a_flood_of_times_costs_a_bounded_number_of_reads(clock_and_time, monkey
     clock, publish = clock_and_time
     reads = []
     monkeypatch.setattr(
-        simulated_clock,
+        clock_module,
         "decode",
-        lambda payload, kind, read=simulated_clock.decode: reads.append(1) or read(payload, kind),
+        lambda payload, kind, read=clock_module.decode: reads.append(1) or read(payload, kind),
     )
     for i in range(1, 10_001):
         publish(i * 20_000)
@@ -98,19 +95,17 @@ def test_a_flood_of_times_costs_a_bounded_number_of_reads(clock_and_time, monkey
 def test_messages_that_are_no_time_are_refused_and_logged_once_a_second(clock_and_bytes, monkeypatch, caplog):
     clock, publish = clock_and_bytes
     now = [100.0]
-    monkeypatch.setattr(simulated_clock.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(clock_module.time, "monotonic", lambda: now[0])
     publish(encode(time_message(5_000_000_000)))
     for _ in range(3):
         publish(b"\0\1\0\0")
-        publish(
-            encode(message("rosgraph_msgs/msg/Clock", clock=message("builtin_interfaces/msg/Time", sec=-1, nanosec=0)))
-        )
+        publish(encode(message("rosgraph_msgs/msg/Clock", clock={"sec": -1})))
         clock.refresh()
     assert clock.stamp() == 5_000_000_000
     assert len(caplog.records) == 1
     assert "/clock: refused: 4 bytes are not a rosgraph_msgs/msg/Clock" in caplog.text
     now[0] += 1.0
-    publish(encode(message("rosgraph_msgs/msg/Clock", clock=message("builtin_interfaces/msg/Time", sec=-1, nanosec=0))))
+    publish(encode(message("rosgraph_msgs/msg/Clock", clock={"sec": -1})))
     clock.refresh()
     assert "clock has sec = -1" in caplog.records[1].message
 

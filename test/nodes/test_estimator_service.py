@@ -1,7 +1,5 @@
 """The base estimator as a node on the memory transport, with a robot of known truth."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

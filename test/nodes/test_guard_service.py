@@ -1,7 +1,5 @@
 """The guard with its topics: accepted commands, messages, and state after its end."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

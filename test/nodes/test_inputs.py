@@ -1,7 +1,5 @@
 """From received messages to one latched state, requests and changes."""
 
-from __future__ import annotations
-
 import threading
 import time
 from types import SimpleNamespace

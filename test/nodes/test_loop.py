@@ -1,7 +1,5 @@
 """The loop: order of a cycle, ages and deadlines, and resulting modes."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import re

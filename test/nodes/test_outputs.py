@@ -1,7 +1,5 @@
 """Outgoing messages: commands, forces, the mode, diagnostics."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

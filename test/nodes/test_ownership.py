@@ -1,7 +1,5 @@
 """One owner of the robot: permitted publishers besides the controller, and reports of the others."""
 
-from __future__ import annotations
-
 import threading
 
 import pytest

@@ -1,7 +1,5 @@
 """Memory and times of processes from /proc, and waiting for a condition."""
 
-from __future__ import annotations
-
 import mmap
 import os
 import signal

@@ -1,7 +1,5 @@
 """Real time: system calls, refusals, and real effects if permitted."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import os

@@ -1,7 +1,5 @@
 """Waiting for the URDF on a topic."""
 
-from __future__ import annotations
-
 import itertools
 import logging
 import os

@@ -1,7 +1,5 @@
 """Records to JSON and back, bit for bit."""
 
-from __future__ import annotations
-
 import json
 import math
 import struct

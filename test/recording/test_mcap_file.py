@@ -1,7 +1,5 @@
 """MCAP files: complete after every write, readable up to their first damage."""
 
-from __future__ import annotations
-
 import errno
 import resource
 import signal

@@ -1,7 +1,5 @@
 """The flight recorder: contents, behaviour without a disk, and the file after a kill."""
 
-from __future__ import annotations
-
 import os
 import signal
 import struct

@@ -1,7 +1,5 @@
 """Reading of recordings: formats of other versions, and topics added after the run."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -32,7 +30,7 @@ def write(path, file, messages):
 
 @pytest.mark.parametrize("other", [3, FORMAT + 1])
 def test_a_recording_in_another_format_is_rejected_with_both_formats(record, tmp_path, monkeypatch, other):
-    monkeypatch.setattr("wbc_controller.recording.recorder.FORMAT", other)
+    monkeypatch.setattr("wbc_controller.recording.cycle_layout.FORMAT", other)
     run = record(tmp_path / "a.mcap")
     run.stand(5)
     run.recorder.close()

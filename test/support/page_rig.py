@@ -13,7 +13,7 @@ from wbc_controller.apps.page.page import Page
 from wbc_controller.apps.page.request_sender import RequestSender
 from wbc_controller.apps.page.server import Gate, open_server
 from wbc_controller.apps.page.snapshot import Robot, Snapshot
-from wbc_controller.apps.terminal.robot_status import RobotStatus
+from wbc_controller.apps.terminal.status_view import RobotStatus
 from wbc_controller.middleware.codec import diagnostics
 from wbc_controller.records import Reference, References
 from wbc_controller.settings.files import find_configuration, load_settings

@@ -1,20 +1,49 @@
 """Codec of ROS 2 messages: `rosbags` dataclasses, little-endian CDR."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 
 from wbc_controller.errors import InputRefused
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
+OK, WARN, ERROR = 0, 1, 2  # levels of a diagnostic status
+_MESSAGE, _PRIMITIVE = Nodetype.NAME, Nodetype.BASE
 
 
 def message(type_name: str, **fields: Any) -> Any:
-    """Make a message of a type from all its fields."""
+    """Make a message of a type; omitted fields are zero, also the coordinates at the end of a vector.
+
+    A field with a message accepts the message, a mapping of its fields, or an array with its numbers.
+    """
+    for name, (node, detail) in TYPES.fielddefs[type_name][1]:
+        if name not in fields:
+            fields[name] = _zero(node, detail)
+        elif node is _MESSAGE:
+            fields[name] = _nested(str(detail), fields[name])
     return TYPES.types[type_name](**fields)
+
+
+def _nested(type_name: str, value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        names = [name for name, _ in TYPES.fielddefs[type_name][1]]
+        value = dict(zip(names, value.tolist(), strict=False))
+    return message(type_name, **value) if isinstance(value, dict) else value
+
+
+def _zero(node: Nodetype, detail: Any) -> Any:
+    if node is _MESSAGE:
+        return message(detail, **({"w": 1.0} if detail == "geometry_msgs/msg/Quaternion" else {}))
+    if node is _PRIMITIVE:
+        kind = detail[0]
+        return "" if kind == "string" else False if kind == "bool" else 0.0 if kind.startswith("float") else 0
+    (element, kind), size = detail
+    if element is _PRIMITIVE and kind[0] != "string":
+        return np.zeros(size, dtype=kind[0])
+    return [_zero(element, kind) for _ in range(size)]
 
 
 def encode(content: Any) -> bytes:
@@ -30,15 +59,14 @@ def decode(payload: bytes, type_name: str) -> Any:
         raise InputRefused(f"{len(payload)} bytes are not a {type_name} ({type(error).__name__}: {error})") from error
 
 
-def stamp(nanoseconds: int) -> Any:
-    """Make a builtin_interfaces/Time."""
-    seconds, rest = divmod(nanoseconds, 1_000_000_000)
-    return message("builtin_interfaces/msg/Time", sec=seconds, nanosec=rest)
+def time_fields(nanoseconds: int) -> dict[str, int]:
+    """Return the fields of a builtin_interfaces/Time or Duration."""
+    return dict(zip(("sec", "nanosec"), divmod(nanoseconds, 1_000_000_000), strict=True))
 
 
 def header(nanoseconds: int, frame: str = "") -> Any:
     """Make a std_msgs/Header."""
-    return message("std_msgs/msg/Header", stamp=stamp(nanoseconds), frame_id=frame)
+    return message("std_msgs/msg/Header", stamp=time_fields(nanoseconds), frame_id=frame)
 
 
 def nanoseconds(time: Any) -> int:
@@ -49,23 +77,17 @@ def nanoseconds(time: Any) -> int:
 def torques(tau: Any) -> Any:
     """Make the message of effort controllers from torques, (na,) in N·m."""
     dimension = message("std_msgs/msg/MultiArrayDimension", label="actuators", size=len(tau), stride=len(tau))
-    layout = message("std_msgs/msg/MultiArrayLayout", dim=[dimension], data_offset=0)
-    return message("std_msgs/msg/Float64MultiArray", layout=layout, data=tau)
+    return message("std_msgs/msg/Float64MultiArray", layout={"dim": [dimension]}, data=tau)
 
 
 def diagnostics(wall: int, level: int, name: str, text: str, hardware: str, values: Mapping[str, str]) -> Any:
-    """Make a DiagnosticArray with one status at the time `wall`, ns.
-
-    Args:
-        level: 0 (OK), 1 (WARN) or 2 (ERROR).
-        name: ``node: subject``.
-    """
+    """Make a DiagnosticArray with one status, named ``node: subject``, at the time `wall`, ns."""
     status = message(
         "diagnostic_msgs/msg/DiagnosticStatus",
         level=level,
         name=name,
         message=text,
         hardware_id=hardware,
-        values=[message("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()],
+        values=[TYPES.types["diagnostic_msgs/msg/KeyValue"](*pair) for pair in values.items()],
     )
     return message("diagnostic_msgs/msg/DiagnosticArray", header=header(wall), status=[status])

@@ -1,7 +1,5 @@
 """Decoders of users' messages."""
 
-from __future__ import annotations
-
 import difflib
 import itertools
 import math
@@ -16,27 +14,10 @@ import yaml
 
 from wbc_controller.arguments import finite, shortened
 from wbc_controller.errors import ConfigurationError, InputRefused, valid_choices
-from wbc_controller.inverse_dynamics.references.changes import (
-    Change,
-    EnableContact,
-    EnableTask,
-    SetExternalWrench,
-    SetSetpoint,
-    SetTrajectory,
-    SetWeight,
-    Walk,
-    WalkFootsteps,
-    WalkTo,
-)
+from wbc_controller.inverse_dynamics import tasks
+from wbc_controller.inverse_dynamics.references import changes
 from wbc_controller.inverse_dynamics.references.relative import own_frames
 from wbc_controller.inverse_dynamics.references.trajectories import Knot
-from wbc_controller.inverse_dynamics.tasks import (
-    AxisAlignmentTask,
-    FrameOrientationTask,
-    FramePoseTask,
-    GazeTask,
-    RelativePoseTask,
-)
 from wbc_controller.inverse_dynamics.tasks.form import ReferenceForm, unit_quaternion, unit_vector
 from wbc_controller.middleware.codec import nanoseconds
 from wbc_controller.middleware.joint_states import require_unique
@@ -63,11 +44,11 @@ class Vocabulary:
 _FORMS: Mapping[str, ReferenceForm] = {
     "com": ReferenceForm(),
     "frame_position": ReferenceForm(),
-    "frame_orientation": FrameOrientationTask.form,
-    "frame_pose": FramePoseTask.form,
-    "relative_pose": RelativePoseTask.form,
-    "axis_alignment": AxisAlignmentTask.form,
-    "gaze": GazeTask.form,
+    "frame_orientation": tasks.FrameOrientationTask.form,
+    "frame_pose": tasks.FramePoseTask.form,
+    "relative_pose": tasks.RelativePoseTask.form,
+    "axis_alignment": tasks.AxisAlignmentTask.form,
+    "gaze": tasks.GazeTask.form,
     "linear_momentum": ReferenceForm(),
     "angular_momentum": ReferenceForm(),
     "capture_point": ReferenceForm(vector=2),
@@ -135,25 +116,25 @@ def setpoint_frames(kind: str, task: str) -> tuple[str, ...]:
     return (reference, heading)
 
 
-def _read_setpoint(vocabulary: Vocabulary, task: str, content: Any) -> tuple[Change, ...]:
+def _read_setpoint(vocabulary: Vocabulary, task: str, content: Any) -> tuple[changes.Change, ...]:
     kind = vocabulary.kinds[task]
     if kind in JOINT_FIELDS:
         what, joints, frame = JOINT_FIELDS[kind], vocabulary.joints[task], content.header.frame_id
         # Drivers fill the frame of joints arbitrarily; only a frame of the task has a meaning.
-        if frame.startswith(f"{task}/"):
-            frame = _frame_of_setpoint(vocabulary, task, frame)
-            return (SetSetpoint(task, _joint_steps(joints, content.name, getattr(content, what), what), frame=frame),)
-        return (SetSetpoint(task, _joint_values(joints, content.name, getattr(content, what), what)),)
+        relative = frame.startswith(f"{task}/")
+        frame = _frame_of_setpoint(vocabulary, task, frame) if relative else ""
+        values = _joint_values(joints, content.name, getattr(content, what), what, partial=relative)
+        return (changes.SetSetpoint(task, values, frame=frame),)
     frame = _frame_of_setpoint(vocabulary, task, content.header.frame_id)
     if kind == "contact_wrench":
-        return (SetSetpoint(task, _wrench(content), frame=frame),)
+        return (changes.SetSetpoint(task, _wrench(content), frame=frame),)
     form = _FORMS[kind]
     if form.oriented:
         position = _position(form, content.pose.position, content.pose.orientation)
     else:
         what = "point" if hasattr(content, "point") else "vector"
         position = _position(form, getattr(content, what), None, f"the {what}")
-    return (SetSetpoint(task, position, frame=frame),)
+    return (changes.SetSetpoint(task, position, frame=frame),)
 
 
 def _position(form: ReferenceForm, vector: Any, quaternion: Any, what: str = "the position") -> Array:
@@ -163,52 +144,38 @@ def _position(form: ReferenceForm, vector: Any, quaternion: Any, what: str = "th
     return np.concatenate([values, _quaternion(quaternion)]) if form.oriented else values
 
 
-def _joint_values(joints: Sequence[str], names: Sequence[str], values: Any, what: str) -> Array:
-    _require_equal_sizes(names, values, what)
-    order = _joint_order(joints, names, what)
-    return np.asarray(finite(values, what)[order])
-
-
-def _joint_steps(joints: Sequence[str], names: Sequence[str], values: Any, what: str) -> Array:
-    """Return the displacements of the task's joints; 0 for missing ones."""
-    _require_equal_sizes(names, values, what)
-    _require_joints(joints, names)
-    steps = dict(zip(names, finite(values, what), strict=True))
-    return np.array([steps.get(name, 0.0) for name in joints])
-
-
-def _require_equal_sizes(names: Sequence[str], values: Any, what: str) -> None:
+def _joint_values(joints: Sequence[str], names: Sequence[str], values: Any, what: str, *, partial: bool) -> Array:
+    """Return the values in the task's order of joints; `partial` permits missing ones, with 0."""
     if len(values) != len(names):
         raise InputRefused(f"{what} has {len(values)} values for {len(names)} names")
+    _require_joints(joints, names, what, partial=partial)
+    given = dict(zip(names, finite(values, what), strict=True))
+    return np.array([given.get(name, 0.0) for name in joints])
 
 
-def _require_joints(joints: Sequence[str], names: Sequence[str]) -> None:
+def _require_joints(joints: Sequence[str], names: Sequence[str], what: str, *, partial: bool = False) -> None:
     for name in names:
         if name not in joints:
             raise InputRefused(f"{name!r} is not a joint of this task; {valid_choices(name, joints)}")
     require_unique(names)
-
-
-def _joint_order(joints: Sequence[str], names: Sequence[str], what: str) -> np.ndarray:
-    _require_joints(joints, names)
-    places = {name: i for i, name in enumerate(names)}
-    missing = [name for name in joints if name not in places]
+    missing = [] if partial else [name for name in joints if name not in names]
     if missing:
         raise InputRefused(f"{what}: {len(missing)} joints are missing: {', '.join(missing)}")
-    return np.array([places[name] for name in joints], dtype=np.intp)
 
 
 _MAX_POINTS = 5000  # of a trajectory
 
 
-def _read_trajectory(vocabulary: Vocabulary, task: str, content: Any) -> tuple[Change, ...]:
+def _read_trajectory(vocabulary: Vocabulary, task: str, content: Any) -> tuple[changes.Change, ...]:
     if not content.points:
         raise InputRefused("the trajectory has no points")
     if len(content.points) > _MAX_POINTS:
         raise InputRefused(f"the trajectory has {len(content.points)} points (limit {_MAX_POINTS})")
     kind = vocabulary.kinds[task]
     if kind == "posture":
-        order = _joint_order(vocabulary.joints[task], content.joint_names, "positions")
+        joints, names = vocabulary.joints[task], list(content.joint_names)
+        _require_joints(joints, names, "positions")
+        order = np.array([names.index(name) for name in joints], dtype=np.intp)
         knots = [_joint_knot(order, point) for point in content.points]
     else:
         _require_reference_frame(vocabulary, task, content)
@@ -221,7 +188,7 @@ def _read_trajectory(vocabulary: Vocabulary, task: str, content: Any) -> tuple[C
     if knots[-1].velocity.any():
         raise InputRefused(f"the last point has the velocity {shortened(knots[-1].velocity)}; it must be 0")
     stamp = stamp_of(content)
-    return (SetTrajectory(task, stamp * 1.0e-9 if stamp else None, tuple(knots)),)
+    return (changes.SetTrajectory(task, stamp * 1.0e-9 if stamp else None, tuple(knots)),)
 
 
 def _joint_knot(order: np.ndarray, point: Any) -> Knot:
@@ -250,19 +217,19 @@ def _frame_knot(form: ReferenceForm, point: Any) -> Knot:
 
 
 def _weight(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
+    if not _is_number(value):
         raise InputRefused(f"weight is {reprlib.repr(value)}; it must be a number")
     if not (0.0 <= value <= 1.0e6):
         raise InputRefused(f"weight is {reprlib.repr(value)}; valid: 0 to 1e6")
     return float(value)
 
 
-def _read_external_wrench(vocabulary: Vocabulary, frame: str, content: Any) -> tuple[Change, ...]:
+def _read_external_wrench(vocabulary: Vocabulary, frame: str, content: Any) -> tuple[changes.Change, ...]:
     _require_world_frame(content, "an external wrench")
-    return (SetExternalWrench(frame, _wrench(content)),)
+    return (changes.SetExternalWrench(frame, _wrench(content)),)
 
 
-def _read_velocity(twist: Any) -> tuple[Change, ...]:
+def _read_velocity(twist: Any) -> tuple[changes.Change, ...]:
     unused = twist.linear.z, twist.angular.x, twist.angular.y
     velocity = finite([twist.linear.x, twist.linear.y, twist.angular.z], "the velocity")
     if any(unused):
@@ -270,7 +237,7 @@ def _read_velocity(twist: Any) -> tuple[Change, ...]:
             f"linear.z, angular.x and angular.y are {list(unused)}; they must be 0: walking uses linear.x, linear.y "
             "and angular.z"
         )
-    return (Walk(velocity if velocity.any() else None, streamed=True),)
+    return (changes.Walk(velocity if velocity.any() else None, streamed=True),)
 
 
 MAX_DISTANCE = 1.0e4  # largest coordinate of a pose on the ground, m
@@ -289,17 +256,17 @@ def _pose_on_ground(pose: Any, what: str) -> Array:
     return np.array([*place, math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))])
 
 
-def _read_goal(content: Any) -> tuple[Change, ...]:
+def _read_goal(content: Any) -> tuple[changes.Change, ...]:
     _require_world_frame(content, "a goal")
-    return (WalkTo(_pose_on_ground(content.pose, "the goal")),)
+    return (changes.WalkTo(_pose_on_ground(content.pose, "the goal")),)
 
 
-def _read_footsteps(content: Any) -> tuple[Change, ...]:
+def _read_footsteps(content: Any) -> tuple[changes.Change, ...]:
     _require_world_frame(content, "footsteps")
     if not (1 <= len(content.poses) <= _MAX_FOOTSTEPS):
         raise InputRefused(f"the message has {len(content.poses)} footsteps; valid: 1 to {_MAX_FOOTSTEPS}")
     poses = [_pose_on_ground(pose, f"step {i}") for i, pose in enumerate(content.poses, 1)]
-    return (WalkFootsteps(np.array(poses)),)
+    return (changes.WalkFootsteps(np.array(poses)),)
 
 
 def _wrench(content: Any) -> Array:
@@ -320,7 +287,7 @@ _UPDATE_KEYS = {
 _UPDATE_SETTINGS = ("control", "limits", "safety")  # with settings only
 
 
-def _read_update(vocabulary: Vocabulary, subject: str, content: Any) -> tuple[Change | ChangeSettings, ...]:
+def _read_update(vocabulary: Vocabulary, subject: str, content: Any) -> tuple[changes.Change | ChangeSettings, ...]:
     if len(content.data) > _MAX_UPDATE:
         raise InputRefused(f"update has {len(content.data)} characters (limit {_MAX_UPDATE})")
     try:
@@ -333,7 +300,7 @@ def _read_update(vocabulary: Vocabulary, subject: str, content: Any) -> tuple[Ch
         raise InputRefused(f"{error}; {_UPDATE_FORM}") from error
     if not isinstance(update, dict) or not update:
         raise InputRefused(f"{reprlib.repr(content.data)} is not a mapping; {_UPDATE_FORM}")
-    changes: list[Change] = []
+    found: list[changes.Change] = []
     settings: dict[str, Any] = {}
     for section, entries in update.items():
         if section in _UPDATE_SETTINGS and isinstance(entries, dict):
@@ -358,27 +325,27 @@ def _read_update(vocabulary: Vocabulary, subject: str, content: Any) -> tuple[Ch
                 if key in _UPDATE_KEYS[section][1]:
                     settings.setdefault(section, {}).setdefault(name, {})[key] = value
                 else:
-                    changes.append(_update_field(vocabulary, section, name, key, value, fields.get("frame", "")))
-    if not changes and not settings:
+                    found.append(_update_field(vocabulary, section, name, key, value, fields.get("frame", "")))
+    if not found and not settings:
         raise InputRefused(f"{reprlib.repr(content.data)} changes nothing; {_UPDATE_FORM}")
-    return (*changes, *([ChangeSettings(settings)] if settings else []))
+    return (*found, *([ChangeSettings(settings)] if settings else []))
 
 
-def _update_field(vocabulary: Vocabulary, section: str, name: str, key: Any, value: Any, frame: Any) -> Change:
+def _update_field(vocabulary: Vocabulary, section: str, name: str, key: Any, value: Any, frame: Any) -> changes.Change:
     keys, settings = _UPDATE_KEYS[section]
     if key not in keys:
         raise InputRefused(f"{section}.{name}: unknown key {key!r}; {valid_choices(str(key), (*keys, *settings))}")
     if key == "weight":
-        return SetWeight(name, _weight(value))
+        return changes.SetWeight(name, _weight(value))
     if key == "setpoint":
         if not isinstance(frame, str):
             raise InputRefused(f"tasks.{name}.frame is {reprlib.repr(frame)}; it must be the name of a frame")
         if frame:
             frame = _frame_of_setpoint(vocabulary, name, frame, f"tasks.{name}.frame")
-        return SetSetpoint(name, _setpoint_values(vocabulary, name, value), frame=frame)
+        return changes.SetSetpoint(name, _setpoint_values(vocabulary, name, value), frame=frame)
     if not isinstance(value, bool):
         raise InputRefused(f"{section}.{name}.enabled is {reprlib.repr(value)}; valid: true or false")
-    return EnableTask(name, value) if section == "tasks" else EnableContact(name, value)
+    return changes.EnableTask(name, value) if section == "tasks" else changes.EnableContact(name, value)
 
 
 def _is_number(value: Any) -> bool:
@@ -398,12 +365,12 @@ def _setpoint_values(vocabulary: Vocabulary, task: str, value: Any) -> Array:
 
 
 #: Decoders by row of the topic table.
-READERS: Mapping[str, Callable[[Vocabulary, str, Any], tuple[Change | ChangeSettings, ...]]] = {
+READERS: Mapping[str, Callable[[Vocabulary, str, Any], tuple[changes.Change | ChangeSettings, ...]]] = {
     "setpoint": _read_setpoint,
     "trajectory": _read_trajectory,
-    "weight": lambda vocabulary, task, content: (SetWeight(task, _weight(float(content.data))),),
-    "task_enable": lambda vocabulary, task, content: (EnableTask(task, bool(content.data)),),
-    "contact_enable": lambda vocabulary, contact, content: (EnableContact(contact, bool(content.data)),),
+    "weight": lambda vocabulary, task, content: (changes.SetWeight(task, _weight(float(content.data))),),
+    "task_enable": lambda vocabulary, task, content: (changes.EnableTask(task, bool(content.data)),),
+    "contact_enable": lambda vocabulary, contact, content: (changes.EnableContact(contact, bool(content.data)),),
     "external_wrench": _read_external_wrench,
     "cmd_vel": lambda vocabulary, subject, content: _read_velocity(content),
     "cmd_vel_stamped": lambda vocabulary, subject, content: _read_velocity(content.twist),

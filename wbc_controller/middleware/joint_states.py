@@ -1,7 +1,5 @@
 """Decoder of joint states."""
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from collections import Counter

@@ -4,8 +4,6 @@ Messages of a stream differ only in their numbers: timestamp, floating-point fie
 and array sizes) form the layout.
 """
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import struct

@@ -1,7 +1,5 @@
 """Messages of the base."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -22,13 +20,12 @@ def odometry(
         covariances: of position and rotations about the axes of `frame`, and of the twist, (6, 6); None for zeros.
     """
     of_pose, of_twist = covariances if covariances is not None else (np.zeros(36), np.zeros(36))
-    moving = message("geometry_msgs/msg/Twist", linear=vector(twist[:3]), angular=vector(twist[3:]))
     return message(
         "nav_msgs/msg/Odometry",
         header=header(stamp, frame),
         child_frame_id=base,
-        pose=message("geometry_msgs/msg/PoseWithCovariance", pose=_pose(pose), covariance=of_pose.ravel()),
-        twist=message("geometry_msgs/msg/TwistWithCovariance", twist=moving, covariance=of_twist.ravel()),
+        pose={"pose": _pose(pose), "covariance": of_pose.ravel()},
+        twist={"twist": {"linear": twist[:3], "angular": twist[3:]}, "covariance": of_twist.ravel()},
     )
 
 
@@ -38,7 +35,7 @@ def pose_with_covariance(stamp: int, frame: str, pose: Array, position: float, t
     return message(
         "geometry_msgs/msg/PoseWithCovarianceStamped",
         header=header(stamp, frame),
-        pose=message("geometry_msgs/msg/PoseWithCovariance", pose=_pose(pose), covariance=covariance.ravel()),
+        pose={"pose": _pose(pose), "covariance": covariance.ravel()},
     )
 
 
@@ -48,27 +45,10 @@ def transform(stamp: int, frame: str, base: str, pose: Array) -> Any:
         "geometry_msgs/msg/TransformStamped",
         header=header(stamp, frame),
         child_frame_id=base,
-        transform=message("geometry_msgs/msg/Transform", translation=vector(pose[:3]), rotation=quaternion(pose[3:])),
+        transform={"translation": pose[:3], "rotation": pose[3:]},
     )
     return message("tf2_msgs/msg/TFMessage", transforms=[content])
 
 
-def _pose(pose: Array) -> Any:
-    x, y, z = pose[:3].tolist()
-    return message(
-        "geometry_msgs/msg/Pose",
-        position=message("geometry_msgs/msg/Point", x=x, y=y, z=z),
-        orientation=quaternion(pose[3:]),
-    )
-
-
-def vector(values: Array) -> Any:
-    """Make a geometry_msgs/Vector3."""
-    x, y, z = values.tolist()
-    return message("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
-
-
-def quaternion(values: Array) -> Any:
-    """Make a geometry_msgs/Quaternion, from x, y, z, w."""
-    x, y, z, w = values.tolist()
-    return message("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+def _pose(pose: Array) -> dict[str, Array]:
+    return {"position": pose[:3], "orientation": pose[3:]}

@@ -1,15 +1,12 @@
 """Setpoint messages: the inverse of `decoding`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from wbc_controller.middleware.codec import header, message
+from wbc_controller.middleware.codec import header, message, time_fields
 from wbc_controller.middleware.message_layout import Template
-from wbc_controller.middleware.odometry import quaternion, vector
 from wbc_controller.records import Array
 
 #: Field of the JointState, by kind of task with references by joint name.
@@ -34,23 +31,17 @@ def setpoint_message(
     Args:
         type_name: type of `TASK_TYPES`.
         position: in the task's reference form; missing coordinates become 0.
-        stamp: ns.
         joints: names, for a joint task.
     """
     values = np.asarray(position, dtype=np.float64)
     top = header(stamp, frame)
     if kind in JOINT_FIELDS:
-        fields = dict.fromkeys(("position", "velocity", "effort"), np.zeros(0)) | {JOINT_FIELDS[kind]: values}
-        return message(type_name, header=top, name=list(joints), **fields)
+        return message(type_name, header=top, name=list(joints), **{JOINT_FIELDS[kind]: values})
     if type_name == "geometry_msgs/msg/PoseStamped":
-        at, turn = _xyz("Point", values[:-4]), quaternion(values[-4:])
-        pose = message("geometry_msgs/msg/Pose", position=at, orientation=turn)
-        return message(type_name, header=top, pose=pose)
+        return message(type_name, header=top, pose={"position": values[:-4], "orientation": values[-4:]})
     if type_name == "geometry_msgs/msg/WrenchStamped":
         return wrench_stamped(values, frame, stamp)
-    if type_name == "geometry_msgs/msg/PointStamped":
-        return message(type_name, header=top, point=_xyz("Point", values))
-    return message(type_name, header=top, vector=_xyz("Vector3", values))
+    return message(type_name, header=top, **{"point" if type_name.endswith("/PointStamped") else "vector": values})
 
 
 class SetpointTemplate:
@@ -77,27 +68,23 @@ class SetpointTemplate:
 
 def wrench_stamped(wrench: Array, frame: str, stamp: int = 0) -> Any:
     """Make a geometry_msgs/WrenchStamped from a wrench, (6,), or a force, (3,); N, N·m."""
-    parts = message("geometry_msgs/msg/Wrench", force=_xyz("Vector3", wrench[:3]), torque=_xyz("Vector3", wrench[3:]))
+    parts = {"force": wrench[:3], "torque": wrench[3:]}
     return message("geometry_msgs/msg/WrenchStamped", header=header(stamp, frame), wrench=parts)
 
 
 def velocity_message(velocity: Sequence[float] | Array) -> Any:
     """Make a geometry_msgs/Twist, m/s and rad/s."""
-    forward, left, turning = velocity
-    linear, angular = vector(np.array([forward, left, 0.0])), vector(np.array([0.0, 0.0, turning]))
-    return message("geometry_msgs/msg/Twist", linear=linear, angular=angular)
+    forward, left, turning = map(float, velocity)
+    return message("geometry_msgs/msg/Twist", linear={"x": forward, "y": left}, angular={"z": turning})
 
 
 def com_trajectory(times: Sequence[float], positions: Array, *, task: str = "com", stamp: int = 0) -> Any:
     """Make a trajectory of the centre of mass through points, (n, 3) in m; stamp of its start in ns, 0 for now."""
-    upright = message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
     points = [
         message(
             "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint",
-            transforms=[message("geometry_msgs/msg/Transform", translation=vector(position), rotation=upright)],
-            velocities=[],
-            accelerations=[],
-            time_from_start=_duration(time),
+            transforms=[message("geometry_msgs/msg/Transform", translation=position)],
+            time_from_start=time_fields(round(1e9 * time)),
         )
         for time, position in zip(times, positions, strict=True)
     ]
@@ -108,28 +95,9 @@ def com_trajectory(times: Sequence[float], positions: Array, *, task: str = "com
 
 def joint_trajectory(joints: Sequence[str], times: Sequence[float], positions: Array) -> Any:
     """Make an immediate joint trajectory, (n, k) in rad."""
-    nothing = np.zeros(0)
+    kind = "trajectory_msgs/msg/JointTrajectory"
     points = [
-        message(
-            "trajectory_msgs/msg/JointTrajectoryPoint",
-            positions=position,
-            velocities=nothing,
-            accelerations=nothing,
-            effort=nothing,
-            time_from_start=_duration(time),
-        )
+        message(f"{kind}Point", positions=position, time_from_start=time_fields(round(1e9 * time)))
         for time, position in zip(times, positions, strict=True)
     ]
-    return message(
-        "trajectory_msgs/msg/JointTrajectory", header=header(0, "world"), joint_names=list(joints), points=points
-    )
-
-
-def _duration(seconds: float) -> Any:
-    whole, rest = divmod(round(seconds * 1e9), 1_000_000_000)
-    return message("builtin_interfaces/msg/Duration", sec=whole, nanosec=rest)
-
-
-def _xyz(kind: str, values: Array) -> Any:
-    x, y, z = (float(value) for value in [*values, 0.0, 0.0, 0.0][:3])
-    return message(f"geometry_msgs/msg/{kind}", x=x, y=y, z=z)
+    return message(kind, header=header(0, "world"), joint_names=list(joints), points=points)

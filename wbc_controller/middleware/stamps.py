@@ -1,7 +1,5 @@
 """Timestamps: validity, and age on the local clock."""
 
-from __future__ import annotations
-
 import math
 import struct
 from collections.abc import Callable

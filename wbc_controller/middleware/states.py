@@ -1,7 +1,5 @@
 """Decoders of odometry, IMU, absolute poses and contact forces."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 

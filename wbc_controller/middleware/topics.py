@@ -3,14 +3,13 @@
 In the name templates ``~`` is the node's name; ``{task}``, ``{contact}`` and ``{frame}`` come from the configuration.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import enum
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.settings import NODE_NAME
 
 
 class Direction(str, enum.Enum):
@@ -235,6 +234,14 @@ ESTIMATOR_TOPICS: tuple[Topic, ...] = (
           "State of the estimate, active and slipping contacts, refused inputs."),
 )
 # fmt: on
+
+#: Node name and topics by node.
+NODES: Mapping[str, tuple[str, tuple[Topic, ...]]] = {
+    "controller": (NODE_NAME, CONTROLLER_TOPICS),
+    "mock": (MOCK_NODE, MOCK_TOPICS),
+    "guard": (GUARD_NODE, GUARD_TOPICS),
+    "estimator": (ESTIMATOR_NODE, ESTIMATOR_TOPICS),
+}
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,5 @@
 """Force sensors and switches at contacts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Mapping
 
 from wbc_controller.errors import InputRefused

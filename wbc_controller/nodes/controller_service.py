@@ -1,7 +1,5 @@
 """The controller as a service."""
 
-from __future__ import annotations
-
 import logging
 import threading
 import time
@@ -9,13 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
-from wbc_controller.controller.build.estimation import (
-    estimates_base,
-    make_estimator,
-    make_odometry_agreement,
-    make_sensing,
-    make_velocity_filter,
-)
+from wbc_controller.controller.build import estimation
 from wbc_controller.controller.controller import Controller
 from wbc_controller.controller.report import CycleReport
 from wbc_controller.errors import InputRefused
@@ -25,14 +17,13 @@ from wbc_controller.middleware.codec import decode
 from wbc_controller.middleware.log_limit import LogLimit
 from wbc_controller.middleware.topics import CONTROLLER_TOPICS, Endpoint, endpoints
 from wbc_controller.middleware.transports.transport import Transport
-from wbc_controller.nodes.clock import Clock, MonotonicClock
-from wbc_controller.nodes.diagnostics.walk_status import walk_values
+from wbc_controller.nodes.clock import Clock, MonotonicClock, SimulatedClock, make_simulated_clock
+from wbc_controller.nodes.diagnostics.status import walk_values
 from wbc_controller.nodes.inputs import Inputs
 from wbc_controller.nodes.loop import ControlLoop
 from wbc_controller.nodes.outputs import Outputs
 from wbc_controller.nodes.ownership import Ownership
 from wbc_controller.nodes.realtime import apply_realtime, describe_scheduling
-from wbc_controller.nodes.simulated_clock import SimulatedClock, make_simulated_clock
 from wbc_controller.nodes.takeover import Takeover
 from wbc_controller.nodes.urdf import wait_for_urdf
 from wbc_controller.nodes.wiring import controller_endpoints, make_vocabulary
@@ -54,7 +45,6 @@ def run_controller(
     transport: Transport,
     stop: threading.Event,
     *,
-    node: str = NODE_NAME,
     namespace: str = "/",
     remappings: Mapping[str, str] | None = None,
     activate: bool = False,
@@ -63,26 +53,23 @@ def run_controller(
 ) -> None:
     """Run the controller until the event is set.
 
-    Args:
-        activate: activate without a command when the inputs are fresh.
-        use_sim_time: measure ages and durations by the clock topic.
-        record: file of a recording; None keeps only the last seconds.
+    `record` names a file; None keeps only the last seconds. Other options: `wbc run --help`.
 
     Raises:
         ConfigurationError: if settings and model do not fit together.
         TransportError: if a topic cannot be opened.
     """
-    with recording(settings, record, name=node) as recorder:  # starts its process before `apply_realtime`
+    with recording(settings, record, name=NODE_NAME) as recorder:  # starts its process before `apply_realtime`
         urdf = None
         if not settings.robot.urdf:
-            rows = endpoints(URDF_TOPIC, node, namespace=namespace, remappings=remappings)
+            rows = endpoints(URDF_TOPIC, NODE_NAME, namespace=namespace, remappings=remappings)
             urdf = wait_for_urdf(transport, stop, rows)
         if stop.is_set():
             return
         controller = Controller(Config(settings, "", urdf), preflight=False)
         apply_realtime(settings.control.realtime)
-        topics = controller_endpoints(settings, controller.model, node=node, namespace=namespace, remappings=remappings)
-        full_name = f"{namespace.rstrip('/')}/{node}"
+        topics = controller_endpoints(settings, controller.model, namespace=namespace, remappings=remappings)
+        full_name = f"{namespace.rstrip('/')}/{NODE_NAME}"
         loop = make_loop(
             controller,
             transport,
@@ -91,7 +78,7 @@ def run_controller(
             recorder=recorder,
             node=full_name,
         )
-        _log.info("%s: %d joints, waiting for 'activate' on %s/command", node, controller.model.nj, full_name)
+        _log.info("%s: %d joints, waiting for 'activate' on %s/command", NODE_NAME, controller.model.nj, full_name)
         loop.run(stop, controller.period, triggered=settings.control.trigger == "joint_states", activate=activate)
 
 
@@ -111,12 +98,12 @@ def make_loop(
     vocabulary = make_vocabulary(settings, model)
     published = {name: controller.contacts[name] for name in settings.contacts}
     graph = transport
-    _subscribe_requests(recorder, graph, topics)
+    _subscribe_record(recorder, graph, topics)
     if recorder is not None:
         recorder.stamp = clock.stamp
         transport = RecordingTransport(transport, recorder)
         observers = (*observers, recorder.observe)
-    estimated = estimates_base(settings, model)
+    estimated = estimation.estimates_base(settings, model)
     scheduling = describe_scheduling()
     _log.info("scheduling: %s", scheduling or "unknown")
     inputs = Inputs(
@@ -127,10 +114,10 @@ def make_loop(
         clock,
         partial(_prepare, controller),
         clock_tolerance=settings.safety.clock_tolerance if settings.safety.synchronized_clocks else None,
-        estimator=make_estimator(settings, model, published) if estimated else None,
-        agreement=make_odometry_agreement(settings, model, published),
-        sensing=make_sensing(settings, model, published) if estimated else None,
-        velocity_filter=make_velocity_filter(settings),
+        estimator=estimation.make_estimator(settings, model, published) if estimated else None,
+        agreement=estimation.make_odometry_agreement(settings, model, published),
+        sensing=estimation.make_sensing(settings, model, published) if estimated else None,
+        velocity_filter=estimation.make_velocity_filter(settings),
         plausibility=settings.safety,
     )
     recorded = recorder.status if recorder is not None else lambda: {"recorder": NOT_RECORDED}
@@ -159,7 +146,7 @@ def _prepare(controller: Controller, change: Change | ChangeSettings) -> None:
         check_change(change, controller.tasks, controller.model)
 
 
-def _subscribe_requests(recorder: Recorder | None, transport: Transport, topics: Sequence[Endpoint]) -> None:
+def _subscribe_record(recorder: Recorder | None, transport: Transport, topics: Sequence[Endpoint]) -> None:
     (endpoint,) = [topic for topic in topics if topic.key == "record"]
     limit = LogLimit()
 

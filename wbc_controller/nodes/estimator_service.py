@@ -3,8 +3,6 @@
 With `estimation.base_state: imu` the controller estimates its base itself, without this node.
 """
 
-from __future__ import annotations
-
 import gc
 import logging
 import math
@@ -18,7 +16,7 @@ from wbc_controller.controller.build.contacts import make_contact
 from wbc_controller.controller.build.estimation import make_estimator, make_sensing, make_velocity_filter
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.middleware.codec import diagnostics, encode
+from wbc_controller.middleware.codec import OK, WARN, diagnostics, encode
 from wbc_controller.middleware.odometry import odometry, transform
 from wbc_controller.middleware.topics import ESTIMATOR_NODE, ESTIMATOR_TOPICS, Direction, Endpoint, endpoints
 from wbc_controller.middleware.transports.transport import Publish, Transport
@@ -34,7 +32,6 @@ _FRESH = 0.1  # validity of a contact force of the controller, s
 _TRANSFORMS = 0.02  # period, s
 _WAIT = 0.1  # for joint states between diagnostics, s
 
-_OK, _WARN = 0, 1
 _log = logging.getLogger(__name__)
 
 
@@ -132,7 +129,7 @@ class EstimatorService:
             values["velocity"] = f"standard deviation {speed:.5f} m/s"
         values |= {f"note/{name}": note for name, note in notes.items()} | dict(about)
         values |= {f"refused/{topic}": reason for topic, reason in refused.items()}
-        level = _WARN if estimator.base is None or estimator.slipping or refused else _OK
+        level = WARN if estimator.base is None or estimator.slipping or refused else OK
         content = diagnostics(time.time_ns(), level, self._name, text, self._hardware, values)
         self._publish["diagnostics"](encode(content))
 

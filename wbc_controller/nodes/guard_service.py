@@ -4,8 +4,6 @@ The guard survives the death of the controller. It imports neither Pinocchio nor
 its damping.
 """
 
-from __future__ import annotations
-
 import gc
 import logging
 import math
@@ -16,6 +14,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,7 +24,7 @@ import numpy as np
 from wbc_controller.controller.build.robot_description import Description, describe
 from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.estimation.joint_velocity import VelocityFilter
-from wbc_controller.middleware.codec import decode, diagnostics, encode, header, message, torques
+from wbc_controller.middleware.codec import ERROR, OK, WARN, decode, diagnostics, encode, header, message, torques
 from wbc_controller.middleware.joint_states import JointStateReader
 from wbc_controller.middleware.log_limit import LogLimit
 from wbc_controller.middleware.topics import GUARD_NODE, GUARD_TOPICS, Direction, Endpoint, endpoints
@@ -47,7 +46,6 @@ _RECHECK_DELAY = 0.001  # in which late commands of a busy computer can still ar
 _CONTROLLER_KEYS = ("joint_commands", "controller_state")  # topics of the controller alone
 _LARGEST_TORQUE = 1.0 + 1.0e-6  # multiple of the effort limit, for rounding
 
-_OK, _WARN, _ERROR = 0, 1, 2
 _log = logging.getLogger(__name__)
 
 
@@ -73,7 +71,7 @@ class GuardService:
         self.guard = Guard(settings, robot.effort_limits, damping)
         self._clock = clock
         self._name, self._hardware = f"{namespace.strip('/')}/{NODE_NAME}: commands".strip("/"), robot.name
-        self._joints = joints = settings.robot.joints
+        joints = self._joints = list(settings.robot.joints)
         # One reader per thread: transport, and cycle.
         self._commands, self._unread_commands = (JointStateReader(joints, "effort") for _ in range(2))
         known = settings.estimation
@@ -86,15 +84,17 @@ class GuardService:
         self._published_text, self._limit = "", LogLimit()
         self._unlogged, self._logged_at = 0, -math.inf  # changes since the last log line, and its time, s
         self._lock = threading.Lock()
-        self._command_at, self._torques = -math.inf, np.zeros(len(robot.effort_limits))
-        self._command_stamp = 0  # ns
         self._drive, self._effort_limits = robot.drive, robot.effort_limits
-        self._unanswered_at = math.inf
-        self._mode: Mode | None = None
+        self._received = GuardInputs(
+            command_at=-math.inf,
+            torques=np.zeros(len(robot.effort_limits)),
+            unanswered_at=math.inf,
+            mode=None,
+            velocity=None,
+            velocity_at=-math.inf,
+        )
         self._joint_states: tuple[float, bytes] | None = None
-        self._velocity_at, self._velocity = -math.inf, np.zeros(0)
         self._refused: dict[str, str] = {}
-        self._types = {topic.key: topic.type for topic in topics}
         self._publish: dict[str, Publish] = {
             topic.key: transport.advertise(topic) for topic in topics if topic.direction is Direction.OUT
         }
@@ -131,10 +131,12 @@ class GuardService:
         except InputRefused as refusal:  # does not count as a command
             self._refuse("joint_commands", refusal)
             return
+        self._store("joint_commands", command_at=now, command_stamp=command.stamp, unanswered_at=math.inf, torques=tau)
+
+    def _store(self, topic: str, **values: Any) -> None:
         with self._lock:
-            self._command_at, self._unanswered_at = now, math.inf
-            self._torques, self._command_stamp = tau, command.stamp
-            self._refused.pop("joint_commands", None)
+            self._received = replace(self._received, **values)
+            self._refused.pop(topic, None)
 
     def _torques_of(self, effort: Array) -> Array:
         tau, limits = self._drive.from_joints(effort), self._effort_limits
@@ -150,19 +152,17 @@ class GuardService:
     def _process_mode(self, payload: bytes) -> None:
         self._processed["controller_state"] = payload
         try:
-            mode = Mode(decode(payload, self._types["controller_state"]).data.partition(" ")[0])
+            mode = Mode(decode(payload, "std_msgs/msg/String").data.partition(" ")[0])
         except (InputRefused, ValueError) as error:
             self._refuse("controller_state", error)
             return
-        with self._lock:
-            self._mode = mode
-            self._refused.pop("controller_state", None)
+        self._store("controller_state", mode=mode)
 
     def _store_joint_states(self, payload: bytes) -> None:
         now = self._clock.now()
         with self._lock:
             self._joint_states = now, payload
-            self._unanswered_at = min(self._unanswered_at, now)
+            self._received = replace(self._received, unanswered_at=min(self._received.unanswered_at, now))
 
     def _refuse(self, topic: str, reason: Exception) -> None:
         with self._lock:
@@ -186,24 +186,15 @@ class GuardService:
             newest, self._joint_states = self._joint_states, None
         if newest is not None:
             try:
-                velocity = self._velocity_in(newest[1])
+                joints = self._states.read(newest[1])
+                velocity = joints.velocity
+                if self._velocity_filter is not None:
+                    velocity = self._velocity_filter.update(joints.stamp, joints.position)
             except InputRefused as refusal:
                 self._refuse("joint_states", refusal)
             else:
-                self._velocity_at, self._velocity = newest[0], velocity
-                with self._lock:
-                    self._refused.pop("joint_states", None)
-        velocity_or_none = self._velocity if len(self._velocity) else None
-        with self._lock:
-            return GuardInputs(
-                self._command_at, self._torques, self._unanswered_at, self._mode, velocity_or_none, self._velocity_at
-            )
-
-    def _velocity_in(self, payload: bytes) -> Array:
-        joints = self._states.read(payload)
-        if self._velocity_filter is None:
-            return joints.velocity
-        return self._velocity_filter.update(joints.stamp, joints.position)
+                self._store("joint_states", velocity=velocity if len(velocity) else None, velocity_at=newest[0])
+        return self._received
 
     def cycle(self) -> float:
         """Decide, send torques after a takeover, publish the state; return the time of the next cycle, s."""
@@ -214,22 +205,16 @@ class GuardService:
             now, received = self._clock.now(), self._read_inputs()
         tau = self.guard.step(now, received)
         if tau is not None:
-            stamp, payload = self._command_stamp, encode(torques(self._drive.command(tau)))
-            if received.command_at == self._command_at:  # no command arrived during this cycle
+            payload = encode(torques(self._drive.command(tau)))
+            if received.command_at == self._received.command_at:  # no command arrived during this cycle
                 self._publish["effort"](payload)
-                names, nothing, efforts = list(self._joints), np.zeros(0), self._drive.at_joints(tau)
-                self._publish["guard_commands"](
-                    encode(
-                        message(
-                            self._types["guard_commands"],
-                            header=header(stamp),
-                            name=names,
-                            position=nothing,
-                            velocity=nothing,
-                            effort=efforts,
-                        )
-                    )
+                own = message(
+                    "sensor_msgs/msg/JointState",
+                    header=header(received.command_stamp),
+                    name=self._joints,
+                    effort=self._drive.at_joints(tau),
                 )
+                self._publish["guard_commands"](encode(own))
         self._publish_diagnostics(now, received)
         if self.guard.sending:
             return now + self._period
@@ -272,7 +257,7 @@ class GuardService:
         refused = dict(self._refused)
         values |= {f"refused/{topic}": reason for topic, reason in refused.items()}
         values |= {f"publishers/{topic}": names for topic, names in self._shared.items()}
-        level = _ERROR if self.guard.reason else _WARN if refused or self._shared else _OK
+        level = ERROR if self.guard.reason else WARN if refused or self._shared else OK
         return diagnostics(time.time_ns(), level, self._name, text, self._hardware, values)
 
     def run(self, stop: threading.Event) -> None:

@@ -6,8 +6,6 @@
   absolute poses.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections import deque
@@ -48,7 +46,7 @@ _NOT_LATCHED = ("robot_description", "clock", "record", "guard_commands")  # row
 ESTIMATE = "base estimate"  # in the ages of the inputs
 _PREEMPTED = 0.005  # age of taken joint states that indicates a preemption, s
 _MIN_DELAY = 0.01  # smallest reported transit time, s
-_NO_REQUESTS = UserRequests()
+_NO_REQUESTS, _NO_SENSORS = UserRequests(), ContactSensing({}, 0.0, 0.0, 0.0)
 
 
 @dataclass(slots=True)
@@ -108,7 +106,7 @@ class Inputs:
         self._imu: list[ImuSample] = []  # since the last estimate
         self._poses: list[PoseSample] = []
         self._base: tuple[Array, Array] | None = None  # pose and twist of the last cycle
-        self._contact_sensors = ContactSensors(sensing, self._tracker) if sensing is not None else None
+        self._contact_sensors = ContactSensors(sensing or _NO_SENSORS, self._tracker)
         self.holding: Collection[str] = ()  # active contacts of the base estimate in the last cycle
         self._refusals: dict[str, str] = {}  # by topic with a refused newest message
         columns = ("position", "velocity") if velocity_filter is None else ("position",)
@@ -180,8 +178,7 @@ class Inputs:
         if self._velocity_filter is not None:
             self._velocity_filter.restart()
         self.restart_estimator()
-        if self._contact_sensors is not None:
-            self._contact_sensors.restart()
+        self._contact_sensors.restart()
 
     def restart_estimator(self) -> None:
         """Restart the base estimate or the comparison of odometry, at rest."""
@@ -229,7 +226,7 @@ class Inputs:
             refused_states=tuple(refused),
             requests=self.requests.take() if self.requests.has_decoded() else _NO_REQUESTS,
             estimate=self._pose_notes(),
-            touching={} if self._contact_sensors is None else self._contact_sensors.measured,
+            touching=self._contact_sensors.measured,
         )
 
     def compare_odometry(self, holding: Collection[str], *, controlled: bool) -> None:
@@ -248,8 +245,7 @@ class Inputs:
         arrival, payload = queue.pending.popleft()
         try:
             if source is None:
-                if self._contact_sensors is not None:
-                    self._contact_sensors.read(endpoint, arrival, payload)
+                self._contact_sensors.read(endpoint, arrival, payload)
                 return
             newest = source.reader.read(payload)
             reason = source.stamps.refusal(newest.stamp, arrival)
@@ -285,13 +281,9 @@ class Inputs:
 
     def _estimate(self, estimator: BaseEstimator, holding: Collection[str], *, controlled: bool) -> list[str]:
         """Update the base estimate; return a sentence per new sensor timeout, slipping contact and refused pose."""
-        sentences: list[str] = []
-        self.holding = holding
-        if self._contact_sensors is not None:
-            measured, silent = self._contact_sensors.update_active(self._clock.now(), holding)
-            sentences += silent
-            if estimator.filter is not None:  # a hanging robot has no contact forces at the start
-                self.holding = measured
+        measured, sentences = self._contact_sensors.update_active(self._clock.now(), holding)
+        # A hanging robot has no contact forces at the start.
+        self.holding = holding if estimator.filter is None else measured
         joints: JointStates | None = self._joints.newest
         imu, self._imu = self._imu, []
         if not imu or joints is None:
@@ -353,11 +345,9 @@ class Inputs:
 
     def notes(self) -> dict[str, str]:
         """Return explanations of the ages by part of the state: a refusal, or the transit time."""
-        notes, now = {}, self._clock.now()
+        notes, now = self._contact_sensors.notes(), self._clock.now()
         if self.estimator is not None and self._base is None:
             notes[ESTIMATE] = self.estimator.waits_for
-        if self._contact_sensors is not None:
-            notes |= self._contact_sensors.notes()
         for name, part in self._parts.items():
             transit_time = part.stamps.transit_time(now)
             if name in self._refusals:

@@ -1,7 +1,5 @@
 """The control loop: inputs, controller, outputs."""
 
-from __future__ import annotations
-
 import gc
 import logging
 import math
@@ -11,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -102,7 +101,7 @@ class ControlLoop:
         elif not (stall <= timeout):
             clock_fault = self._clock_stall(stall, timeout)
         requests, waiting, before = latched.requests.commands, self._activate_when_fresh, controller.mode
-        if "reset" in requests and self._accepts_reset(requests):
+        if "reset" in requests and (before not in _UNDER_CONTROL or "damp" in requests[: requests.index("reset")]):
             self._inputs.restart_estimator()
             ages = self._inputs.ages()
         problem = (
@@ -215,9 +214,6 @@ class ControlLoop:
             )
         return _coarse_clock_message(step, limit, key) if limit + _ROUNDING < step < math.inf else None
 
-    def _accepts_reset(self, requests: tuple[str, ...]) -> bool:
-        return self.controller.mode not in _UNDER_CONTROL or "damp" in requests[: requests.index("reset")]
-
     def _filter_requests(
         self, requests: tuple[str, ...], problem: Fault | None
     ) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -326,7 +322,7 @@ class ControlLoop:
         deadline = self._clock.now() + period
         while not stop.is_set():
             if triggered:
-                self._guarded_wait(stop, period)
+                self._guarded_wait(stop, period, lambda: self._inputs.wait(self._wait_time(period)))
                 self._guarded_cycle()
                 continue
             self._guarded_cycle()
@@ -335,16 +331,12 @@ class ControlLoop:
                 missed = int((now - deadline) / period) + 1
                 self._deadlines_missed += missed
                 deadline += missed * period  # on the original grid, so that delays do not accumulate
-            try:
-                self._clock.wait(stop, deadline - now if deadline > now else 0.0)
-            except TransportError as error:
-                self.controller.fail(error)
-                stop.wait(period)
+            self._guarded_wait(stop, period, partial(self._clock.wait, stop, max(deadline - now, 0.0)))
             deadline += period
 
-    def _guarded_wait(self, stop: threading.Event, period: float) -> None:
+    def _guarded_wait(self, stop: threading.Event, period: float, wait: Callable[[], object]) -> None:
         try:
-            self._inputs.wait(self._wait_time(period))
+            wait()
         except TransportError as error:
             self.controller.fail(error)
             stop.wait(period)

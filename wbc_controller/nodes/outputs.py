@@ -4,8 +4,6 @@ Diagnostics and markers are composed in pieces, after the torques were sent. Con
 require subscriptions; diagnostics without a subscription are composed once per second, for the recorder.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Generator, Iterable, Mapping
 from functools import partial
 from typing import Any
@@ -15,16 +13,15 @@ import numpy as np
 from wbc_controller.controller.controller import Controller
 from wbc_controller.controller.report import CycleReport
 from wbc_controller.controller.result import CycleResult
-from wbc_controller.middleware.codec import encode, header, message, torques
+from wbc_controller.middleware.codec import encode, message, torques
 from wbc_controller.middleware.decoding import Vocabulary
 from wbc_controller.middleware.message_layout import Template
 from wbc_controller.middleware.setpoints import WRENCH, wrench_stamped
 from wbc_controller.middleware.topics import Direction, Endpoint
 from wbc_controller.middleware.transports.transport import Publish, Transport
 from wbc_controller.nodes.diagnostics.markers import MarkerScene
-from wbc_controller.nodes.diagnostics.shortfall import Shortfall
 from wbc_controller.nodes.diagnostics.status import StatusSummary
-from wbc_controller.nodes.diagnostics.task_states import TaskStates
+from wbc_controller.nodes.diagnostics.task_reports import Shortfall, TaskStates
 from wbc_controller.records import Fault, Mode, RobotState
 
 #: Rows of the topic table with messages on demand.
@@ -83,12 +80,7 @@ class Outputs:
         # Messages of every cycle are written in place.
         self._efforts = Template(torques(no_torques), ["data"])
         commands = message(
-            "sensor_msgs/msg/JointState",
-            header=header(0),
-            name=list(model.joints),
-            position=joints,
-            velocity=joints,
-            effort=joints,
+            "sensor_msgs/msg/JointState", name=list(model.joints), position=joints, velocity=joints, effort=joints
         )
         self._joint_commands = Template(commands, ["position"], ["velocity"], ["effort"])
         self._wrenches = {

@@ -1,7 +1,5 @@
 """Check for other publishers."""
 
-from __future__ import annotations
-
 import logging
 import math
 import threading

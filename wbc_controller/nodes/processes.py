@@ -1,7 +1,5 @@
 """Processes of a robot's nodes (Linux)."""
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import os
@@ -11,14 +9,14 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from wbc_controller.errors import WbcError
-from wbc_controller.settings.config import load
+from wbc_controller.settings.config import Config, load
 
 _C, _PR_SET_PDEATHSIG = ctypes.CDLL(None), 1  # C library, and request of <sys/prctl.h>
 TIMEOUT = 60.0  # of awaited events in wall time, s
+_LOG_LINES = 12  # in the sentence on an ended process
 
 
 class Processes:
@@ -26,7 +24,7 @@ class Processes:
 
     def __init__(
         self,
-        robot: str,
+        robot: str | Config,
         folder: Path,
         domain: int,
         changes: Mapping[str, Any] | None = None,
@@ -36,7 +34,7 @@ class Processes:
         """Write the configuration; start no process yet.
 
         Args:
-            robot: shipped robot, or path of a configuration.
+            robot: shipped robot, path of a configuration, or a configuration.
             folder: of configuration and logs, created if missing.
             changes: settings by dotted key.
             own_sessions: one session per process, against Ctrl-C and a busy browser.
@@ -51,13 +49,11 @@ class Processes:
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
 
     def close(self) -> None:
-        """Stop all processes."""
-        for name in list(self.processes):
+        """Stop all processes, the last one first."""
+        for name in reversed(list(self.processes)):
             self.stop(name)
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def start(self, name: str, *options: str) -> subprocess.Popen[bytes]:
@@ -94,6 +90,14 @@ class Processes:
         except subprocess.TimeoutExpired:
             process.kill()
             return process.wait()
+
+    def early_end(self) -> str:
+        """Return a sentence on a process that has ended, with the end of its log; empty without one."""
+        for name, process in self.processes.items():
+            if process.poll() is not None:
+                last = "\n".join(self.log(name).splitlines()[-_LOG_LINES:])
+                return f"the {name} ended with exit status {process.returncode}:\n{last}"
+        return ""
 
     def log(self, name: str) -> str:
         """Return the output of a process."""

@@ -4,8 +4,6 @@ Scheduling class and processors apply to all threads, as the loop waits for the 
 the interpreter's lock.
 """
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import errno
@@ -31,10 +29,7 @@ _latency_file: list[int] = []  # descriptor, open until the process ends
 
 
 def apply_realtime(settings: RealtimeSettings) -> None:
-    """Apply the settings to this process until its end.
-
-    A refusal by the system raises `ConfigurationError`.
-    """
+    """Apply the settings to this process until its end. A refusal by the system raises `ConfigurationError`."""
     if settings != RealtimeSettings() and not hasattr(os, "sched_setscheduler"):
         raise ConfigurationError(f"{_KEY}: not supported on {sys.platform}; requires Linux; {_HELP}")
     if settings.affinity:

@@ -4,8 +4,6 @@ Callbacks on the transport's thread recognize an emergency stop at once. The thr
 validates requests; in lockstep the cycle does.
 """
 
-from __future__ import annotations
-
 import logging
 import threading
 import time

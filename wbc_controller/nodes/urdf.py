@@ -1,7 +1,5 @@
 """URDF from file or topic."""
 
-from __future__ import annotations
-
 import logging
 import threading
 from collections.abc import Iterable

@@ -1,24 +1,11 @@
 """Endpoints and valid names of a controller."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from wbc_controller import settings as schema
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.decoding import Vocabulary
-from wbc_controller.middleware.topics import (
-    CONTROLLER_TOPICS,
-    ESTIMATOR_NODE,
-    ESTIMATOR_TOPICS,
-    GUARD_NODE,
-    GUARD_TOPICS,
-    MOCK_NODE,
-    MOCK_TOPICS,
-    WALKING_KEYS,
-    Endpoint,
-    endpoints,
-)
+from wbc_controller.middleware.topics import CONTROLLER_TOPICS, NODES, WALKING_KEYS, Endpoint, endpoints
 from wbc_controller.settings import NODE_NAME, Settings
 
 
@@ -86,15 +73,9 @@ def topics_of(
 ) -> dict[tuple[str, str, str], Endpoint]:
     """Return the topics of all nodes, by node, key and subject."""
     kinds = {name: task.type for name, task in settings.tasks.items()}
-    tables = {
-        "controller": (CONTROLLER_TOPICS, NODE_NAME),
-        "mock": (MOCK_TOPICS, MOCK_NODE),
-        "guard": (GUARD_TOPICS, GUARD_NODE),
-        "estimator": (ESTIMATOR_TOPICS, ESTIMATOR_NODE),
-    }
     return {
         (owner, topic.key, topic.subject): topic
-        for owner, (table, node) in tables.items()
+        for owner, (node, table) in NODES.items()
         for topic in endpoints(
             table,
             node,

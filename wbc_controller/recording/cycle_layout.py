@@ -1,7 +1,5 @@
 """Layout of a recorded cycle."""
 
-from __future__ import annotations
-
 import operator
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Records as JSON, bit for bit."""
 
-from __future__ import annotations
-
 import base64
 import dataclasses
 import enum

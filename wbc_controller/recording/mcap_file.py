@@ -4,8 +4,6 @@ The package `mcap` (https://mcap.dev/spec) writes the end of a file only on clos
 chunk, so that a killed process leaves a complete file; closing adds the index of chunks.
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import os

@@ -4,8 +4,6 @@ The loop's thread sends numbers and messages in batches through a pipe. A separa
 controller's memory (every two seconds) to JSON.
 """
 
-from __future__ import annotations
-
 import contextlib
 import importlib.metadata
 import json
@@ -30,15 +28,7 @@ from wbc_controller.controller.live_settings import LivePart
 from wbc_controller.controller.memory import CycleRecord
 from wbc_controller.controller.report import CycleReport
 from wbc_controller.middleware.codec import TYPES, encode, message
-from wbc_controller.recording.cycle_layout import (
-    FORMAT,
-    MODES,
-    CycleRow,
-    ReferencesRow,
-    Slot,
-    cycle_slots,
-    reference_slots,
-)
+from wbc_controller.recording import cycle_layout as layout
 from wbc_controller.recording.json_records import to_json
 from wbc_controller.recording.writer import PINNED, TOPICS, TRIGGER, frame
 from wbc_controller.recording.writer_process import WriterProcess
@@ -136,11 +126,11 @@ class Recorder:
         """Begin the recording of a controller, after all topics were opened."""
         self._controller = controller
         config = controller.config
-        slots = cycle_slots(controller.model, controller.contacts)
-        references = reference_slots(controller.tasks, controller.contacts)
-        self._row = CycleRow(slots)
+        slots = layout.cycle_slots(controller.model, controller.contacts)
+        references = layout.reference_slots(controller.tasks, controller.contacts)
+        self._row = layout.CycleRow(slots)
         self._every = max(1, round(_SNAPSHOT / controller.period))
-        self._references = ReferencesRow(self._every)
+        self._references = layout.ReferencesRow(self._every)
         topic = f"{node}/{OWN}"
         self._groups: list[tuple[int, bytes, slice]] = []  # topic, start of its message, place in the row
         start = 0
@@ -158,13 +148,13 @@ class Recorder:
         self._process.send(frame(TOPICS, 0, json.dumps(self._topics).encode()))
         urdf = config.urdf if config.urdf is not None else read_urdf(self._settings.robot.urdf)
         about = {
-            "format": FORMAT,
+            "format": layout.FORMAT,
             "robot": robot,
             "node": node,
             "software": software_versions(),
             "config": config.to_yaml(),
             "layout": [[slot.group, slot.name, slot.size] for slot in (*slots, *references)],
-            "modes": [mode.value for mode in MODES],
+            "modes": [mode.value for mode in layout.MODES],
         }
         at = self.stamp()
         for number, text in ((about_topic, json.dumps(about)), (urdf_topic, urdf)):
@@ -350,21 +340,15 @@ class Recorder:
             self._controller.cycle_records = None
 
 
-def start_recorder(settings: Settings, file: Path | None = None, *, name: str = "") -> Recorder | None:
-    """Start a recorder; return None if it is off, or cannot be started (logged)."""
-    if file is None and not settings.recorder.seconds > 0.0:
-        return None
-    try:
-        return Recorder(settings, file, name=name)
-    except OSError as error:  # too many processes
-        _log.warning("nothing is recorded: the recorder cannot be started: %s", error.strerror or error)
-        return None
-
-
 @contextlib.contextmanager
-def recording(settings: Settings, file: Path | None, *, name: str = "") -> Iterator[Recorder | None]:
-    """Open a recorder for a run by `start_recorder`."""
-    recorder = start_recorder(settings, file, name=name)
+def recording(settings: Settings, file: Path | None = None, *, name: str = "") -> Iterator[Recorder | None]:
+    """Open a recorder for a run; None if it is off, or cannot be started (logged)."""
+    recorder = None
+    if file is not None or settings.recorder.seconds > 0.0:
+        try:
+            recorder = Recorder(settings, file, name=name)
+        except OSError as error:  # too many processes
+            _log.warning("nothing is recorded: the recorder cannot be started: %s", error.strerror or error)
     try:
         yield recorder
     finally:
@@ -372,11 +356,10 @@ def recording(settings: Settings, file: Path | None, *, name: str = "") -> Itera
             recorder.close()
 
 
-def _array_prefix(slots: Sequence[Slot]) -> bytes:
+def _array_prefix(slots: Sequence[layout.Slot]) -> bytes:
     labels = [message("std_msgs/msg/MultiArrayDimension", label=s.name, size=s.size, stride=s.size) for s in slots]
-    layout = message("std_msgs/msg/MultiArrayLayout", dim=labels, data_offset=0)
     count = sum(slot.size for slot in slots)
-    whole = encode(message(_ARRAY, layout=layout, data=np.zeros(count)))
+    whole = encode(message(_ARRAY, layout={"dim": labels}, data=np.zeros(count)))
     return whole[: len(whole) - 8 * count]
 
 

@@ -1,7 +1,5 @@
 """Reader of recordings."""
 
-from __future__ import annotations
-
 import bisect
 import contextlib
 import heapq
@@ -170,6 +168,10 @@ class Recording:
             content = from_json(self.memories[cycle])
             require_types(content, _MEMORY, "it")
         return dict(content)
+
+    def elapsed(self, time: int) -> float:
+        """Return the time from the start of the recording to a time in ns, s."""
+        return 1.0e-9 * (time - self.start)
 
     def messages(self) -> Iterator[tuple[Topic, int, bytes]]:
         """Iterate over topic, time of arrival in ns, and serialized message."""

@@ -1,21 +1,18 @@
 """Transport that records its messages."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from functools import partial
 
 from wbc_controller.middleware.topics import Endpoint
-from wbc_controller.middleware.transports.transport import Publish, Stream, Transport
+from wbc_controller.middleware.transports.transport import Publish, Transport, TransportWrapper
 from wbc_controller.recording.recorder import Recorder
 
 
-class RecordingTransport:
+class RecordingTransport(TransportWrapper):
     """Wrapper that records messages; outgoing ones after they were sent."""
 
     def __init__(self, transport: Transport, recorder: Recorder) -> None:
-        self.discovery_time = transport.discovery_time
-        self._transport, self._recorder = transport, recorder
+        super().__init__(transport)
+        self._recorder = recorder
 
     def advertise(self, endpoint: Endpoint) -> Publish:
         """See `Transport`."""
@@ -28,43 +25,15 @@ class RecordingTransport:
 
         return send
 
-    def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
-        """See `Transport`."""
+    def _receiver(self, endpoint: Endpoint) -> Callable[[bytes], bool]:
         record, topic = self._recorder.record_incoming, self._recorder.channel(endpoint.name, endpoint.type)
 
-        def receive(payload: bytes) -> None:
+        def receive(payload: bytes) -> bool:
             record(topic, payload)
-            callback(payload)
+            return True
 
-        self._transport.subscribe(endpoint, receive)
-
-    def stream(self, endpoint: Endpoint, depth: int) -> Stream:
-        """See `Transport`."""
-        stream = self._transport.stream(endpoint, depth)
-        topic = self._recorder.channel(endpoint.name, endpoint.type)
-        return _RecordingStream(stream, partial(self._recorder.record_incoming, topic))
-
-    def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
-        """See `Transport`."""
-        return self._transport.publishers(endpoint)
+        return receive
 
     def has_reader(self, endpoint: Endpoint) -> bool:
         """Return True with a subscription, or if the whole run is recorded."""
         return self._recorder.whole_run or self._transport.has_reader(endpoint)
-
-    def close(self) -> None:
-        """See `Transport`."""
-        self._transport.close()
-
-
-class _RecordingStream:
-    def __init__(self, stream: Stream, record: Callable[[bytes], None]) -> None:
-        self._stream, self._record = stream, record
-        self.wait, self.wake = stream.wait, stream.wake
-
-    def take(self) -> list[bytes]:
-        """See `Stream`."""
-        taken = self._stream.take()
-        for payload in taken:
-            self._record(payload)
-        return taken

@@ -4,8 +4,6 @@ It outlives a killed loop, to write the last seconds and close the files. It has
 prints its messages to standard output.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

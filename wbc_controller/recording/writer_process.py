@@ -1,7 +1,5 @@
 """Start of the writer process."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import logging

@@ -44,6 +44,7 @@ class GuardInputs:
     mode: Mode | None  # last reported mode of the controller, or None
     velocity: Array | None  # newest joint velocities, (nj,) in rad/s, or None
     velocity_at: float  # newest joint velocities, s
+    command_stamp: int = 0  # of the newest command, ns
 
 
 class Guard:

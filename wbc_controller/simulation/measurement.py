@@ -7,7 +7,7 @@ import numpy as np
 
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware import codec as messages
-from wbc_controller.middleware.odometry import odometry, pose_with_covariance, quaternion, vector
+from wbc_controller.middleware.odometry import odometry, pose_with_covariance
 from wbc_controller.records import Array
 from wbc_controller.simulation.plant import Plant
 
@@ -44,7 +44,7 @@ class Measurement:
         """Return the message of a stream."""
         stamp = self.stamps[stream]
         if stream == "clock":
-            return messages.message("rosgraph_msgs/msg/Clock", clock=messages.stamp(stamp))
+            return messages.message("rosgraph_msgs/msg/Clock", clock=messages.time_fields(stamp))
         if stream == "odom":
             return odometry(stamp, WORLD_FRAME, self.base, self.pose, self.twist)
         if stream == "imu":
@@ -88,14 +88,10 @@ def measure(robot: RobotModel, plant: Plant, stamp: int, imu_frame: str) -> Meas
 
 def imu_message(stamp: int, frame: str, attitude: Array, angular_velocity: Array, specific_force: Array) -> Any:
     """Return an Imu message without covariances."""
-    exact = np.zeros(9)
     return messages.message(
         "sensor_msgs/msg/Imu",
         header=messages.header(stamp, frame),
-        orientation=quaternion(attitude),
-        orientation_covariance=exact,
-        angular_velocity=vector(angular_velocity),
-        angular_velocity_covariance=exact,
-        linear_acceleration=vector(specific_force),
-        linear_acceleration_covariance=exact,
+        orientation=attitude,
+        angular_velocity=angular_velocity,
+        linear_acceleration=specific_force,
     )

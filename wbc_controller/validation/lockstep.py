@@ -11,9 +11,8 @@ from wbc_controller.controller.controller import Controller
 from wbc_controller.controller.report import CycleReport
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
-from wbc_controller.nodes.clock import ManualClock
+from wbc_controller.nodes.clock import ManualClock, make_simulated_clock
 from wbc_controller.nodes.controller_service import make_loop
-from wbc_controller.nodes.simulated_clock import make_simulated_clock
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings

@@ -1,13 +1,10 @@
 """Verdict of the demo: a good run meets each target; a bad run misses the one that it violates."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from wbc_controller.apps.demo.director import Window
 from wbc_controller.apps.demo.scenario import Move, Reach, Scenario, Shove, Walk
 from wbc_controller.apps.demo.verdict import judge, passed
 from wbc_controller.recording.report.run_data import Result, RunData
@@ -20,13 +17,13 @@ SCENARIO = Scenario(
     recovery=1.0,
 )
 WINDOWS = {
-    "stand": Window(START + 1.0, START + 2.0),
-    "sway": Window(START + 2.0, START + 4.0),
-    "reach hand": Window(START + 4.0, START + 5.0),
-    "shove left": Window(START + 5.0, START + 7.0),
+    "stand": (START + 1.0, START + 2.0),
+    "sway": (START + 2.0, START + 4.0),
+    "reach hand": (START + 4.0, START + 5.0),
+    "shove left": (START + 5.0, START + 7.0),
 }
 TIME = np.arange(0.0, 8.0, 0.01)
-ROWS = {name: (w.start - START <= TIME) & (w.end - START >= TIME) for name, w in WINDOWS.items()}
+ROWS = {name: (start - START <= TIME) & (end - START >= TIME) for name, (start, end) in WINDOWS.items()}
 
 
 def good_run():
@@ -168,8 +165,8 @@ def test_mean_velocity_of_a_walk(speed, met):
     scenario = Scenario(walks=(Walk("walk", (0.3, 0.0, 0.0)),))
     windows = {
         "stand": WINDOWS["stand"],
-        "walk": Window(START + 3.0, START + 6.0),
-        "stop": Window(START + 7, START + 8),
+        "walk": (START + 3.0, START + 6.0),
+        "stop": (START + 7, START + 8),
     }
     found = {each.name: each for each in judge(replace(run, q=q), scenario, windows, {}, WEIGHT)}
     assert found["walk"].passed is met

@@ -1,7 +1,5 @@
 """Draft of a configuration from a URDF: measured feet, a standing posture, and notes."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

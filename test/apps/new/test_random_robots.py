@@ -3,8 +3,6 @@
 ``RANDOM_ROBOTS=1000 pytest test/apps/new/test_random_robots.py`` increases their number.
 """
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

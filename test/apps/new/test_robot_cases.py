@@ -1,7 +1,5 @@
 """Agreement of `wbc new`, `wbc check`, the mock robot and the demo on unusual robots."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from robot_cases import EDGED_SOLE, REFUSED, SLIDING, SOLE, STANDING, UNNAMED, arm, biped

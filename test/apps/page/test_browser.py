@@ -2,8 +2,6 @@
 
 # ruff: noqa: E402 - the package and its helpers are imported after the checks for viser and playwright
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Drawing of the robot's meshes, and of a robot without a measured base."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -35,7 +33,7 @@ def test_meshes_have_the_place_of_the_visuals(robot):
 
 
 def test_unmeasured_base_is_fitted_to_the_contacts(robot):
-    from wbc_controller.apps.page.base_on_contacts import BaseOnContacts
+    from wbc_controller.apps.page.topic_source import BaseOnContacts
 
     model, dynamics = robot.model, robot.dynamics
     standing = BaseOnContacts(robot)

@@ -1,7 +1,5 @@
 """Hostile browsers on the real server: the STOP buttons and handles of all other pages keep working."""
 
-from __future__ import annotations
-
 import logging
 import threading
 import time
@@ -194,7 +192,7 @@ def test_flood_delays_no_other_page(rig, pages):
 
 def test_first_dropped_message_of_a_page_is_logged(rig, pages, caplog):
     hostile = pages[1]
-    with caplog.at_level(logging.WARNING, "wbc_controller.apps.page.connection"):
+    with caplog.at_level(logging.WARNING, "wbc_controller.apps.page.server"):
         for _ in range(3):
             hostile.send(msgspec.msgpack.encode(drag(position=(0.25, 0.5))))
         check_pages(rig, pages)

@@ -1,7 +1,5 @@
 """The page on the real server, with browsers without a screen and a simulated source of snapshots."""
 
-from __future__ import annotations
-
 import itertools
 import threading
 import time

@@ -1,7 +1,5 @@
 """Allow-list and rate limit of messages."""
 
-from __future__ import annotations
-
 import dataclasses
 import typing
 from types import SimpleNamespace
@@ -17,8 +15,8 @@ import msgspec
 import viser
 from viser import _messages as viser_messages
 
-from wbc_controller.apps.page.connection import RateLimit
 from wbc_controller.apps.page.page_messages import COMMANDING, WATCHING, AllowList
+from wbc_controller.apps.page.server import RateLimit
 
 CAMERA = {
     "type": "ViewerCameraMessage", "wxyz": (1, 0, 0, 0), "position": (2, 0, 1.5), "fov": 0.8, "near": 0.01, "far": 1000,

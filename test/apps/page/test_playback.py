@@ -1,7 +1,5 @@
 """Playback of a recording on the page."""
 
-from __future__ import annotations
-
 import threading
 import time
 

@@ -1,7 +1,5 @@
 """Requests of the pages are sent at a bounded rate, in order, and never repeated."""
 
-from __future__ import annotations
-
 import threading
 
 import pytest

@@ -2,8 +2,6 @@
 
 # ruff: noqa: E402 - imports follow the check for viser
 
-from __future__ import annotations
-
 import socket
 import urllib.error
 import urllib.request

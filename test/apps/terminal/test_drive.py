@@ -1,7 +1,5 @@
 """Driving by keyboard: keys become velocities, and a terminal is restored."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import pty

@@ -1,7 +1,5 @@
 """Requests of `wbc send`: each becomes one message on one topic."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

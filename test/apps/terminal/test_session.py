@@ -1,7 +1,5 @@
 """Requests of a user and their outcomes, on a transport double."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import pytest
@@ -11,6 +9,24 @@ from wbc_controller.apps.terminal.request_parser import Request, parse_request
 from wbc_controller.apps.terminal.session import NoAnswer, Session
 from wbc_controller.middleware.codec import decode, diagnostics, encode, message
 from wbc_controller.settings.config import load
+
+
+class PublicationDouble:
+    """Publication with a reader that acknowledges each message."""
+
+    topic = "topic"
+
+    def __init__(self, publish):
+        self.publish = publish
+
+    def __call__(self, payload):
+        self.publish(payload)
+
+    def wait_for_reader(self, patience):
+        return True
+
+    def wait_for_acknowledgment(self, patience):
+        return True
 
 
 class TransportDouble:
@@ -31,11 +47,13 @@ class TransportDouble:
     def publishers(self, topic):
         return ("/wbc_controller",)
 
-    def deliver(self, topic, payload, *_):
-        self.delivered.append(decode(payload, topic.type).data)
-        for values in self.answers[len(self.delivered) : len(self.delivered) + 1]:
-            self.diagnose(values)
-        return True
+    def advertise(self, topic):
+        def publish(payload):
+            self.delivered.append(decode(payload, topic.type).data)
+            for values in self.answers[len(self.delivered) : len(self.delivered) + 1]:
+                self.diagnose(values)
+
+        return PublicationDouble(publish)
 
     def diagnose(self, values):
         self.receive["diagnostics"](encode(diagnostics(1, 0, "wbc_controller: control loop", "active", "go2", values)))
@@ -119,13 +137,10 @@ class WalkingDouble(TransportDouble):
 
     def advertise(self, topic):
         def publish(payload):
-            self.sent.append(decode(payload, topic.type).linear.x)
+            content = decode(payload, topic.type)
+            self.sent.append(content.linear.x if topic.key == "cmd_vel" else content.data)
 
-        return publish
-
-    def deliver(self, topic, payload, *_):
-        self.sent.append(decode(payload, topic.type).data)
-        return True
+        return PublicationDouble(publish)
 
 
 @pytest.mark.parametrize(

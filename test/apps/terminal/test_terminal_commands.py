@@ -1,15 +1,12 @@
 """Commands without a node: topics by name, completion, and messages as text."""
 
-from __future__ import annotations
-
 import re
 
 import pytest
 from click.testing import CliRunner
 
-from wbc_controller.apps.terminal.printing import as_text
-from wbc_controller.apps.terminal.shell_completion import next_words
-from wbc_controller.apps.terminal.terminal_commands import find_topic
+from wbc_controller.apps.terminal.command_options import next_words
+from wbc_controller.apps.terminal.terminal_commands import as_text, find_topic
 from wbc_controller.cli import main
 from wbc_controller.errors import InputRefused
 from wbc_controller.middleware.codec import diagnostics

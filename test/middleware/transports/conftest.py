@@ -1,7 +1,5 @@
 """Isolated buses with connected transports."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from typing import Any

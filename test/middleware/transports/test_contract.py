@@ -1,7 +1,5 @@
 """The interface of all transports, run on each of them."""
 
-from __future__ import annotations
-
 import dataclasses
 import logging
 import threading
@@ -13,9 +11,9 @@ from participants import is_omitted
 
 from wbc_controller.errors import TransportError
 from wbc_controller.middleware import topics
-from wbc_controller.middleware.codec import decode, encode, header, message, nanoseconds, stamp
+from wbc_controller.middleware.codec import decode, encode, header, message, nanoseconds, time_fields
 from wbc_controller.middleware.topics import Direction, Endpoint, counterpart, endpoints
-from wbc_controller.nodes.simulated_clock import make_simulated_clock
+from wbc_controller.nodes.clock import make_simulated_clock
 
 pytestmark = pytest.mark.live
 
@@ -282,7 +280,7 @@ def clock_and_writer(join):
     reader, writer = join("reader"), join("writer")
     (topic,) = endpoints([topic for topic in topics.CONTROLLER_TOPICS if topic.key == "clock"], "reader")
     clock, publish = make_simulated_clock([topic], reader), writer.advertise(counterpart(topic))
-    tell = lambda time_ns: publish(encode(message("rosgraph_msgs/msg/Clock", clock=stamp(time_ns))))  # noqa: E731
+    tell = lambda time_ns: publish(encode(message("rosgraph_msgs/msg/Clock", clock=time_fields(time_ns))))  # noqa: E731
     return clock, tell, reader, writer
 
 

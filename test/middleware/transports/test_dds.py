@@ -1,7 +1,5 @@
 """The embedded DDS: types, environment, discovery, and other processes."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 import subprocess

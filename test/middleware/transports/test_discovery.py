@@ -1,7 +1,5 @@
 """Discovery between ROS 2 nodes and the embedded DDS, by ROS 2's table of discovery ranges."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

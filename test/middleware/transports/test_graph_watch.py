@@ -1,7 +1,5 @@
 """Other publishers: reported at each change, unnamed nodes after the second check."""
 
-from __future__ import annotations
-
 import threading
 
 import pytest

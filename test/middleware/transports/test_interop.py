@@ -1,7 +1,5 @@
 """The embedded DDS and a real ROS 2 exchange messages on every topic of the table."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import pytest

@@ -1,7 +1,5 @@
 """The transport on rclpy: wake-ups of the executor, warnings about incompatible publishers, omitted topics."""
 
-from __future__ import annotations
-
 import importlib.util
 import itertools
 import logging

@@ -1,7 +1,5 @@
 """The configuration of diagnostic_aggregator: each status of our nodes is in one group, in every namespace."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

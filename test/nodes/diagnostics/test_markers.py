@@ -1,7 +1,5 @@
 """Geometry of the markers against Pinocchio, the solution and the references."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

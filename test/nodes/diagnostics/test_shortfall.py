@@ -1,14 +1,12 @@
 """Reports of unreachable references with the binding constraints, and none during an approach."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from wbc_controller.controller.controller import Controller
-from wbc_controller.nodes.diagnostics.shortfall import Shortfall, _distance, describe_binding, describe_constraint
+from wbc_controller.nodes.diagnostics.task_reports import Shortfall, _distance, describe_binding, describe_constraint
 
 PERIOD = 0.1
 

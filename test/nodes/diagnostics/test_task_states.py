@@ -12,7 +12,7 @@ from wbc_controller.inverse_dynamics.tasks import AccelerationTask
 from wbc_controller.middleware.codec import encode
 from wbc_controller.middleware.setpoints import setpoint_message
 from wbc_controller.middleware.topics import TASK_TYPES
-from wbc_controller.nodes.diagnostics.task_states import TaskStates
+from wbc_controller.nodes.diagnostics.task_reports import TaskStates
 from wbc_controller.nodes.wiring import make_vocabulary
 
 

@@ -1,7 +1,5 @@
 """Outcomes of service commands, from the cycle that processed them."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import pytest

@@ -1,7 +1,5 @@
 """The three executables on a real graph: topics as in the security policy, and the guard on rclpy."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

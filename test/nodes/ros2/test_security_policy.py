@@ -1,7 +1,5 @@
 """The policy permits exactly the topics and services of the nodes."""
 
-from __future__ import annotations
-
 from xml.etree import ElementTree
 
 import pytest

@@ -1,7 +1,5 @@
 """Identification from a recording, against the mock robot of the recording."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np
@@ -14,8 +12,7 @@ from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.recording.identification.equations import Equations, select_samples
-from wbc_controller.recording.identification.fit import fit
-from wbc_controller.recording.identification.identify_command import fit_cycles, identify, report
+from wbc_controller.recording.identification.identify import fit, fit_cycles, identify, report
 from wbc_controller.settings.config import load
 from wbc_controller.simulation.faults.fault import FaultContext
 from wbc_controller.simulation.faults.world import MassError

@@ -1,11 +1,9 @@
 """`wbc identify` with a file of the flight recorder."""
 
-from __future__ import annotations
-
 import pytest
 
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.recording.identification.identify_command import identify
+from wbc_controller.recording.identification.identify import identify
 from wbc_controller.settings.config import load
 
 

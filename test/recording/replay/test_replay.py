@@ -1,7 +1,5 @@
 """Replay of recordings: bit for bit, explanation, comparison, report."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from functools import partial

@@ -1,14 +1,11 @@
 """Recordings of a walking robot: replay bit for bit, also from the middle of a step, and faults during a step."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from wbc_controller.middleware.codec import message
-from wbc_controller.middleware.odometry import vector
 from wbc_controller.recording.recorder import Recorder
 from wbc_controller.recording.recording_file import Recording
 from wbc_controller.recording.replay.cycle_replay import Replay
@@ -31,8 +28,7 @@ FAULTS = [
 
 
 def make_velocity(forward):
-    still = np.zeros(3)
-    return message("geometry_msgs/msg/Twist", linear=vector(np.array([forward, 0.0, 0.0])), angular=vector(still))
+    return message("geometry_msgs/msg/Twist", linear={"x": forward})
 
 
 class Walk(Lockstep):

@@ -1,10 +1,7 @@
 """Execution of a demo scenario by topics."""
 
-from __future__ import annotations
-
 import threading
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from time import monotonic
 from typing import Any
@@ -45,16 +42,11 @@ _STATE = ("mock", "joint_states")
 _HEARD = (_STATE, ("mock", "odom"), ("controller", "state"))
 
 
+Windows = Mapping[str, tuple[float, float]]  # start and end of each measurement, simulated time, s
+
+
 class DemoFailed(WbcError):
     """The demo could not continue: the robot fell or a process ended."""
-
-
-@dataclass(frozen=True, slots=True)
-class Window:
-    """Measurement interval in simulated time, s."""
-
-    start: float
-    end: float
 
 
 class Director:
@@ -75,16 +67,11 @@ class Director:
         advance: Callable[[threading.Event], None],
         report_phase: Callable[[str], None],
     ) -> None:
-        """Open the topics of controller and mock robot.
-
-        Args:
-            advance: waits for a new state, as of `arrived`; in lockstep it executes one step.
-            report_phase: receives the name of each phase.
-        """
+        """Open the topics; `advance` waits for `arrived`, or in lockstep executes one step."""
         self.recorded: dict[tuple[str, str], list[tuple[int, bytes]]] = {}
         self.arrived = threading.Event()
         self.phases: list[tuple[float, str]] = []  # simulated time, s, and name
-        self.windows: dict[str, Window] = {}
+        self.windows: dict[str, tuple[float, float]] = {}
         #: Start, s, and trajectory of the centre of mass; None while the robot walks.
         self.references: list[tuple[float, Trajectory | None]] = []
         self.targets: dict[str, Array] = {}  # by task, (3,) in m
@@ -127,9 +114,7 @@ class Director:
         self._follow(((0.5, (0.0, 0.0, 0.0)),), self.com())
         self._run(1.0)
         self._begin("stand")
-        start = self.time
-        self._run(scenario.stand)
-        self.windows["stand"] = Window(start, self.time)
+        self._measure("stand", scenario.stand)
         for move in scenario.moves:
             self._move(move)
         for reach in scenario.reaches:
@@ -141,9 +126,7 @@ class Director:
         if scenario.walks:
             self._begin("stop")
             self._run(scenario.stop)  # the command times out
-            start = self.time
-            self._run(1.0)
-            self.windows["stop"] = Window(start, self.time)
+            self._measure("stop", 1.0)
             return  # the hoist would pull the robot back to its start
         self._begin("end")
         self._send("mock", "hold", "", message("std_msgs/msg/Bool", data=True))
@@ -197,6 +180,11 @@ class Director:
         if self._model.floating_base and pin.XYZQUATToSE3(self.state()[:7]).rotation[2, 2] < 0.5:
             raise DemoFailed("the robot fell")
 
+    def _measure(self, name: str, duration: float) -> None:
+        start = self.time
+        self._run(duration)
+        self.windows[name] = start, self.time
+
     def _let_pass(self, duration: float) -> None:
         end = self.time + duration
         silent = 0
@@ -236,7 +224,7 @@ class Director:
         reference = self.references[-1][1]
         start = self._follow(move.points, self.com() if reference is None else reference.sample(self.time).position)
         self._run(move.duration + _START_DELAY)
-        self.windows[move.name] = Window(start, self.time)
+        self.windows[move.name] = start, self.time
         self._run(0.5)
 
     def _reach(self, reach: Reach) -> None:
@@ -250,20 +238,16 @@ class Director:
         pose_value = np.concatenate([target, quaternion_of(pose.rotation)])
         content = setpoint_message("geometry_msgs/msg/PoseStamped", "frame_pose", pose_value)
         self._send("controller", "setpoint", reach.task, content)
-        start = self.time
-        self._run(reach.duration)
-        self.windows[f"reach {reach.task}"] = Window(start, self.time)
+        self._measure(f"reach {reach.task}", reach.duration)
         self._send_text("update", f"{{tasks: {{{reach.task}: {{enabled: false}}}}}}")
         self._run(_SETTLING_TIME)
 
     def _shove(self, shove: Shove) -> None:
         self._begin(shove.name)
-        start = self.time
         force = np.array(shove.impulse) / 0.1
         content = wrench_stamped(np.concatenate([force, np.zeros(3)]), shove.frame or self._model.base_link)
         self._send("mock", "push", "", content)
-        self._run(self._scenario.recovery + 0.5)
-        self.windows[shove.name] = Window(start, self.time)
+        self._measure(shove.name, self._scenario.recovery + 0.5)
 
     def _walk(self, walk: Walk) -> None:
         self._begin(walk.name)
@@ -272,4 +256,4 @@ class Director:
         while self.time < start + walk.duration:
             self._send("controller", "cmd_vel", "", velocity_message(walk.velocity))
             self._run(_COMMAND_PERIOD)
-        self.windows[walk.name] = Window(start + walk.acceleration, self.time)
+        self.windows[walk.name] = start + walk.acceleration, self.time

@@ -1,15 +1,10 @@
 """Execution of a demo, with verdict and report."""
 
-from __future__ import annotations
-
 import os
-import signal
-import subprocess
-import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -35,7 +30,7 @@ from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTranspo
 from wbc_controller.middleware.transports.transport import Transport
 from wbc_controller.nodes.clock import ManualClock
 from wbc_controller.nodes.controller_service import make_loop
-from wbc_controller.nodes.processes import end_with_parent
+from wbc_controller.nodes.processes import Processes
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.recording.recorder import Recorder
 from wbc_controller.recording.recording_file import Recording, add_topics
@@ -67,12 +62,9 @@ def run_demo(
 
     Args:
         robot: a configuration, or "walk" for the walk of G1; robots without a scenario get a derived one.
-        lockstep: run in one process without real time.
-        real_time_factor: simulated seconds per second.
         sensors: quality of the sensors for base estimation; None for exact sensors and odometry.
 
-    Raises:
-        ConfigurationError: if the robot is unknown, refused by the pre-flight check, or has no possible scenario.
+    Raises `ConfigurationError` if the robot is unknown, refused by the pre-flight check, or has no possible scenario.
     """
     config = load(WALK_ROBOT if robot == WALK else robot)
     check(config)
@@ -130,36 +122,21 @@ def _in_real_time(stage: _DemoSetup, real_time_factor: float) -> Iterator[_UserS
     from wbc_controller.middleware.transports.dds import DdsTransport
 
     domain = _FIRST_DOMAIN + os.getpid() % 100
-    environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / f"{stage.name}.yaml"
-        file.write_text(stage.config.to_yaml(), encoding="utf-8")
-        commands = {
-            "mock": ["mock", str(file), "--real-time-factor", str(real_time_factor)],
-            "run": ["run", str(file), "--record", str(stage.record)],
-        }
-        transport = DdsTransport("wbc_demo", domain_id=domain, discovery_range="LOCALHOST")
-        processes = {
-            name: subprocess.Popen(  # noqa: S603  # our own
-                [sys.executable, "-m", "wbc_controller", *words], env=environment, preexec_fn=end_with_parent
-            )
-            for name, words in commands.items()
-        }
-        try:
-            yield transport, partial(_wait_for_state, processes)
-        finally:
-            for process in processes.values():
-                process.send_signal(signal.SIGINT)
-            for process in processes.values():
-                process.wait(timeout=20)
-            transport.close()
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        closing(DdsTransport("wbc_demo", domain_id=domain, discovery_range="LOCALHOST")) as transport,
+        closing(Processes(stage.config, Path(folder), domain)) as processes,
+    ):
+        processes.start("mock", "--real-time-factor", str(real_time_factor))
+        processes.start("controller", "--record", str(stage.record))
+        yield transport, partial(_wait_for_state, processes)
 
 
-def _wait_for_state(processes: Mapping[str, subprocess.Popen[bytes]], arrived: threading.Event) -> None:
+def _wait_for_state(processes: Processes, arrived: threading.Event) -> None:
     if not arrived.wait(0.05):
-        for name, process in processes.items():
-            if process.poll() is not None:
-                raise DemoFailed(f"the process `wbc {name}` ended with exit status {process.returncode}")
+        error = processes.early_end()
+        if error:
+            raise DemoFailed(error)
     arrived.clear()
 
 

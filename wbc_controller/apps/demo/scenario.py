@@ -1,7 +1,5 @@
 """Motions and targets of the demos."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

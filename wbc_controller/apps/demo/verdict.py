@@ -1,18 +1,15 @@
 """Verdict of a demo: comparison with the targets."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.apps.demo.director import Director, Window
+from wbc_controller.apps.demo.director import Director, Windows
 from wbc_controller.apps.demo.scenario import Scenario
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.recording.report.base_motion import heading, mean_velocity
-from wbc_controller.recording.report.run_data import Result, RunData
+from wbc_controller.recording.report.run_data import Result, RunData, heading, mean_velocity
 from wbc_controller.records import Array
 
 #: Largest mean velocity after a stop, m/s and rad/s.
@@ -44,17 +41,20 @@ def distances_to_targets(run: RunData, director: Director, model: RobotModel) ->
 
 
 def judge(
-    run: RunData, scenario: Scenario, windows: Mapping[str, Window], distances: Mapping[str, Array], weight: float
+    run: RunData,
+    scenario: Scenario,
+    windows: Windows,
+    distances: Mapping[str, Array],
+    weight: float,
 ) -> tuple[Result, ...]:
     """Compare a run with its targets; `windows` by phase, `distances` of the hands, `weight` in N."""
     error = np.linalg.norm(run.com - run.com_reference, axis=1)
 
     def within(name: str, values: Array, after: float = 0.0) -> Array:
-        window = windows.get(name)
-        if window is None:
+        if name not in windows:
             return values[:0]
-        time = run.time + run.start
-        return values[(time >= window.start + after) & (time <= window.end)]
+        (start, end), time = windows[name], run.time + run.start
+        return values[(time >= start + after) & (time <= end)]
 
     results = []
     # With inexact motors the disturbance observer assigns some of the weight to a force on the base.
@@ -100,7 +100,7 @@ def judge(
     return tuple(results)
 
 
-def _walked(run: RunData, scenario: Scenario, windows: Mapping[str, Window]) -> list[Result]:
+def _walked(run: RunData, scenario: Scenario, windows: Windows) -> list[Result]:
     """Compare the mean velocities of the walks with the commands."""
     wanted = {walk.name: (walk.velocity, walk.target) for walk in scenario.walks}
     if wanted:
@@ -108,12 +108,11 @@ def _walked(run: RunData, scenario: Scenario, windows: Mapping[str, Window]) -> 
     results = []
     for name, (velocity, limit) in wanted.items():
         text = f"{', '.join(f'{each:g}' for each in velocity)} ± {limit:g} m/s, rad/s"
-        window = windows.get(name)
-        if window is None:
+        if name not in windows:
             results.append(Result(name, text, "not reached", False))
             continue
         way = np.column_stack([run.time + run.start, run.q[:, :2], [heading(q) for q in run.q]])
-        mean = mean_velocity(way, window.start, window.end)
+        mean = mean_velocity(way, *windows[name])
         good = bool(np.abs(mean - velocity).max() < limit)
         results.append(Result(name, text, ", ".join(f"{each:.3f}" for each in np.round(mean, 3) + 0.0), good))
     return results

@@ -1,7 +1,5 @@
 """Steps from a URDF to a draft."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -12,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.apps.new import tuning
-from wbc_controller.apps.new.feet import Body
+from wbc_controller.apps.new.feet import LEG_JOINTS, Body
 from wbc_controller.apps.new.foot_shape import Foot
 from wbc_controller.apps.new.mechanism import UrdfSource, choose_joints, ranges_of, read_postures, read_source
 from wbc_controller.apps.new.notes import Draft
@@ -23,6 +21,7 @@ from wbc_controller.controller.build.collision_model import with_visuals
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.robot.virtual_base import virtual_joints
 from wbc_controller.settings.files import parse_settings
 from wbc_controller.settings.resources import PACKAGE_SCHEME, locate
 
@@ -30,7 +29,6 @@ Base = Literal["floating", "fixed"]
 #: First line of the file, a comment.
 TITLE = "Drafted by `wbc new`. Every key, its unit, range and default: docs/configuration.md."
 _WORLD = "world"  # root link of a fixed robot
-_LEG_JOINTS = 3  # smallest number
 
 
 def new_configuration(
@@ -43,14 +41,13 @@ def new_configuration(
         base: attachment of the root link to the world; None for a choice by the feet.
         feet: links to stand on; empty for a search.
 
-    Raises:
-        ConfigurationError: if a file cannot be read, or the robot has no controllable joint.
+    Raises `ConfigurationError` if a file cannot be read, or the robot has no controllable joint.
     """
     source = read_source(urdf)
     postures = read_postures(srdf) if srdf is not None else {}
     draft, body, found = _feet(source, postures, feet, ())
     # A leg may end in a joint as light as a finger's: a second search keeps these joints.
-    if found and min(len(body.limb_of(foot).joints) for foot in found) < _LEG_JOINTS:
+    if found and min(len(body.limb_of(foot).joints) for foot in found) < LEG_JOINTS:
         draft, body, found = _feet(source, postures, feet, [foot.link for foot in found])
     model = body.model
     kind = _put_base(source, base, found, draft)
@@ -62,13 +59,8 @@ def new_configuration(
     else:
         _put_legged(draft, model, body, found, postures)
         tuning.put_walking(source.text, draft)
-    draft.put(
-        "robot.armature",
-        0.0,
-        "rotor inertia at the joints, N² times the inertia of the rotor with gear ratio N, from the data sheet; a URDF "
-        "has no such value.",
-        "missing",
-    )
+    text = "rotor inertia at the joints, N² times the inertia of the rotor with gear ratio N, from the data sheet; a "
+    draft.put("robot.armature", 0.0, f"{text}URDF has no such value.", "missing")
     return draft
 
 
@@ -127,12 +119,9 @@ def _put_base(source: UrdfSource, base: Base | None, feet: Sequence[Foot], draft
     if base is not None:
         draft.put("robot.base", base, f"From --base {base}.")
         return base
-    if source.has_floating_base:
-        draft.put(
-            "robot.base",
-            "floating",
-            "The joints between the root link and the base in the URDF represent a floating base.",
-        )
+    if virtual_joints(source.tree):
+        text = "The joints between the root link and the base in the URDF represent a floating base."
+        draft.put("robot.base", "floating", text)
         return "floating"
     if source.root == _WORLD:
         draft.put("robot.base", "fixed", f"The root link of the URDF is called {_WORLD!r}.")

@@ -1,7 +1,5 @@
 """Search for the feet."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,7 +15,7 @@ from wbc_controller.records import Array
 #: Largest height difference of feet, and smallest of other parts above them, as shares of the robot's height.
 _LEVEL, _ABOVE = 0.15, 0.02
 _ALIKE = 0.2  # largest relative difference of leg masses
-_LEG_JOINTS = 3  # smallest number; fingers have fewer
+LEG_JOINTS = 3  # smallest number; fingers have fewer
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +92,7 @@ class Body:
             return []
         base, pelvis = 1, int(self.model.pinocchio.parents[lowest.joints[0]])
         # A pelvis below a waist is lower than the base; a chest with arms is higher.
-        below = len(lowest.joints) >= _LEG_JOINTS and self.data.oMi[pelvis].translation[2] <= 0.0
+        below = len(lowest.joints) >= LEG_JOINTS and self.data.oMi[pelvis].translation[2] <= 0.0
         return self._feet_on_trunk(base) or (self._feet_on_trunk(pelvis) if below else [])
 
     def _feet_on_trunk(self, trunk: int) -> list[Foot]:

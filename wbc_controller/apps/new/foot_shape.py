@@ -1,7 +1,5 @@
 """Shape of a foot: a flat sole, a ball or a wheel."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal

@@ -1,7 +1,5 @@
 """Movable joints of a URDF, and postures of its SRDF."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,11 +40,6 @@ class UrdfSource:
     path: Path
     text: str  # with planar joints split, and missing limits set to 0
     tree: ElementTree.Element  # the text as XML
-
-    @property
-    def has_floating_base(self) -> bool:
-        """True if URDF joints represent a floating base."""
-        return bool(virtual_joints(self.tree))
 
     @property
     def root(self) -> str:
@@ -92,11 +85,10 @@ def ranges_of(source: UrdfSource, limits: Mapping[str, Mapping[str, float]]) -> 
     return found
 
 
-def choose_joints(source: UrdfSource, draft: Draft, carrying: Sequence[str] = ()) -> None:
+def choose_joints(source: UrdfSource, draft: Draft, carrying: Sequence[str]) -> None:
     """Write ``robot.joints``, ``locked_joints`` and ``joint_limits`` in URDF order; `carrying` are links of feet.
 
-    Raises:
-        ConfigurationError: if the URDF is invalid or has no usable joint.
+    Raises `ConfigurationError` if the URDF is invalid or has no usable joint.
     """
     model = read_mechanism(source.tree, floating_base=True)
     mimics, mass = read_mimics(source.tree), pin.computeTotalMass(model)
@@ -123,13 +115,8 @@ def choose_joints(source: UrdfSource, draft: Draft, carrying: Sequence[str] = ()
         raise ConfigurationError(
             "robot.urdf: no usable joint; required: a joint of one degree of freedom with a range and a moved mass"
         )
-    draft.put(
-        "robot.joints",
-        joints,
-        "Joints in the order of the URDF. Torques are sent in this order; it must equal the order of `joints` in your "
-        "effort controller.",
-        "guess",
-    )
+    text = "Joints in the order of the URDF. Torques are sent in this order; it must equal the order of `joints` in "
+    draft.put("robot.joints", joints, f"{text}your effort controller.", "guess")
     for names, why in (
         (light, f"each moves less than {100.0 * _FINGER_SHARE:g} % of the robot's mass, as fingers do"),
         (stiff, "their range in the URDF is empty"),
@@ -148,8 +135,7 @@ def choose_joints(source: UrdfSource, draft: Draft, carrying: Sequence[str] = ()
 def read_postures(srdf: str) -> dict[str, dict[str, float]]:
     """Read the postures of an SRDF, joint positions in rad by name of the ``<group_state>``, in order of preference.
 
-    Raises:
-        ConfigurationError: if the SRDF is invalid.
+    Raises `ConfigurationError` if the SRDF is invalid.
     """
     tree = parse_xml(read_text(locate(srdf, "--srdf"), f"--srdf = {srdf!r}", LARGEST_URDF), "--srdf", "SRDF")
     found: dict[str, dict[str, float]] = {}

@@ -1,7 +1,5 @@
 """Placeholders of missing or implausible joint limits."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from xml.etree import ElementTree

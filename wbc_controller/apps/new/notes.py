@@ -1,7 +1,5 @@
 """Draft of a configuration: values with notes on their origin."""
 
-from __future__ import annotations
-
 import re
 import textwrap
 from collections.abc import Mapping
@@ -16,6 +14,7 @@ Origin = Literal["found", "guess", "missing"]
 _PREFIX: dict[Origin, str] = {"found": "", "guess": "Guess: ", "missing": "Fill in: "}
 _TASKS = ("com", "base", "torso", "posture")  # in every draft
 _UNBROKEN: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}  # lines are not broken within names
+_TIED = ":\N{NO-BREAK SPACE}"
 #: Line length in characters, and sections with one entry per line.
 _WIDTH, _ONE_LINE = 120, ("tasks", "contacts", "robot.joint_limits", "robot.locked_joints")
 
@@ -105,20 +104,7 @@ def _comment(text: str, indent: str) -> list[str]:
 
 
 def _entry(name: str, value: Any, indent: str) -> list[str]:
-    name = yaml_line(name)
-    if not isinstance(value, list | Mapping):
-        return [f"{indent}{name}: {yaml_line(value)}"]
-    if isinstance(value, Mapping):
-        first, last, parts = "{", "}", [f"{yaml_line(key)}: {yaml_line(one)}" for key, one in value.items()]
-    else:
-        first, last, parts = "[", "]", [yaml_line(one) for one in value]
-    within = indent + " " * (len(name) + 3)
-    lines = [f"{indent}{name}: {first}"]
-    for number, part in enumerate(parts):
-        text = part + ("," if number + 1 < len(parts) else last)
-        glue = "" if number == 0 else " "
-        if len(lines[-1]) + len(glue) + len(text) <= _WIDTH:
-            lines[-1] += glue + text
-        else:  # a nested list may exceed a line
-            lines += textwrap.wrap(text, _WIDTH, initial_indent=within, subsequent_indent=within, **_UNBROKEN)
-    return lines if parts else [f"{indent}{name}: {first}{last}"]
+    start = f"{indent}{yaml_line(name)}: "
+    text = yaml_line(value).replace(": ", _TIED)  # lines are not broken between a key and its value
+    lines = textwrap.wrap(text, _WIDTH, initial_indent=start, subsequent_indent=" " * (len(start) + 1), **_UNBROKEN)
+    return [line.replace(_TIED, ": ") for line in lines]

@@ -1,7 +1,5 @@
 """Nominal posture: the SRDF's if possible, otherwise a computed one."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -57,15 +55,13 @@ def put_standing(model: RobotModel, feet: Sequence[Foot], postures: Postures, dr
         _put(draft, model, reference, "posture: none found with level feet and the centre of mass above them; these "
              "values are " + (f"the SRDF's {name!r}." if name else "zeros."), "missing")  # fmt: skip
         return reference
-    _put(
-        draft,
-        model,
-        found,
-        f"Nearest valid posture to {name!r} of the SRDF, in which {why}." if name else
-        "Computed: level feet, centre of mass above their middle, bent legs, joints off their limits. "
-        "Self-collision was not checked.",
-        "guess",
-    )  # fmt: skip
+    text = (
+        f"Nearest valid posture to {name!r} of the SRDF, in which {why}."
+        if name
+        else "Computed: level feet, centre of mass above their middle, bent legs, joints off their limits. "
+        "Self-collision was not checked."
+    )
+    _put(draft, model, found, text, "guess")
     return found
 
 
@@ -77,14 +73,8 @@ def put_fixed(model: RobotModel, postures: Postures, draft: Draft) -> Array:
         _note_moved(draft, model, reference, postures[name])
         return reference
     found = _dexterous(model)
-    _put(
-        draft,
-        model,
-        found,
-        "Computed: high manipulability of the ends, joints near the middle of their ranges. Collisions with the robot "
-        "or the table were not checked.",
-        "guess",
-    )
+    text = "Computed: high manipulability of the ends, joints near the middle of their ranges. Collisions with the "
+    _put(draft, model, found, f"{text}robot or the table were not checked.", "guess")
     return found
 
 

@@ -1,7 +1,5 @@
 """Search for a standing posture, stable and with bent legs."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

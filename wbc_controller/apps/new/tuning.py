@@ -1,7 +1,5 @@
 """Contacts, tasks, gains and limits of a draft."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

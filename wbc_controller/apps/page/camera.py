@@ -1,7 +1,5 @@
 """The camera of a page follows the robot."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping, Sequence
 

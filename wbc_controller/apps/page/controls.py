@@ -1,7 +1,5 @@
 """Controls that send requests of `wbc send`."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -51,7 +49,7 @@ class Controls:
         for word, color, hint in _MODE_BUTTONS:
             self._add_button(word, color, f"{hint} wbc send {word}")
         if robot.settings.walking is not None:
-            _WalkControls(server, robot.settings.walking, sender)
+            _add_walk_controls(server, robot.settings.walking, sender)
         self._mock = self._gui.add_folder("Simulated robot", visible=False)
         with self._mock:
             self._add_button("hold", "gray", "Lift the robot to its start pose.")
@@ -149,25 +147,22 @@ class Controls:
             control.value = value
 
 
-class _WalkControls:
-    """Folder `Walking`. A released button and a closed page send nothing: the robot stops by its timeout."""
+def _add_walk_controls(server: viser.ViserServer, settings: WalkingSettings, sender: RequestSender) -> None:
+    """Add the folder `Walking`. A released button and a closed page send nothing: the robot stops by its timeout."""
+    gui, sliders = server.gui, []
+    with gui.add_folder("Walking"):
+        walk = gui.add_button("Walk", color="green", hint="Hold to walk at this velocity; release to stop.")
+        stand = gui.add_button("Stand", color="gray", hint="Stop after the next steps.")
+        limits = settings.max_speed, settings.max_side_speed, settings.max_turn_rate
+        for (label, first, default), limit in zip(_SLIDERS, limits, strict=True):
+            most = default if limit is None else limit
+            sliders.append(gui.add_slider(label, -most, most, 0.01, min(first, most)))
 
-    def __init__(self, server: viser.ViserServer, settings: WalkingSettings, sender: RequestSender) -> None:
-        self._sender = sender
-        gui, largest = server.gui, (settings.max_speed, settings.max_side_speed, settings.max_turn_rate)
-        with gui.add_folder("Walking"):
-            walk = gui.add_button("Walk", color="green", hint="Hold to walk at this velocity; release to stop.")
-            stand = gui.add_button("Stand", color="gray", hint="Stop after the next steps.")
-            self._sliders: list[Any] = []
-            for (label, first, default), limit in zip(_SLIDERS, largest, strict=True):
-                most = default if limit is None else limit
-                self._sliders.append(gui.add_slider(label, -most, most, 0.01, min(first, most)))
-        walk.on_hold(self._held, callback_hz=_WALK_RATE)
-        stand.on_click(lambda event: sender.request(_walk_request((0.0, 0.0, 0.0), "the robot stops walking")))
+    async def held(event: Any) -> None:
+        sender.drag("walk", event.client_id, _walk_request([slider.value for slider in sliders], "walk"))
 
-    async def _held(self, event: Any) -> None:
-        velocity = [slider.value for slider in self._sliders]
-        self._sender.drag("walk", event.client_id, _walk_request(velocity, "walk"))
+    walk.on_hold(held, callback_hz=_WALK_RATE)
+    stand.on_click(lambda event: sender.request(_walk_request((0.0, 0.0, 0.0), "the robot stops walking")))
 
 
 def _walk_request(velocity: Sequence[float], summary: str) -> Request:

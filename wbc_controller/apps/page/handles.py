@@ -1,7 +1,5 @@
 """Handles of tasks; a drag sends the setpoint."""
 
-from __future__ import annotations
-
 import time
 from typing import Any
 
@@ -15,7 +13,7 @@ from wbc_controller.inverse_dynamics.tasks import AccelerationTask
 from wbc_controller.records import Array
 
 #: Task types with a handle: translation, rotation.
-_KINDS = {
+KINDS = {
     "com": (True, False),
     "frame_position": (True, False),
     "frame_pose": (True, True),
@@ -26,19 +24,13 @@ _DISABLED_OPACITY = 0.35
 _HOLD_TIME = 0.3  # after a setpoint ramp, s
 
 
-def make_handles(server: viser.ViserServer, robot: Robot, sender: RequestSender) -> list[Handle]:
-    """Return the handles of all tasks, shared by all pages."""
-    tasks = robot.settings.tasks
-    return [Handle(server, robot, name, sender) for name, task in tasks.items() if task.type in _KINDS]
-
-
 class Handle:
     """Handle of one task."""
 
     def __init__(self, server: viser.ViserServer, robot: Robot, task: str, sender: RequestSender) -> None:
         self._name, self._robot, self._sender = task, robot, sender
         self._kind = robot.settings.tasks[task].type
-        self._can_move, self._can_rotate = _KINDS[self._kind]
+        self._can_move, self._can_rotate = KINDS[self._kind]
         self._rings_shown = False
         #: Last orientation (w, x, y, z), kept while the rings are hidden and the handle has world axes.
         self._orientation = np.array([1.0, 0.0, 0.0, 0.0])
@@ -107,8 +99,12 @@ class Handle:
         if self._dragging is not None or time.monotonic() < self._hold_until:
             return
         known = None if self._disabled or references is None else references.tasks.get(self._name)
-        at = known.position if known is not None else self._task_value()
-        if at is None:
+        task = self._robot.tasks[self._name]
+        if known is not None:
+            at = known.position
+        elif isinstance(task, AccelerationTask):
+            at = np.asarray(task.position(self._robot.dynamics))
+        else:
             return
         position, turned = self._pose(at)
         if not np.allclose(position, self._gizmo.position, rtol=0.0, atol=1.0e-4):
@@ -118,10 +114,6 @@ class Handle:
             turned = np.array([1.0, 0.0, 0.0, 0.0])
         if not 1.0 - abs(float(turned @ self._gizmo.wxyz)) <= 1.0e-7:
             self._gizmo.wxyz = turned
-
-    def _task_value(self) -> Array | None:
-        task = self._robot.tasks[self._name]
-        return np.asarray(task.position(self._robot.dynamics)) if isinstance(task, AccelerationTask) else None
 
     def _pose(self, at: Array) -> tuple[Array, Array]:
         """Return position, (3,), and quaternion (w, x, y, z) of the handle for a value of the task."""

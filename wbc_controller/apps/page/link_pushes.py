@@ -1,7 +1,5 @@
 """Pushes of the mock robot by drags on its links."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Simplified meshes for the browser, with sharp edges."""
 
-from __future__ import annotations
-
 import logging
 from dataclasses import dataclass
 
@@ -35,11 +33,11 @@ class Mesh:
     color: tuple[float, float, float]  # red, green and blue, 0 to 1
 
 
-def build_meshes(model: RobotModel, most: int = TRIANGLES) -> list[Mesh]:
-    """Return meshes of about `most` triangles; raise `ConfigurationError` for unreadable geometry."""
+def build_meshes(model: RobotModel) -> list[Mesh]:
+    """Return meshes of about `TRIANGLES` triangles; raise `ConfigurationError` for unreadable geometry."""
     visuals, bare = read_visuals(model)
     counts = [each.geometry.num_tris if isinstance(each.geometry, coal.BVHModelBase) else 0 for each in visuals]
-    share = min(1.0, most / max(1, sum(counts)))
+    share = min(1.0, TRIANGLES / max(1, sum(counts)))
     found = [
         _mesh(visual, max(_MIN_TRIANGLES, int(share * count))) for visual, count in zip(visuals, counts, strict=True)
     ]

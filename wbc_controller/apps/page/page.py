@@ -1,7 +1,5 @@
 """The page: scene, panels, handles and controls."""
 
-from __future__ import annotations
-
 import collections
 import logging
 import threading
@@ -17,7 +15,7 @@ from wbc_controller.apps.page import panels
 from wbc_controller.apps.page.camera import CameraFollower, camera
 from wbc_controller.apps.page.controls import Controls
 from wbc_controller.apps.page.drawing import GROUPS, Drawing
-from wbc_controller.apps.page.handles import make_handles
+from wbc_controller.apps.page.handles import KINDS, Handle
 from wbc_controller.apps.page.link_pushes import KEY, LinkPushes
 from wbc_controller.apps.page.meshes import Mesh
 from wbc_controller.apps.page.playback import Playback, TimeLine
@@ -94,7 +92,10 @@ class Page:
         self._is_mock = is_mock
         gui = self.server.gui
         self._controls = Controls(self.server, self._robot, sender)
-        self._handles = make_handles(self.server, self._robot, sender)
+        tasks = self._robot.settings.tasks
+        self._handles = [
+            Handle(self.server, self._robot, name, sender) for name, task in tasks.items() if task.type in KINDS
+        ]
         self._pushes = LinkPushes(self.server, self._robot, self.drawing, sender)
         with gui.add_folder("Handles"):
             gui.add_html(_HELP)

@@ -4,8 +4,6 @@ Each class describes one of viser's messages, with its names. Others are dropped
 viser applies any attribute in a message and forwards it to all pages.
 """
 
-from __future__ import annotations
-
 import math
 import reprlib
 from typing import Annotated, Any, Literal

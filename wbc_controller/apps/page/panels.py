@@ -1,7 +1,5 @@
 """Panels of the page as HTML."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from html import escape
@@ -9,11 +7,10 @@ from html import escape
 import numpy as np
 
 from wbc_controller.apps.page.snapshot import Robot, Snapshot
-from wbc_controller.apps.terminal.robot_status import RobotStatus
-from wbc_controller.apps.terminal.status_view import binding, facts, next_step, task_rows
+from wbc_controller.apps.terminal.status_view import RobotStatus, binding, facts, next_step, task_rows
 from wbc_controller.controller.visualization.scene import friction_used
 from wbc_controller.inverse_dynamics.contacts import UnilateralContact
-from wbc_controller.nodes.diagnostics.shortfall import describe_constraint
+from wbc_controller.nodes.diagnostics.task_reports import describe_constraint
 from wbc_controller.records import Array
 
 #: Colours of the modes.

@@ -1,7 +1,5 @@
 """Playback of a recording, with a time line."""
 
-from __future__ import annotations
-
 import bisect
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,7 +11,7 @@ import numpy as np
 import viser
 
 from wbc_controller.apps.page.snapshot import Robot, Snapshot
-from wbc_controller.apps.terminal.robot_status import RobotStatus
+from wbc_controller.apps.terminal.status_view import RobotStatus
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.middleware.codec import decode
 from wbc_controller.recording.cycle_layout import MODES, cycle_slots, reference_slots
@@ -41,19 +39,14 @@ class Mark:
 class Playback:
     """Snapshots of a recording by time.
 
-    Attributes:
-        time: present time, s.
-        speed: recorded seconds per second.
-
-    Raises:
-        ConfigurationError: if the recording holds no robot state, or its cycle layout does not match the robot.
+    A recording without robot state, or of another robot, raises `ConfigurationError`.
     """
 
     def __init__(self, recorded: Recording, robot: Robot) -> None:
         slots = cycle_slots(robot.model, robot.contacts)
         recorded.require_slots(slots + reference_slots(robot.tasks, robot.contacts))
         self._recorded, self._robot = recorded, robot
-        self.time, self.speed, self.playing = 0.0, 1.0, True
+        self.time, self.speed, self.playing = 0.0, 1.0, True  # present time, s, and recorded seconds per second
         self._now = time.monotonic()
         self._times: list[float] = []
         self._cycles: list[RecordedCycle] = []
@@ -87,7 +80,7 @@ class Playback:
     def _snapshot_of(self, cycle: RecordedCycle) -> Snapshot:
         values, model = cycle.values, self._robot.model
         mode = MODES[int(cycle.scalar("mode"))].value
-        moved = time_of(self._recorded, cycle.time)
+        moved = self._recorded.elapsed(cycle.time)
         fault = next((m.text for m in reversed(self.marks) if m.kind == "fault" and m.time <= moved + 1.0e-6), "")
         if cycle.scalar("fault") and fault:
             mode += f" {fault}"
@@ -120,7 +113,7 @@ class Playback:
         for number, cycle in enumerate(recorded.cycles()):
             if not cycle.scalar("has_state"):
                 continue
-            at = time_of(recorded, cycle.time)
+            at = recorded.elapsed(cycle.time)
             if number % every == 0:
                 self._times.append(at)
                 self._cycles.append(cycle)
@@ -141,7 +134,7 @@ class Playback:
                     yield Mark(at, "push", f"unmodelled force of {unmodelled_force:.0f} N: push or collision")
                 pushed = at
         for fault in recorded.faults:
-            yield Mark(time_of(recorded, fault.time), "fault", f"{fault.fault.code}: {fault.fault.sentence}")
+            yield Mark(recorded.elapsed(fault.time), "fault", f"{fault.fault.code}: {fault.fault.sentence}")
 
     def _read_statuses(self) -> tuple[list[float], list[RobotStatus]]:
         times: list[float] = []
@@ -154,7 +147,7 @@ class Playback:
             for status in decode(payload, "diagnostic_msgs/msg/DiagnosticArray").status:
                 if status.name == node:
                     values = {value.key: value.value for value in status.values}
-                    now, number = time_of(self._recorded, stamp), values.get("cycle", "")
+                    now, number = self._recorded.elapsed(stamp), values.get("cycle", "")
                     cycle = int(number) if number.isdecimal() and len(number) <= _LONGEST_NUMBER else 0
                     rate = (cycle - count) / (now - times[-1]) if times and now > times[-1] else float("nan")
                     times.append(now)
@@ -220,11 +213,6 @@ def marks_html(playback: Playback) -> str:
         '<div style="padding:2px 10px 6px;font-size:11px"><div style="position:relative;height:14px;'
         f'background:#8882;border-radius:2px">{ticks}</div>{key}</div>'
     )
-
-
-def time_of(recorded: Recording, stamp: int) -> float:
-    """Return the time of a stamp since the start, s."""
-    return 1.0e-9 * (stamp - recorded.start)
 
 
 def _references(reference_values: Mapping[str, Array], robot: Robot) -> References | None:

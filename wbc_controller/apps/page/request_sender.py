@@ -1,7 +1,5 @@
 """Sender of requests from the pages."""
 
-from __future__ import annotations
-
 import logging
 import queue
 import threading
@@ -25,7 +23,7 @@ class RequestSender:
     def __init__(
         self,
         settings: Settings,
-        send: Callable[[Request], None],
+        send: Callable[[Request], object],
         report: Callable[[str, str], None],
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -34,7 +32,6 @@ class RequestSender:
         Args:
             send: sends one request from any thread; may raise `WbcError`.
             report: receives the words of each request, empty for a drag, and its error or an empty text.
-            clock: monotonic clock, s.
         """
         self._settings, self._send, self._report, self._clock = settings, send, report, clock
         self._requests: queue.Queue[Request | None] = queue.Queue(_QUEUE_SIZE)

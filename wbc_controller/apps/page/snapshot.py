@@ -1,12 +1,10 @@
 """Robot and its state at one moment."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from wbc_controller.apps.terminal.robot_status import RobotStatus
+from wbc_controller.apps.terminal.status_view import RobotStatus
 from wbc_controller.controller.build.contacts import make_contact
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.build.tasks import make_task

@@ -1,17 +1,16 @@
 """Snapshots of a running robot from its topics."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
+from scipy.spatial.transform import Rotation
 
-from wbc_controller.apps.page.base_on_contacts import BaseOnContacts
 from wbc_controller.apps.page.snapshot import FOLLOWING, Robot, Snapshot
-from wbc_controller.apps.terminal.robot_status import RobotStatus, StatusListener
 from wbc_controller.apps.terminal.session import Session
+from wbc_controller.apps.terminal.status_view import RobotStatus, StatusListener
 from wbc_controller.controller.visualization.scene import Shape
 from wbc_controller.errors import InputRefused
 from wbc_controller.middleware.codec import decode
@@ -154,3 +153,35 @@ class _Stream:
 
 def _is_fresh(stamp: int, now: int) -> bool:
     return abs(now - stamp) <= 1.0e9 * _MAX_AGE
+
+
+class BaseOnContacts:
+    """Fits the base to the contacts of the nominal posture, for drawing only."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._model, self._robot = robot.model, robot
+        self._enabled = [name for name, contact in robot.settings.contacts.items() if contact.enabled]
+        self._reference_points = self._points(self._model.configuration(self._model.posture))
+        if len(self._reference_points):
+            self._reference_points[:, 2] -= self._reference_points[:, 2].min()
+
+    def _points(self, q: Array) -> Array:
+        dynamics = self._robot.dynamics
+        dynamics.update(q, np.zeros(self._model.nv))
+        return np.array([p for name in self._enabled for p in self._robot.contacts[name].points(dynamics)]).reshape(
+            -1, 3
+        )
+
+    def place(self, q: Array) -> Array:
+        """Return a configuration, (nq,), with the best fit of the base."""
+        q = self._model.configuration(q[self._model.q_index])
+        here = self._points(q)
+        if not len(here):
+            return q
+        middle, reference_middle = here.mean(axis=0), self._reference_points.mean(axis=0)
+        rotation = np.eye(3)
+        if len(here) > 2:
+            fitted, _ = Rotation.align_vectors(self._reference_points - reference_middle, here - middle)
+            rotation = fitted.as_matrix()
+        q[:7] = pin.SE3ToXYZQUAT(pin.SE3(rotation, reference_middle - rotation @ middle))
+        return q

@@ -1,7 +1,5 @@
 """Page of `wbc check --html`."""
 
-from __future__ import annotations
-
 import html
 from collections.abc import Mapping, Sequence
 from pathlib import Path

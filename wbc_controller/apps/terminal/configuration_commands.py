@@ -1,27 +1,19 @@
 """Commands `wbc check`, `new`, `identify` and `security-policy`."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
-from wbc_controller.apps.terminal.command_options import (
-    config_argument,
-    load_named,
-    namespace_option,
-    naming_file,
-    remap_option,
-)
+from wbc_controller.apps.terminal import command_options as common
 from wbc_controller.controller.check.finding import Finding
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.settings.files import find_configuration
 
 
 @click.command()
-@config_argument
+@common.config_argument
 @click.option("--html", "page", type=click.Path(path_type=Path, dir_okay=False),
               help="Also write a page: the robot in its stance, its contacts and the shapes of the URDF.")  # fmt: skip
 def check(config: str, page: Path | None) -> None:
@@ -86,30 +78,30 @@ def new(urdf: str, srdf: str | None, base: Any, feet: tuple[str, ...]) -> None:
 
 
 @click.command()
-@config_argument
+@common.config_argument
 @click.argument("recording", type=click.Path(path_type=Path, exists=True, dir_okay=False))
 def identify(config: str, recording: Path) -> None:
     """Fit masses, armature and joint frictions, with standard errors, to a RECORDING of `wbc run --record`."""
-    from wbc_controller.recording.identification.identify_command import identify as fit
-    from wbc_controller.recording.identification.identify_command import report
+    from wbc_controller.recording.identification.identify import identify as fit
+    from wbc_controller.recording.identification.identify import report
 
-    with naming_file(config):
-        click.echo(report(*fit(load_named(config), recording)), nl=False)
+    with common.naming_file(config):
+        click.echo(report(*fit(common.load_named(config), recording)), nl=False)
 
 
 @click.command("security-policy")
-@config_argument
+@common.config_argument
 @click.option("--urdf", type=click.Path(path_type=Path, exists=True, dir_okay=False),
               help="URDF, if the configuration does not name one.")  # fmt: skip
-@namespace_option
-@remap_option
+@common.namespace_option
+@common.remap_option
 def security_policy(config: str, urdf: Path | None, namespace: str, remappings: Mapping[str, str]) -> None:
     """Print an SROS 2 policy with least privilege for every node."""
     from wbc_controller.controller.build.robot import make_model
     from wbc_controller.controller.build.robot_description import read_urdf
     from wbc_controller.nodes.ros2.security_policy import security_policy as policy_of
 
-    settings = load_named(config)
-    with naming_file(config):
+    settings = common.load_named(config)
+    with common.naming_file(config):
         model = make_model(settings, read_urdf(str(urdf)) if urdf is not None else None)
     click.echo(policy_of(settings, model, namespace, remappings), nl=False)

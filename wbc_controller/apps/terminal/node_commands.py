@@ -1,7 +1,5 @@
 """Commands `wbc run`, `mock`, `guard` and `estimate`."""
 
-from __future__ import annotations
-
 import contextlib
 import logging
 import threading
@@ -11,25 +9,17 @@ from typing import Any
 
 import click
 
-from wbc_controller.apps.terminal.command_options import (
-    config_argument,
-    load_named,
-    namespace_option,
-    naming_file,
-    remap_option,
-    with_options,
-)
+from wbc_controller.apps.terminal import command_options as common
 from wbc_controller.middleware.topics import ESTIMATOR_NODE, MOCK_NODE
 from wbc_controller.nodes.signals import set_by_signals
 from wbc_controller.settings import NODE_NAME
 
-_node_options = with_options(
-    namespace_option, remap_option, click.option("-v", "--verbose", is_flag=True, help="Log informational messages.")
-)
+_verbose = click.option("-v", "--verbose", is_flag=True, help="Log informational messages.")
+_node_options = common.with_options(common.namespace_option, common.remap_option, _verbose)
 
 
 @click.command()
-@config_argument
+@common.config_argument
 @click.option("--activate", is_flag=True, help="Activate without a command as soon as the inputs are fresh.")
 @click.option("--use-sim-time", is_flag=True, help="Measure ages and durations by /clock; only for simulators.")
 @click.option("--record", type=click.Path(path_type=Path),
@@ -43,7 +33,7 @@ def run(**options: Any) -> None:
 
 
 @click.command()
-@config_argument
+@common.config_argument
 @click.option("--real-time-factor", default=1.0, show_default=True, help="Simulated seconds per second.")
 @click.option("--lockstep", is_flag=True, help="Wait for the controller's command after each state.")
 @click.option("--patient", is_flag=True, help="Let simulated time wait for a late controller, as on a slow computer: "
@@ -59,7 +49,7 @@ def mock(**options: Any) -> None:
 
 
 @click.command()
-@config_argument
+@common.config_argument
 @_node_options
 def guard(**options: Any) -> None:
     """Run the guard beside `wbc run`: it damps the robot if the controller's commands stop."""
@@ -69,7 +59,7 @@ def guard(**options: Any) -> None:
 
 
 @click.command()
-@config_argument
+@common.config_argument
 @_node_options
 def estimate(**options: Any) -> None:
     """Estimate the pose and twist of the base from an IMU and the legs, and publish odometry: docs/estimation.md.
@@ -98,6 +88,10 @@ def _serve(
         format="%(asctime)s %(levelname)-7s %(name)s: %(message)s",
         datefmt="%H:%M:%S",
     )
-    settings, stop = load_named(config), threading.Event()
-    with set_by_signals(stop), contextlib.closing(DdsTransport(node, namespace)) as transport, naming_file(config):
+    settings, stop = common.load_named(config), threading.Event()
+    with (
+        set_by_signals(stop),
+        contextlib.closing(DdsTransport(node, namespace)) as transport,
+        common.naming_file(config),
+    ):
         service(settings, transport, stop, namespace=namespace, remappings=remappings, **options)

@@ -1,7 +1,5 @@
 """Parser of ``+0.02 forward``, ``20mm up``, ``10deg left``."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -55,8 +53,7 @@ def displacement(words: Sequence[str], subject: str, units: Mapping[str, float])
     Returns:
         The sum, (3,), and True for the axes of the robot's heading, False for those of the world.
 
-    Raises:
-        InputRefused: if the words have another form, or mix both kinds of direction.
+    Raises `InputRefused` if the words have another form, or mix both kinds of direction.
     """
     if not words or len(words) % 2:
         raise InputRefused(

@@ -1,7 +1,5 @@
 """Parser of `wbc send`: words to one message on one topic."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -9,18 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from wbc_controller.apps.terminal.quantity_parser import (
-    ANGLE,
-    FORCE,
-    LEANS,
-    LENGTH,
-    TIME,
-    TURNS,
-    displacement,
-    number,
-    quaternion,
-    turn,
-)
+from wbc_controller.apps.terminal import quantity_parser as quantity
 from wbc_controller.errors import InputRefused, valid_choices
 from wbc_controller.middleware.codec import message
 from wbc_controller.middleware.setpoints import JOINT_FIELDS, setpoint_message, wrench_stamped
@@ -88,7 +75,7 @@ def parse_request(words: Sequence[str], settings: Settings) -> Request:
     kind, known = ("task", settings.tasks) if first in ("task", "weight") else ("contact", settings.contacts)
     name = _one_of(rest[0], known, kind)
     if first == "weight":
-        value = number(rest[1], "weight")
+        value = quantity.number(rest[1], "weight")
         summary = f"the weight of {name} becomes {value:g} in {settings.control.weight_ramp:g} s"
         return Request("controller", "weight", name, summary, _constant("std_msgs/msg/Float64", data=value))
     on = _one_of(rest[1], ("on", "off"), "value") == "on"
@@ -137,13 +124,14 @@ def _setpoint(task: str, words: list[str], settings: Settings) -> Request:
         home = getattr(spec, "reference_frame", "world")
         return request(*_absolute(task, words[1:], make, oriented, home))
     if oriented and words[:1] in (["turn"], ["lean"]):
-        rotation = turn(words[1:], TURNS if words[0] == "turn" else LEANS, f"{task} {words[0]}")
-        values = np.concatenate([np.zeros(0 if kind == "frame_orientation" else 3), quaternion(rotation)])
+        axes = quantity.TURNS if words[0] == "turn" else quantity.LEANS
+        rotation = quantity.turn(words[1:], axes, f"{task} {words[0]}")
+        values = np.concatenate([np.zeros(0 if kind == "frame_orientation" else 3), quantity.quaternion(rotation)])
         return at(f"{words[0]}s {' '.join(words[1:])}", values, f"{task}/heading")
     if kind in ("frame_orientation", "axis_alignment", "contact_wrench"):
         forms = {"frame_orientation": "turn 10deg left, lean 5deg forward, or to X Y Z W"}.get(kind, "to NUMBERS")
         raise InputRefused(f"{task} is a {kind} task; valid forms: {forms}")
-    moved, by_heading = displacement(words, task, LENGTH if "momentum" not in kind else {"": 1.0})
+    moved, by_heading = quantity.displacement(words, task, quantity.LENGTH if "momentum" not in kind else {"": 1.0})
     if kind == "relative_pose" and by_heading:
         raise InputRefused(f"{task} is relative to {spec.reference_frame}; valid directions: its axes x, y, z")  # type: ignore[union-attr]
     values = np.array([*moved, 0.0, 0.0, 0.0, 1.0]) if oriented else moved
@@ -157,7 +145,7 @@ def _absolute(
     frame = home
     if len(words) > 1 and words[-2] == "in":
         frame, words = words[-1], words[:-2]
-    values = np.array([number(word, task) for word in words])
+    values = np.array([quantity.number(word, task) for word in words])
     summary = f"goes to {' '.join(words)} in {frame}"
     if not oriented or len(values) in (4, 7):
         return summary, lambda wait_for_message: make(values, frame=frame)
@@ -179,8 +167,8 @@ def _joints(task: str, words: list[str], field: str) -> tuple[str, Callable[[Rea
         raise InputRefused(
             f"{task} requires JOINT by NUMBER or JOINT to NUMBER, one or several; got {' '.join(words)!r}"
         )
-    units = {"": 1.0, "N·m": 1.0, "Nm": 1.0} if field == "effort" else ANGLE
-    names, values = words[::3], np.array([number(word, task, units) for word in words[2::3]])
+    units = {"": 1.0, "N·m": 1.0, "Nm": 1.0} if field == "effort" else quantity.ANGLE
+    names, values = words[::3], np.array([quantity.number(word, task, units) for word in words[2::3]])
 
     def joints(names: Sequence[str], values: Array, frame: str) -> Any:
         kind = next(kind for kind, field_kind in JOINT_FIELDS.items() if field_kind == field)
@@ -206,9 +194,9 @@ def _push(words: list[str], settings: Settings) -> Request:
     while len(words) > 2 and words[-2] in tail:
         tail[words[-2]] = words[-1]
         words = words[:-2]
-    force, by_heading = displacement(words, "push", FORCE)
+    force, by_heading = quantity.displacement(words, "push", quantity.FORCE)
     push_time = settings.mock.push_duration
-    requested_time = number(tail["for"], "push: the duration", TIME) if tail["for"] else push_time
+    requested_time = quantity.number(tail["for"], "push: the duration", quantity.TIME) if tail["for"] else push_time
     if not abs(requested_time - push_time) <= 1.0e-6:
         same = np.linalg.norm(force) * requested_time / push_time
         raise InputRefused(

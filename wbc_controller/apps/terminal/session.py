@@ -11,7 +11,7 @@ from typing import Any
 
 from wbc_controller.apps.terminal import DISCOVERY_PATIENCE
 from wbc_controller.apps.terminal.request_parser import Request
-from wbc_controller.errors import WbcError
+from wbc_controller.errors import TransportError, WbcError
 from wbc_controller.middleware.codec import decode, encode
 from wbc_controller.middleware.setpoints import velocity_message
 from wbc_controller.middleware.stamps import header_time
@@ -97,8 +97,8 @@ class Session:
         return newest
 
     def newest(self, node: str, key: str, subject: str = "") -> Any | None:
-        """Return the newest message; None before the first."""
-        payloads = self._messages[node, key, subject]
+        """Return the newest message of a subscription; None before the first."""
+        payloads = self._messages.get((node, key, subject))
         return decode(payloads[-1], self.topics[node, key, subject].type) if payloads else None
 
     def wait_for_message(self, node: str, key: str, subject: str = "") -> Any:
@@ -120,7 +120,7 @@ class Session:
 
     def mode(self) -> str:
         """Return the controller's state; initially empty."""
-        state = self.newest("controller", "state") if ("controller", "state", "") in self._messages else None
+        state = self.newest("controller", "state")
         return "" if state is None else str(state.data)
 
     def _mode_note(self) -> str:
@@ -131,7 +131,6 @@ class Session:
         if (request.node, request.key, request.summary) == ("controller", "command", "estop"):
             return self._emergency_stop(request)
         if request.node == "mock":
-            self._stop_before(request)
             self._deliver(request)
             return Answer(True, f"sent to the mock robot: {request.summary}")
         self.wait_for_controller()
@@ -145,21 +144,25 @@ class Session:
                 self._publications[place] = self._transport.advertise(counterpart(self.topics[place]))
             return self._publications[place]
 
-    def send(self, request: Request) -> None:
+    def send(self, request: Request) -> DdsPublication:
         """Send a request without waiting for its outcome. Thread-safe.
 
         Raises:
             NoAnswer: without a subscriber of the topic.
             TransportError: if sending failed.
         """
-        publication, content = (
-            self.open(request.node, request.key, request.subject),
-            request.make(self.wait_for_message),
-        )
+        publication = self.open(request.node, request.key, request.subject)
+        content = request.make(self.wait_for_message)
         if not publication.wait_for_reader(self._patience):
             raise NoAnswer(self._absent_node(request.node))
         self._stop_before(request)
         publication(encode(content))
+        return publication
+
+    def _deliver(self, request: Request) -> None:
+        publication = self.send(request)
+        if not publication.wait_for_acknowledgment(ANSWER_TIMEOUT):
+            raise TransportError(f"a message on {publication.topic} was not acknowledged in {ANSWER_TIMEOUT:g} s")
 
     def _stop_before(self, request: Request) -> None:
         """Let a walking robot stand before the hoist lifts it; without a status nothing is sent."""
@@ -195,8 +198,7 @@ class Session:
 
         Fast DDS delays latched messages by up to 3 s for a reader announced before the writer's discovery.
 
-        Raises:
-            NoAnswer: if no publisher is discovered in time.
+        Raises `NoAnswer` if no publisher is discovered in time.
         """
         state = counterpart(self.topics["controller", "state", ""])
         deadline = time.monotonic() + self._patience
@@ -210,12 +212,8 @@ class Session:
         self.find_controller()
         self.listen("controller", "state")
         self.listen("controller", "diagnostics", depth=1000)
-        for key in ("state", "diagnostics"):
-            name = self.topics["controller", key, ""].name
-            self.until(
-                lambda key=key: self._messages["controller", key, ""],  # type: ignore[misc]
-                f"no message on {name}{self._mode_note()}",
-            )
+        self.wait_for_message("controller", "state")
+        self.wait_for_message("controller", "diagnostics")
 
     def _send_and_confirm(self, request: Request) -> Answer:
         topic, before = self.topics[request.node, request.key, request.subject], self._status_values()
@@ -302,12 +300,6 @@ class Session:
     def _command_stamp(self) -> float:
         payloads = self._messages["controller", "joint_commands", ""]
         return header_time(payloads[-1]) if payloads else 0.0
-
-    def _deliver(self, request: Request) -> None:
-        topic = self.topics[request.node, request.key, request.subject]
-        content = request.make(self.wait_for_message)
-        if not self._transport.deliver(counterpart(topic), encode(content), self._patience, ANSWER_TIMEOUT):
-            raise NoAnswer(self._absent_node(request.node))
 
     def _absent_node(self, owner: str) -> str:
         node, command = ("controller", "run") if owner == "controller" else ("mock robot", "mock")

@@ -1,10 +1,12 @@
-"""Text of `wbc status`, with the next step after a fault."""
-
-from __future__ import annotations
+"""Status of a robot as text for `wbc status`, with the next step after a fault."""
 
 import re
+import time
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import starmap
 from typing import Any
 
 import numpy as np
@@ -13,10 +15,76 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from wbc_controller.apps.terminal.robot_status import RobotStatus
+from wbc_controller.apps.terminal.session import Session
 from wbc_controller.middleware.setpoints import JOINT_FIELDS
-from wbc_controller.nodes.diagnostics.shortfall import describe_constraint
+from wbc_controller.nodes.diagnostics.task_reports import describe_constraint
 from wbc_controller.settings import Settings
+
+_WINDOW = 2.0  # wall time, s
+_TASK_PERIODS = 3.0  # for the first status, in periods of the diagnostics
+
+
+@dataclass(frozen=True, slots=True)
+class RobotStatus:
+    """Newest messages."""
+
+    status: Any  # diagnostic_msgs/DiagnosticStatus of the controller
+    rate: float  # per second of wall time; NaN if unknown
+    tasks: Mapping[str, tuple[Any | None, Any | None]]  # value and reference of each task
+    guard: str  # empty without a guard
+
+    @property
+    def values(self) -> dict[str, str]:
+        """Values of the status by key."""
+        return {value.key: value.value for value in self.status.values}
+
+
+class StatusListener:
+    """Subscribes to the status, and counts the cycles."""
+
+    def __init__(self, session: Session, settings: Settings) -> None:
+        self._session, self._settings = session, settings
+        self._status: Any = None
+        self._cycles: deque[tuple[float, int]] = deque()
+        session.listen("controller", "state")
+        session.listen("controller", "diagnostics", depth=1000)
+        session.listen("guard", "state")
+        self._task_topics = [place for place in session.topics if place[1] in ("task_value", "task_reference")]
+        for place in self._task_topics:
+            session.listen(*place)
+
+    def wait_for_first(self) -> None:
+        """Wait for a complete status; raise `NoAnswer` without a controller."""
+        self._session.wait_for_controller()
+        self._session.until(
+            lambda: self.read_statuses() and len(self._cycles) > 1, "the controller has stopped publishing its status"
+        )
+        if self._session.mode().startswith(("active", "holding")):
+            deadline = time.monotonic() + _TASK_PERIODS / self._settings.control.diagnostics_rate
+            while time.monotonic() < deadline and not all(starmap(self._session.newest, self._task_topics)):
+                time.sleep(0.02)
+
+    def read_statuses(self) -> list[Any]:
+        """Return the new statuses, oldest first."""
+        now, statuses = time.monotonic(), list(self._session.statuses())
+        for status in statuses:
+            self._status = status
+            self._cycles.append((now, int(next(value.value for value in status.values if value.key == "cycle"))))
+        while len(self._cycles) > 2 and now - self._cycles[0][0] > _WINDOW:
+            self._cycles.popleft()
+        return statuses
+
+    def newest(self) -> RobotStatus | None:
+        """Return the status as of the last `read_statuses`, or None."""
+        if self._status is None:
+            return None
+        (first, before), (last, after) = self._cycles[0], self._cycles[-1]
+        guard = self._session.newest("guard", "state")
+        newest = partial(self._session.newest, "controller")
+        tasks = {name: (newest("task_value", name), newest("task_reference", name)) for name in self._settings.tasks}
+        rate = (after - before) / (last - first) if last > first else float("nan")
+        return RobotStatus(self._status, rate, tasks, "" if guard is None else str(guard.data))
+
 
 _COLOURS = {0: "green", 1: "yellow", 2: "red"}
 
@@ -53,7 +121,7 @@ def status_view(settings: Settings, robot: RobotStatus) -> RenderableType:
     for row in facts(robot):
         table.add_row(*row)
     return Group(
-        Text(f"{robot.status.hardware_id}: {robot.status.message}", style=f"bold {_COLOURS.get(robot.level, 'red')}"),
+        Text(f"{robot.status.hardware_id}: {robot.status.message}", style=f"bold {_COLOURS[robot.status.level]}"),
         table,
         _task_table(settings, robot),
         *(

@@ -10,16 +10,10 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import click
+import numpy as np
 
 from wbc_controller.apps.terminal import DISCOVERY_PATIENCE
-from wbc_controller.apps.terminal.command_options import (
-    config_argument,
-    load_named,
-    namespace_option,
-    remap_option,
-    with_options,
-)
-from wbc_controller.apps.terminal.shell_completion import complete_topics, complete_words
+from wbc_controller.apps.terminal import command_options as common
 from wbc_controller.errors import InputRefused, valid_choices
 from wbc_controller.middleware.topics import Direction, Endpoint
 from wbc_controller.settings import Settings
@@ -30,10 +24,10 @@ if TYPE_CHECKING:
 REFUSED, NO_ANSWER = 1, 3  # further exit statuses: request refused, and no answer
 _REFRESH = 0.5  # s
 
-_session_options = with_options(
-    config_argument,
-    namespace_option,
-    remap_option,
+_session_options = common.with_options(
+    common.config_argument,
+    common.namespace_option,
+    common.remap_option,
     click.option("--wait", "patience", default=DISCOVERY_PATIENCE, show_default=True, type=click.FloatRange(0.1),
                  help="Time limit for the discovery of a node, s."),
 )  # fmt: skip
@@ -54,7 +48,7 @@ def _connect(settings: Settings, connection: Mapping[str, Any]) -> Iterator[Sess
 
 @click.command(context_settings={"ignore_unknown_options": True})
 @_session_options
-@click.argument("words", nargs=-1, required=True, shell_complete=complete_words)
+@click.argument("words", nargs=-1, required=True, shell_complete=common.complete_words)
 def send(config: str, words: tuple[str, ...], **connection: Any) -> None:
     """Send a request to the running nodes of a robot, and print its outcome.
 
@@ -77,11 +71,13 @@ def send(config: str, words: tuple[str, ...], **connection: Any) -> None:
     """  # noqa: D301 - click's mark of lines that it must not join
     from wbc_controller.apps.terminal.request_parser import parse_request
 
-    settings = load_named(config)
+    settings = common.load_named(config)
     requests = [parse_request(each, settings) for each in _split_requests(words)]
     for request in requests:
         if request.frame and settings.robot.urdf:
-            _check_frame(settings, request.frame)
+            from wbc_controller.controller.build.robot import make_model
+
+            make_model(settings).frame_id(request.frame, "at")
     with _connect(settings, connection) as session:
         for request in requests:
             answer = session.execute(request)
@@ -105,7 +101,7 @@ def drive(config: str, speed: float, turn_rate: float, **connection: Any) -> Non
     from wbc_controller.apps.terminal.keyboard import KEYS, Drive, publish_velocities, single_keys
     from wbc_controller.nodes.signals import exit_by_signals
 
-    settings = load_named(config)
+    settings = common.load_named(config)
     if settings.walking is None:
         raise InputRefused(f"{config} cannot walk: its configuration has no section 'walking'")
     if not sys.stdin.isatty():
@@ -120,13 +116,11 @@ def drive(config: str, speed: float, turn_rate: float, **connection: Any) -> Non
 
 @click.command()
 @_session_options
-@click.argument("topic", shell_complete=complete_topics)
+@click.argument("topic", shell_complete=common.complete_topics)
 @click.option("--once", is_flag=True, help="Exit after the first message.")
 def echo(config: str, topic: str, once: bool, **connection: Any) -> None:
     """Print the messages on a topic: `~/state`, `com/reference`, `joint_states`, … (`wbc topics` lists them)."""
-    from wbc_controller.apps.terminal.printing import as_text
-
-    with _connect(load_named(config), connection) as session:
+    with _connect(common.load_named(config), connection) as session:
         found = find_topic(topic, session.topics)
         messages = session.follow(found)
         deadline = time.monotonic() + connection["patience"]
@@ -153,10 +147,9 @@ def status(config: str, once: bool, **connection: Any) -> None:
     from rich.console import Console, RenderableType
     from rich.live import Live
 
-    from wbc_controller.apps.terminal.robot_status import StatusListener
-    from wbc_controller.apps.terminal.status_view import status_view
+    from wbc_controller.apps.terminal.status_view import StatusListener, status_view
 
-    settings = load_named(config)
+    settings = common.load_named(config)
     console = Console()
     if not console.is_terminal:
         console.width = 140
@@ -210,7 +203,48 @@ def _split_requests(words: tuple[str, ...]) -> list[list[str]]:
     return requests
 
 
-def _check_frame(settings: Settings, frame: str) -> None:
-    from wbc_controller.controller.build.robot import make_model
+_KEY_VALUE = "diagnostic_msgs/msg/KeyValue"  # type of diagnostic entries, printed in one line
 
-    make_model(settings).frame_id(frame, "at")
+
+def as_text(content: Any) -> str:
+    """Return a message as YAML."""
+    return "\n".join(_fields(content, ""))
+
+
+def _fields(content: Any, indent: str) -> Iterator[str]:
+    for name, value in vars(content).items():
+        if name == "__msgtype__":
+            continue
+        if _is_message(value):
+            axes = [key for key in vars(value) if key != "__msgtype__"]
+            if set(axes) <= set("xyzw"):
+                yield f"{indent}{name}: {{{', '.join(f'{key}: {_scalar(getattr(value, key))}' for key in axes)}}}"
+            else:
+                yield f"{indent}{name}:"
+                yield from _fields(value, f"{indent}  ")
+        elif isinstance(value, list) and value and _is_message(value[0]):
+            yield f"{indent}{name}:"
+            for item in value:
+                yield from _item(item, indent)
+        elif isinstance(value, list | tuple | np.ndarray):
+            yield f"{indent}{name}: [{', '.join(map(_scalar, value))}]"
+        else:
+            yield f"{indent}{name}: {_scalar(value)}"
+
+
+def _item(item: Any, indent: str) -> Iterator[str]:
+    if item.__msgtype__ == _KEY_VALUE:
+        yield f"{indent}  {item.key}: {item.value}"
+        return
+    for i, line in enumerate(_fields(item, "")):
+        yield f"{indent}{'- ' if i == 0 else '  '}{line}"
+
+
+def _is_message(value: Any) -> bool:
+    return hasattr(value, "__msgtype__")
+
+
+def _scalar(value: Any) -> str:
+    if isinstance(value, float | np.floating):
+        return f"{float(value):.6g}"
+    return str(value)

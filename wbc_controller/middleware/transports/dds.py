@@ -90,24 +90,6 @@ class DdsTransport:
         """DDS domain."""
         return self._settings.domain_id
 
-    def deliver(self, endpoint: Endpoint, payload: bytes, found_within: float, patience: float) -> bool:
-        """Send one message, and wait for the acknowledgment of its readers.
-
-        Args:
-            found_within: timeout for a reader, s.
-            patience: timeout for the acknowledgment, s; then `TransportError`.
-
-        Returns:
-            False without a reader; then nothing was sent.
-        """
-        publication = self.advertise(endpoint)
-        if not publication.wait_for_reader(found_within):
-            return False
-        publication(payload)
-        if not publication.wait_for_acknowledgment(patience):
-            raise TransportError(f"a message on {endpoint.name} was not acknowledged in {patience:g} s")
-        return True
-
     def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
         """See `Transport`."""
         with self._lock, _translated(f"cannot subscribe to {endpoint.name}"):

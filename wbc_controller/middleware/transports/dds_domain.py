@@ -3,8 +3,6 @@
 The default differs from ROS 2: LOCALHOST, so that other computers cannot command the robot (docs/ros2.md).
 """
 
-from __future__ import annotations
-
 import contextlib
 import enum
 import logging
@@ -80,7 +78,10 @@ def domain_settings(
     """
     _refuse_security(environment)
     if domain_id is None:
-        domain_id = _domain_id(environment.get("ROS_DOMAIN_ID", ""), "ROS_DOMAIN_ID")
+        text = environment.get("ROS_DOMAIN_ID") or "0"
+        if not (text.isascii() and text.isdigit() and int(text) <= MAX_DOMAIN_ID):
+            raise TransportError(f"ROS_DOMAIN_ID is {text!r}; valid: integers from 0 to {MAX_DOMAIN_ID}")
+        domain_id = int(text)
     elif not 0 <= domain_id <= MAX_DOMAIN_ID:
         raise TransportError(f"invalid domain {domain_id}; valid: 0 to {MAX_DOMAIN_ID}")
 
@@ -170,14 +171,6 @@ def _max_participant_index(domain_id: int) -> int:
     return (last - first - 1) // _PORTS_PER_PARTICIPANT
 
 
-def _domain_id(text: str, source: str) -> int:
-    if not text:
-        return 0
-    if not (text.isascii() and text.isdigit() and int(text) <= MAX_DOMAIN_ID):
-        raise TransportError(f"{source} is {text!r}; valid: integers from 0 to {MAX_DOMAIN_ID}")
-    return int(text)
-
-
 def _discovery_range(text: str, source: str) -> DiscoveryRange:
     if text not in DiscoveryRange.__members__:
         raise TransportError(f"{source} is {text!r}: {valid_choices(text, DiscoveryRange.__members__)}")
@@ -196,11 +189,7 @@ _open_lock = threading.Lock()
 
 
 def open_domain(settings: DomainSettings) -> None:
-    """Open or share a domain.
-
-    Raises:
-        TransportError: if the domain cannot be opened, or is open with other settings.
-    """
+    """Open or share a domain; raise `TransportError` if the domain cannot be opened, or is open with other settings."""
     with _open_lock:
         known = _open.get(settings.domain_id)
         if known is None:

@@ -1,7 +1,5 @@
 """Node names of DDS readers and writers."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Iterator
 from typing import Any

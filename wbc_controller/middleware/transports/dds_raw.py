@@ -4,8 +4,6 @@ The public ``write`` and ``take`` convert messages in Python, at half the speed 
 only the number of triggered readers.
 """
 
-from __future__ import annotations
-
 import ctypes
 import math
 from typing import Any

@@ -1,7 +1,5 @@
 """ROS 2 message types as DDS types."""
 
-from __future__ import annotations
-
 import functools
 from typing import Any
 

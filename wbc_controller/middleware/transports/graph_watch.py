@@ -1,7 +1,5 @@
 """Periodic check for other publishers."""
 
-from __future__ import annotations
-
 import logging
 import threading
 from collections.abc import Callable, Iterable, Mapping

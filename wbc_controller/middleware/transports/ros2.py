@@ -1,7 +1,5 @@
 """Transport on a ROS 2 node."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import importlib

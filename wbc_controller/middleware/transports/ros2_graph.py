@@ -3,8 +3,6 @@
 rclpy's own warnings need an event handler per subscription, which on Fast DDS wakes the executor with every message.
 """
 
-from __future__ import annotations
-
 import itertools
 import logging
 import threading

@@ -1,7 +1,5 @@
 """Readers of raw subscriptions without rclpy's executor."""
 
-from __future__ import annotations
-
 import contextlib
 import logging
 import threading

@@ -3,8 +3,7 @@
 Each kind of shape has its own namespace. Markers expire, also after the death of the controller.
 """
 
-from __future__ import annotations
-
+import copy
 import math
 from collections.abc import Collection, Generator, Mapping
 from typing import Any
@@ -16,7 +15,7 @@ from wbc_controller.inverse_dynamics.contacts import Contact
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import Task
-from wbc_controller.middleware.codec import TYPES, header, message, stamp
+from wbc_controller.middleware.codec import TYPES, header, message, time_fields
 from wbc_controller.records import References, RobotState, Solution
 from wbc_controller.walking.plan import WalkingPlan
 
@@ -32,7 +31,8 @@ class MarkerScene:
     ) -> None:
         """Create a scene with markers that expire after `lifetime`, s (inf: never)."""
         self._tasks, self._contacts = tasks, contacts
-        self._lifetime = _duration(lifetime)
+        lasting = time_fields(round(1.0e9 * lifetime) if math.isfinite(lifetime) else 0)
+        self._template = message("visualization_msgs/msg/Marker", lifetime=lasting)
         # The controller's dynamics belong to its last solution.
         self._dynamics = Dynamics(model)
 
@@ -54,34 +54,16 @@ class MarkerScene:
         return message("visualization_msgs/msg/MarkerArray", markers=markers)
 
     def _marker(self, time: int, shape: Shape) -> Any:
-        r, g, b, a = COLORS[shape.group]
         size = shape.size
         # Arrows: shaft diameter, head diameter, head length; spheres: three diameters; lines: width.
-        x, y, z = {ARROW: (size, 2.0 * size, 2.5 * size), SPHERE_LIST: (size, size, size)}.get(
-            shape.kind, (size, 0.0, 0.0)
-        )
-        return message(
-            "visualization_msgs/msg/Marker",
-            header=header(time, WORLD_FRAME),
-            ns=shape.group,
-            id=shape.number,
-            type=_KINDS[shape.kind],
-            action=0,
-            pose=_IDENTITY,
-            scale=message("geometry_msgs/msg/Vector3", x=x, y=y, z=z),
-            color=message("std_msgs/msg/ColorRGBA", r=r, g=g, b=b, a=a),
-            lifetime=self._lifetime,
-            frame_locked=False,
-            points=[_Point(x, y, z) for x, y, z in shape.points.tolist()],
-            colors=[],
-            texture_resource="",
-            texture=_NO_TEXTURE,
-            uv_coordinates=[],
-            text="",
-            mesh_resource="",
-            mesh_file=_NO_MESH,
-            mesh_use_embedded_materials=False,
-        )
+        scales = {ARROW: (size, 2.0 * size, 2.5 * size), SPHERE_LIST: (size, size, size)}
+        marker = copy.copy(self._template)
+        marker.header, marker.type = header(time, WORLD_FRAME), _KINDS[shape.kind]
+        marker.ns, marker.id = shape.group, shape.number
+        marker.scale = TYPES.types["geometry_msgs/msg/Vector3"](*scales.get(shape.kind, (size, 0.0, 0.0)))
+        marker.color = TYPES.types["std_msgs/msg/ColorRGBA"](*COLORS[shape.group])
+        marker.points = [_Point(*point) for point in shape.points.tolist()]
+        return marker
 
 
 def read_shapes(content: Any, groups: Collection[str]) -> list[Shape]:
@@ -94,16 +76,4 @@ def read_shapes(content: Any, groups: Collection[str]) -> list[Shape]:
     ]
 
 
-def _duration(seconds: float) -> Any:
-    time = stamp(round(1.0e9 * seconds) if math.isfinite(seconds) else 0)
-    return message("builtin_interfaces/msg/Duration", sec=time.sec, nanosec=time.nanosec)
-
-
 _Point = TYPES.types["geometry_msgs/msg/Point"]
-_IDENTITY = message(
-    "geometry_msgs/msg/Pose",
-    position=message("geometry_msgs/msg/Point", x=0.0, y=0.0, z=0.0),
-    orientation=message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
-)
-_NO_TEXTURE = message("sensor_msgs/msg/CompressedImage", header=header(0), format="", data=np.zeros(0, dtype=np.uint8))
-_NO_MESH = message("visualization_msgs/msg/MeshFile", filename="", data=np.zeros(0, dtype=np.uint8))

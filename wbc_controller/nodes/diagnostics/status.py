@@ -1,7 +1,6 @@
 """Summary as a diagnostic_msgs/DiagnosticArray."""
 
-from __future__ import annotations
-
+import math
 import statistics
 from array import array
 from collections import Counter
@@ -12,19 +11,22 @@ import numpy as np
 
 from wbc_controller.controller.report import CycleReport
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.middleware.codec import diagnostics
+from wbc_controller.middleware.codec import ERROR, OK, WARN, diagnostics
 from wbc_controller.records import Array, Disturbance, Mode, Solution
+from wbc_controller.walking.footsteps import Velocity
+from wbc_controller.walking.walker import Walker
 
 _TIMES_PER_PIECE = 500  # sorted times per piece of the message
-_OK, _WARN, _ERROR = 0, 1, 2
 _CONTRADICTION = 0.5  # residual of contradictory contacts, m/s² or rad/s²
+#: Units of a binding constraint's multiplier by its kind, as the cost has no unit.
+_COST_UNITS = {"torque": "1/(N·m)", "cone": "1/N", "normal_force": "1/N", "motion": "1/(rad/s²)"}
 _LEVELS = {
-    Mode.INACTIVE: _OK,
-    Mode.ACTIVE: _OK,
-    Mode.HOLDING: _WARN,
-    Mode.DAMPING: _WARN,
-    Mode.STOPPED: _WARN,
-    Mode.FAULT: _ERROR,
+    Mode.INACTIVE: OK,
+    Mode.ACTIVE: OK,
+    Mode.HOLDING: WARN,
+    Mode.DAMPING: WARN,
+    Mode.STOPPED: WARN,
+    Mode.FAULT: ERROR,
 }
 
 
@@ -53,8 +55,7 @@ class StatusSummary:
     Args:
         node: name with namespace, because robots in one graph share the topic.
         scheduling: of the process; empty if unknown.
-        model: for the disturbances, or None.
-        recorder: returns the status of the recorder.
+        others: returns further values.
     """
 
     def __init__(
@@ -63,11 +64,11 @@ class StatusSummary:
         hardware: str,
         scheduling: str = "",
         model: RobotModel | None = None,
-        recorder: Callable[[], Mapping[str, str]] = dict,
+        others: Callable[[], Mapping[str, str]] = dict,
     ) -> None:
         self._model = model
         self._name, self._hardware = f"{node.strip('/')}: control loop", hardware
-        self._recorder = recorder
+        self._others = others
         self._scheduling = {"scheduling": scheduling} if scheduling else {}
         self._window: _ReportWindow | None = None
         self._taken = 0
@@ -144,15 +145,15 @@ class StatusSummary:
         if "pose/contradiction" in last.inputs.estimate:
             warnings.append(last.inputs.estimate["pose/contradiction"])
         yield
-        level = max(_LEVELS[last.mode], _WARN if warnings else _OK)
+        level = max(_LEVELS[last.mode], WARN if warnings else OK)
         if last.fault is not None:
-            level = max(level, _WARN)
+            level = max(level, WARN)
             warnings.insert(0, f"{last.fault.code}: {last.fault.sentence}")
         if last.contested and last.command is not None:
-            level = _ERROR
+            level = ERROR
         text = "; ".join([last.mode.value, *warnings])
         values["requests_taken"] = str(taken)
-        values |= self._recorder()
+        values |= self._others()
         return diagnostics(wall, level, self._name, text, self._hardware, values)
 
 
@@ -167,12 +168,6 @@ def _disturbance_values(disturbance: Disturbance, model: RobotModel) -> dict[str
     ):
         values[f"disturbance/{joint}"] = f"{torque:.4f} {'N' if unit == 'm' else 'N·m'}"
     return values
-
-
-def _cost_unit(constraint: str) -> str:
-    """Return the unit of a binding constraint's multiplier; the cost has no unit."""
-    kind = constraint.partition(":")[0]
-    return {"torque": "1/(N·m)", "cone": "1/N", "normal_force": "1/N", "motion": "1/(rad/s²)"}.get(kind, "1/(m/s²)")
 
 
 def _cycle_values(window: _ReportWindow) -> dict[str, str]:
@@ -194,7 +189,9 @@ def _solution_values(solution: Solution) -> dict[str, str]:
     values = {f"task_error/{name}": f"{error:.5f}" for name, error in solution.task_errors.items()}
     values |= {f"residual/{name}": f"{residual:.2e}" for name, residual in solution.residuals.items()}
     values["binding"] = ", ".join(solution.binding) or "none"
-    values |= {f"cost/{name}": f"{cost:.4g} {_cost_unit(name)}" for name, cost in solution.binding.items()}
+    for name, cost in solution.binding.items():
+        unit = _COST_UNITS.get(name.partition(":")[0], "1/(m/s²)")
+        values[f"cost/{name}"] = f"{cost:.4g} {unit}"
     values["solver_iterations"] = str(solution.iterations)
     return values | {
         f"level/{i}": f"{', '.join(level.tasks) or 'no task'}: cost {level.cost:.4g}, "
@@ -216,3 +213,30 @@ def _check_values(last: CycleReport) -> dict[str, str]:
         values["audit/unmodelled_force"] = " ".join(f"{part:.3f}" for part in audit.force) + " N"
         values["audit/largest_unmodelled_torque"] = f"{float(np.max(np.abs(audit.joint_torques))):.4f} N·m"
     return values | {f"publishers/{topic}": names for topic, names in last.shared.items()}
+
+
+def walk_values(walker: Walker | None) -> dict[str, str]:
+    """Return the values by key; none without a walker."""
+    if walker is None:
+        return {}
+    values = {
+        "walking/phase": walker.phase.value,
+        "walking/steps": str(walker.steps),
+        "walking/command": "none" if walker.command is None else _velocity_text(walker.command),
+    }
+    if walker.goal is not None:
+        goal = walker.goal
+        values["walking/goal"] = f"{goal.place.real:.3f} {goal.place.imag:.3f} m, {goal.heading:.3f} rad"
+    plan = walker.plan()
+    if plan is None:
+        return values
+    values["walking/velocity"] = _velocity_text(walker.velocity)
+    values["walking/margin"] = f"{plan.margin:.4f} m"
+    values["walking/dcm_error"] = f"{abs(plan.dcm - plan.wanted_dcm):.4f} m"
+    if math.isfinite(plan.remaining):
+        values["walking/touchdown"] = f"{plan.remaining:.3f} s"
+    return values
+
+
+def _velocity_text(velocity: Velocity) -> str:
+    return f"{velocity.linear.real:.3f} {velocity.linear.imag:.3f} m/s, {velocity.turning:.3f} rad/s"

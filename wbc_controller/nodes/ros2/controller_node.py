@@ -1,7 +1,6 @@
 """The managed lifecycle node `wbc_controller`."""
 
-from __future__ import annotations
-
+import contextlib
 import logging
 import sys
 import threading
@@ -29,7 +28,7 @@ from wbc_controller.nodes.ros2.parameters import own_values, settings_from
 from wbc_controller.nodes.ros2.process import logging_to, spinning
 from wbc_controller.nodes.urdf import decode_urdf
 from wbc_controller.nodes.wiring import controller_endpoints
-from wbc_controller.recording.recorder import NOT_RECORDED, Recorder, recording_folder, start_recorder
+from wbc_controller.recording.recorder import NOT_RECORDED, Recorder, recording, recording_folder
 from wbc_controller.records import Mode
 from wbc_controller.settings import NODE_NAME
 from wbc_controller.settings.config import Config
@@ -81,6 +80,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         self._gate: LifecycleGate | None = None
         self._loop: ControlLoop | None = None
         self._recorder: Recorder | None = None
+        self._opened = contextlib.ExitStack()  # of gate and recorder
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
         self._failed = False
@@ -164,31 +164,29 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         if not settings.robot.urdf and self._urdf is None:
             self._await_urdf()
             raise ConfigurationError("robot.urdf is empty, and no URDF was received on robot_description yet")
-        transport = Ros2Transport(self)
-        gate = LifecycleGate(transport)
-        recorder = start_recorder(settings, name=node)  # starts its process before `apply_realtime`
         try:
-            urdf = None if settings.robot.urdf else self._urdf
-            controller = Controller(Config(settings, "", urdf), preflight=False)
-            apply_realtime(settings.control.realtime)
-            topics = controller_endpoints(settings, controller.model, node=node, namespace=namespace)
-            loop = make_loop(
-                controller,
-                gate,
-                make_clock(settings, topics, transport, use_sim_time=bool(self.get_parameter("use_sim_time").value)),
-                topics,
-                observers=(self._outcomes.observe,),
-                recorder=recorder,
-                node=self.get_fully_qualified_name(),
-            )
-            self._live.declare_settings(controller.live)
-        except Exception as error:
-            gate.close()
-            if recorder is not None:
-                recorder.close()
-            if isinstance(error, ConfigurationError):
-                raise ConfigurationError(f"{source}: {error}") from error
-            raise
+            with contextlib.ExitStack() as opened:
+                recorder = opened.enter_context(recording(settings, name=node))  # before `apply_realtime`
+                transport = Ros2Transport(self)
+                gate = opened.enter_context(contextlib.closing(LifecycleGate(transport)))
+                urdf = None if settings.robot.urdf else self._urdf
+                controller = Controller(Config(settings, "", urdf), preflight=False)
+                apply_realtime(settings.control.realtime)
+                topics = controller_endpoints(settings, controller.model, node=node, namespace=namespace)
+                use_sim_time = bool(self.get_parameter("use_sim_time").value)
+                loop = make_loop(
+                    controller,
+                    gate,
+                    make_clock(settings, topics, transport, use_sim_time=use_sim_time),
+                    topics,
+                    observers=(self._outcomes.observe,),
+                    recorder=recorder,
+                    node=self.get_fully_qualified_name(),
+                )
+                self._live.declare_settings(controller.live)
+                self._opened = opened.pop_all()
+        except ConfigurationError as error:
+            raise ConfigurationError(f"{source}: {error}") from error
         self._gate, self._loop, self._recorder = gate, loop, recorder
         _log.info("configured from %s: %d joints, %.0f Hz", source, controller.model.nj, settings.control.rate)
 
@@ -262,10 +260,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
     def _clean_up(self) -> None:
         self._failed = False
         self._deactivate()
-        if self._gate is not None:
-            self._gate.close()
-        if self._recorder is not None:
-            self._recorder.close()
+        self._opened.close()
         self._live.undeclare_settings()
         self._gate, self._loop, self._recorder = None, None, None
 

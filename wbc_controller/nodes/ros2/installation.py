@@ -1,7 +1,5 @@
 """Detection of two ROS 2 installations in one process."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import sys

@@ -1,7 +1,5 @@
 """Parameters of a node."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Mapping, Sequence
 from typing import Any

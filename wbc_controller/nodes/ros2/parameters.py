@@ -1,7 +1,5 @@
 """Conversion of ROS 2 parameters, without rclpy."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path

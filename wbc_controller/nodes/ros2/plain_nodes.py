@@ -1,7 +1,5 @@
 """The executables `mock_robot`, `guard` and `base_estimator`."""
 
-from __future__ import annotations
-
 import logging
 import sys
 import threading

@@ -3,8 +3,6 @@
 The main thread waits for a signal (and runs the mock robot's physics). Other threads: docs/architecture.md.
 """
 
-from __future__ import annotations
-
 import contextlib
 import logging
 import sys

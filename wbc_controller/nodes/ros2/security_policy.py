@@ -3,32 +3,20 @@
 Format: policy schema 0.2.0 (design article "ROS 2 Access Control Policies"), with one enclave per node.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
+from typing import Any
 from xml.etree import ElementTree
 
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.middleware.topics import (
-    ESTIMATOR_NODE,
-    ESTIMATOR_TOPICS,
-    GUARD_TOPICS,
-    MOCK_TOPICS,
-    REQUEST,
-    Direction,
-    Endpoint,
-    endpoints,
-    resolve,
-)
+from wbc_controller.middleware.topics import ESTIMATOR_NODE, NODES, REQUEST, Direction, Endpoint, endpoints, resolve
+from wbc_controller.middleware.topics import MOCK_NODE as MOCK
 from wbc_controller.nodes.contact_sensors import KEYS as CONTACT_SENSORS
-from wbc_controller.nodes.guard_service import NODE_NAME as GUARD
 from wbc_controller.nodes.ros2.command_outcomes import RECORD, SERVICES
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.settings import NODE_NAME as CONTROLLER
 from wbc_controller.settings import Settings
 
-#: Other nodes. The operator sends the commands, from the ``ros2`` command line or a planner.
-MOCK, OPERATOR = "mock_robot", "operator"
+OPERATOR = "operator"  # sends the commands, from the ``ros2`` command line or a planner
 NODE_PUBLISHES = ("/rosout", "/parameter_events")  # publishers of every rclpy node (Jazzy)
 NODE_SERVES = (
     "describe_parameters",
@@ -54,19 +42,13 @@ def security_policy(
     settings: Settings, model: RobotModel, namespace: str = "/", remappings: Mapping[str, str] | None = None
 ) -> str:
     """Return the policy of all nodes of one robot as XML."""
-    nodes = {
-        CONTROLLER: controller_endpoints(settings, model, namespace=namespace, remappings=remappings),
-        MOCK: endpoints(MOCK_TOPICS, MOCK, contacts=settings.contacts, namespace=namespace, remappings=remappings),
-        GUARD: endpoints(GUARD_TOPICS, GUARD, namespace=namespace, remappings=remappings),
-    }
-    if model.floating_base:
-        nodes[ESTIMATOR_NODE] = endpoints(
-            ESTIMATOR_TOPICS, ESTIMATOR_NODE, contacts=settings.contacts, namespace=namespace, remappings=remappings
-        )
-    opened = {
-        node: [endpoint for endpoint in table if _is_used(endpoint, node, settings, model)]
-        for node, table in nodes.items()
-    }
+    where: dict[str, Any] = {"namespace": namespace, "remappings": remappings}
+    opened = {}
+    for node, rows in NODES.values():
+        if model.floating_base or node != ESTIMATOR_NODE:
+            table = endpoints(rows, node, contacts=settings.contacts, **where)
+            ends = controller_endpoints(settings, model, **where) if node == CONTROLLER else table
+            opened[node] = [endpoint for endpoint in ends if _is_used(endpoint, node, settings, model)]
     policy = ElementTree.Element("policy", version="0.2.0")
     enclaves = ElementTree.SubElement(policy, "enclaves")
     measured = [end.name for used in opened.values() for end in used if end.key in (*CONTACT_SENSORS, "pose")]

@@ -12,8 +12,6 @@ A basis Z of the motions permitted by the contacts, J Z = 0, eliminates the unme
 principle, equations (17) to (19); S3), and likewise the undetermined dry friction of resting joints.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -63,8 +61,7 @@ def select_samples(
         recorded: arrays of the cycles (`Recording.arrays`).
         width: smoothing window, s.
 
-    Raises:
-        ConfigurationError: if the recording is of another robot, or has no such samples.
+    Raises `ConfigurationError` if the recording is of another robot, or has no such samples.
     """
     missing = [name for name in ("stamp", "mode", "tau", "q", "v") if name not in recorded]
     if missing:

@@ -1,7 +1,5 @@
 """Comparison of two configurations on a recording."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -138,7 +136,7 @@ def compare(recorded: Recording, config: Config) -> Comparison:
     result = Comparison(own_model.actuators, own_model.effort_limits)
     for a, b in zip(own.run(), other.run(), strict=True):
         if a.result.command is not None or b.result.command is not None:
-            result.add(1e-9 * (a.cycle.time - recorded.start), a, b.result)
+            result.add(recorded.elapsed(a.cycle.time), a, b.result)
     if not result.time:
         raise ConfigurationError(f"recording {recorded.path}: no cycle can be compared: no command was sent")
     return result

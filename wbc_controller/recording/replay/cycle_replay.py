@@ -1,7 +1,5 @@
 """Replay of cycles, bit for bit."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass

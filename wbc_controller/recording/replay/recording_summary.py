@@ -1,7 +1,5 @@
 """Summary of a recording or cycle."""
 
-from __future__ import annotations
-
 import datetime
 from collections.abc import Mapping
 from typing import Any
@@ -22,10 +20,10 @@ _SHOWN = 25  # lines at each end of the history
 
 def summarize(recorded: Recording) -> str:
     """Summarize a recording: duration, software, faults, requests and modes."""
-    lasted = 1e-9 * (recorded.end - recorded.start)
     lines = [
-        f"{recorded.path}: {recorded.about['robot']}, {recorded.count} cycles in {lasted:.3f} s "
-        f"(cycles {recorded.first} to {recorded.last}), from {clock_time(recorded.start)}"
+        f"{recorded.path}: {recorded.about['robot']}, {recorded.count} cycles in "
+        f"{recorded.elapsed(recorded.end):.3f} s (cycles {recorded.first} to {recorded.last}), from "
+        f"{clock_time(recorded.start)}"
     ]
     missing = recorded.last - recorded.first + 1 - recorded.count
     if missing:
@@ -35,7 +33,7 @@ def summarize(recorded: Recording) -> str:
     lines += differences_of_software(recorded)
     for each in recorded.faults:
         lines.append(
-            f"fault {each.fault.code} in cycle {each.cycle}, at {elapsed(recorded, each.time)} "
+            f"fault {each.fault.code} in cycle {each.cycle}, at {recorded.elapsed(each.time):.3f} s "
             f"({clock_time(each.time)}): {each.fault.sentence}"
         )
     if not recorded.faults:
@@ -60,7 +58,7 @@ def explain_cycle(solved: ReplayedCycle, recorded: Recording, controller: Contro
     """Explain a cycle: inputs, solution with binding constraints, supervisor."""
     cycle, result = solved.cycle, solved.result
     event: Mapping[str, Any] = recorded.events.get(cycle.number, {})
-    heading = f"cycle {cycle.number} at {elapsed(recorded, cycle.time)}: {result!r}"
+    heading = f"cycle {cycle.number} at {recorded.elapsed(cycle.time):.3f} s: {result!r}"
     ages = [(name, cycle.scalar(f"age/{name}")) for name in AGES]
     share = cycle.scalar("seconds/total")
     supervisor = controller.supervisor
@@ -94,11 +92,6 @@ def _budget(memory: Mapping[str, Any], limit: float) -> str:
     return f"{memory['_total']:.3f} s (limit {limit:g} s)"
 
 
-def elapsed(recorded: Recording, time: int) -> str:
-    """Format a time in ns as seconds since the start."""
-    return f"{1e-9 * (time - recorded.start):.3f} s"
-
-
 def clock_time(time: int) -> str:
     """Format a time in ns as date and time, or as simulated time."""
     if time < 10**17:  # before 1973
@@ -111,7 +104,7 @@ def _history(recorded: Recording) -> list[str]:
     for number, event in sorted(recorded.events.items()):
         words = [f"{kind} {text}" for kind, text in _event_texts(event) if kind != "problem"]
         if event["mode"] != mode or words:
-            at = elapsed(recorded, event["time"])
+            at = f"{recorded.elapsed(event['time']):.3f} s"
             lines.append(f"{at:>12}  cycle {number:<8} {event['mode']:<9} {'; '.join(words)}".rstrip())
             mode = event["mode"]
     return lines

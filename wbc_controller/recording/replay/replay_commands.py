@@ -68,7 +68,6 @@ def report(file: Path, out: Path | None) -> None:
 
 def _solve(recorded: Recording) -> int:
     from wbc_controller.recording.replay.cycle_replay import Replay
-    from wbc_controller.recording.replay.recording_summary import elapsed
 
     run = Replay(recorded)
     count, different, worst, exact = 0, 0, 0.0, True
@@ -78,7 +77,7 @@ def _solve(recorded: Recording) -> int:
         if not solved.is_identical:
             different += 1
             worst, exact = max(worst, solved.difference), exact and not solved.exact
-            first = first or f"the first is cycle {solved.cycle.number} at {elapsed(recorded, solved.cycle.time)}"
+            first = first or f"the first is cycle {solved.cycle.number} at {recorded.elapsed(solved.cycle.time):.3f} s"
     click.echo()
     if run.skipped:
         click.echo(

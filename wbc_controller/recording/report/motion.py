@@ -1,7 +1,5 @@
 """Motion for the 3-D view."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Data of a report, from a recording."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 

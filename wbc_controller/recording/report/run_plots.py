@@ -1,7 +1,5 @@
 """Plots of a run."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from wbc_controller.controller.visualization.page_report import Plot

@@ -1,7 +1,5 @@
 """Report as one HTML file."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wbc_controller.errors import WbcError
-from wbc_controller.recording.report.base_motion import heading
+from wbc_controller.recording.report.run_data import heading
 from wbc_controller.records import Array
 from wbc_controller.settings.service import SensorQuality
 from wbc_controller.validation.accuracy.walks import WalkTrial

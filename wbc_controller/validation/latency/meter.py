@@ -9,7 +9,7 @@ import numpy as np
 
 from wbc_controller.middleware.stamps import header_stamp
 from wbc_controller.middleware.topics import Endpoint
-from wbc_controller.middleware.transports.transport import Publish, Stream, Transport
+from wbc_controller.middleware.transports.transport import Publish, Transport, TransportWrapper
 from wbc_controller.records import Array
 
 QUANTILES = (0.5, 0.99, 0.999)  # reported quantiles: median, p99, p99.9
@@ -80,12 +80,11 @@ def round_trips(
     return RoundTrips(answered - sent, np.maximum(np.diff(sent) - period, 0.0), period)
 
 
-class Meter:
+class Meter(TransportWrapper):
     """A transport that records the times of states, torques and joint commands."""
 
     def __init__(self, transport: Transport) -> None:
-        self.discovery_time = transport.discovery_time
-        self._transport = transport
+        super().__init__(transport)
         self._clear()
 
     def advertise(self, endpoint: Endpoint) -> Publish:
@@ -100,34 +99,16 @@ class Meter:
 
         return timed
 
-    def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
-        """See `Transport`."""
-
-        def timed(payload: bytes) -> None:
+    def _receiver(self, endpoint: Endpoint) -> Callable[[bytes], bool]:
+        def timed(payload: bytes) -> bool:
             now = time.perf_counter()
             if endpoint.key == "effort":
                 self._efforts.append(now)
-            else:
+            elif endpoint.key == "joint_commands":
                 self._commands.append((now, header_stamp(payload)))
-            callback(payload)
+            return True
 
-        self._transport.subscribe(endpoint, timed if endpoint.key in ("effort", "joint_commands") else callback)
-
-    def stream(self, endpoint: Endpoint, depth: int) -> Stream:
-        """See `Transport`; without recording."""
-        return self._transport.stream(endpoint, depth)
-
-    def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
-        """See `Transport`."""
-        return self._transport.publishers(endpoint)
-
-    def has_reader(self, endpoint: Endpoint) -> bool:
-        """See `Transport`."""
-        return self._transport.has_reader(endpoint)
-
-    def close(self) -> None:
-        """See `Transport`."""
-        self._transport.close()
+        return timed
 
     @property
     def answered(self) -> bool:
