@@ -61,8 +61,9 @@ class ModelAudit:
     def __init__(self, model: RobotModel, limits: AuditLimits) -> None:
         self._model = model
         self._limits = limits
-        self._gravity = model.mass * np.array(model.pinocchio.gravity.linear)  # N
-        self._weight = model.mass * model.gravity
+        self._mass = model.mass  # kg
+        self._gravity = self._mass * np.array(model.pinocchio.gravity.linear)  # N
+        self._weight = self._mass * model.gravity
         self._span = _SPAN * limits.time_constant - 0.5 * limits.period  # rounds to periods
         self._largest_gap = _LARGEST_GAP * limits.period
         #: Joint components of a generalized force, (nj, nv).
@@ -110,7 +111,7 @@ class ModelAudit:
         return float(0.5 * dynamics.v @ dynamics.M @ dynamics.v - self._gravity @ dynamics.com)
 
     def _previous(self, state: RobotState, dynamics: Dynamics, solution: Solution, command: JointCommand) -> _Previous:
-        model, mass = self._model, self._model.mass
+        model, mass = self._model, self._mass
         predicts = solution.tau.tobytes() == command.tau.tobytes()
         return _Previous(
             state=state,
