@@ -116,7 +116,8 @@ class PointContact(UnilateralContact):
         if type(self) is not PointContact or self._constant_arm is None:
             return None
         link, placement = self._on_link
-        constants = np.concatenate([placement.act(self._translation), self._constant_arm, self._axes.T.ravel()])
+        centre, axes = placement.act(self._translation), self._axes.T.ravel()
+        constants = np.concatenate([centre, self._constant_arm, axes, [self.damping]])
         return Instruction(BALL, np.arange(3), link, constants=constants)
 
     def jacobian(self, dynamics: Dynamics) -> Array:

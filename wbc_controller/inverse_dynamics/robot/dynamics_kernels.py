@@ -12,7 +12,6 @@ class DynamicsRows(Struct):
     starts: Indices  # of the rows of [N; T] in `columns` and `values`, with end, (free + na + 1,)
     columns: Indices  # of non-zero values of [N; T], (k,)
     values: Vector  # (k,)
-    damping: Vector  # D of each row of J, (nf,) in 1/s
     rows: OutMatrix  # [J, 0, required J v̇] of the contacts; from `first` on rows N, then T, (…, nv + nf + 1)
     first: int  # row to fill
     lower: OutVector  # out: bounds of T (M v̇ - Jᵀf), (na,) in N·m
@@ -24,18 +23,9 @@ class DynamicsRows(Struct):
 
 
 @part
-def _damp(table: DynamicsRows, v: Array) -> None:
-    for i in range(len(table.damping)):
-        row, speed = table.rows[i], 0.0
-        for j in range(len(v)):
-            speed += row[j] * v[j]
-        row[len(row) - 1] -= table.damping[i] * speed
-
-
-@part
 def _project(table: DynamicsRows, k: int, h: Array) -> float:
     M, rows, row, nv, constant = table.M, table.rows, table.rows[table.first + k], len(h), 0.0
-    nf, unit, columns, values = len(table.damping), table.unit, table.columns, table.values
+    nf, unit, columns, values = len(row) - 1 - nv, table.unit, table.columns, table.values
     for j in range(nv + nf):
         row[j] = 0.0
     for place in range(table.starts[k], table.starts[k + 1]):
@@ -66,18 +56,17 @@ def _bound(table: DynamicsRows, before: Array, share: float) -> None:
 
 
 @compiled
-def fill_dynamics(table: DynamicsRows, h: Vector, v: Vector, before: Vector, share: float) -> None:
-    """Fill N (M v̇ - Jᵀf) = -N h and the bounds of τ = T (M v̇ - Jᵀf) + T h; add -D J v to the contact rows.
+def fill_dynamics(table: DynamicsRows, h: Vector, before: Vector, share: float) -> None:
+    """Fill N (M v̇ - Jᵀf) = -N h and the bounds of τ = T (M v̇ - Jᵀf) + T h.
 
     `before` is τ_before, (na,); `share` is rate Δt, negative for no torque rate limit.
     """
-    nv, na, nf = len(table.M), len(table.bias), len(table.damping)
-    free, right = len(table.starts) - 1 - na, nv + nf
-    if not (len(h) == nv and len(v) == nv):
-        raise ValueError("fill_dynamics: sizes of h, v and M differ")
+    na = len(table.bias)
+    free, right = len(table.starts) - 1 - na, table.rows.shape[1] - 1
+    if len(h) != len(table.M):
+        raise ValueError("fill_dynamics: sizes of h and M differ")
     if share >= 0.0 and len(before) != na:
         raise ValueError("fill_dynamics: the size of tau_before differs from the number of actuators")
-    _damp(table, v)
     for k in range(free + na):
         constant = _project(table, k, h)
         if k < free:
