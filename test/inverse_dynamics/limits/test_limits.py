@@ -295,12 +295,12 @@ def torque_bounds(limit, before, v, period):
     lower, upper, bias, each = np.empty(n), np.empty(n), np.empty(n), np.arange(n + 1)
     share = -1.0 if before is None else limit.rate * period
     table = DynamicsRows(
-        starts=each, columns=each[:-1], values=np.ones(n), rows=np.zeros((n, n + 1)), first=0,
+        starts=each, columns=each[:-1], values=np.ones(n), damping=np.zeros(0), rows=np.zeros((n, n + 1)), first=0,
         lower=lower, upper=upper, M=np.zeros((n, n)), unit=1.0, available=np.stack([*available, limit.effort_limits]),
         bias=bias,
     )  # fmt: skip
     before = v if before is None else before
-    fill_dynamics(table, np.zeros(n), before, share)
+    fill_dynamics(table, np.zeros(n), v, before, share)
     return lower, upper
 
 

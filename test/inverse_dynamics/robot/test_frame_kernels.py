@@ -173,9 +173,9 @@ def test_contact_rows_equal_pinocchio(robot, seed, between_links):
     near(contact.jacobian(dynamics), J)
     near(contact.drift(dynamics), drift)
     for rows in (np.arange(6), np.array([1, 2, 5])):
-        (found, acceleration), _ = filled(dynamics, [contact.instruction(rows, 7.0)])
+        (found, acceleration), _ = filled(dynamics, [contact.instruction(rows)])
         near(found, J[rows])
-        near(acceleration, -drift[rows] - 7.0 * J[rows] @ dynamics.v)
+        near(acceleration, -drift[rows])
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
@@ -188,7 +188,7 @@ def test_ball_rows_equal_pinocchio(robot, seed, radius):
         contact = PointContact("contact", dynamics.model, frame, centre, radius, normal=normal)
         (J, acceleration), _ = filled(dynamics, [contact.instruction()])
         near(J, contact.jacobian(dynamics))
-        near(acceleration, -contact.drift(dynamics) - contact.damping * J @ dynamics.v)
+        near(acceleration, -contact.drift(dynamics))
 
 
 @settings(deadline=None)

@@ -95,7 +95,7 @@ class FixedContact(AnchoredContact):
 
     def instruction(self) -> Instruction | None:
         """Return the instruction."""
-        return self._mount.instruction(self._rows, self.damping) if type(self) is FixedContact else None
+        return self._mount.instruction(self._rows) if type(self) is FixedContact else None
 
     def jacobian(self, dynamics: Dynamics) -> Array:
         """Return J along the held axes of the contact frame, (k, nv)."""

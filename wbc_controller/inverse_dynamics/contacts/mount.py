@@ -89,11 +89,10 @@ class Mount:
         """Return the pose in C of an anchor, (7,), an earlier `pose`."""
         return self.pose(dynamics).actInv(pin.XYZQUATToSE3(anchor))
 
-    def instruction(self, rows: np.ndarray, damping: float) -> Instruction:
-        """Return the instruction for the components `rows` (r,) of ν, and a damping in 1/s."""
+    def instruction(self, rows: np.ndarray) -> Instruction:
+        """Return the instruction for the components `rows` (r,) of ν."""
         link, placement = self._on_link
-        constants = np.append(placement_numbers(placement), damping)
-        return Instruction(SURFACE, rows, link, self._other_link, constants=constants)
+        return Instruction(SURFACE, rows, link, self._other_link, constants=placement_numbers(placement))
 
     def jacobian(self, dynamics: Dynamics) -> Array:
         """Return the Jacobian of ν, (6, nv)."""

@@ -116,8 +116,7 @@ class PointContact(UnilateralContact):
         if type(self) is not PointContact or self._constant_arm is None:
             return None
         link, placement = self._on_link
-        centre, axes = placement.act(self._translation), self._axes.T.ravel()
-        constants = np.concatenate([centre, self._constant_arm, axes, [self.damping]])
+        constants = np.concatenate([placement.act(self._translation), self._constant_arm, self._axes.T.ravel()])
         return Instruction(BALL, np.arange(3), link, constants=constants)
 
     def jacobian(self, dynamics: Dynamics) -> Array:

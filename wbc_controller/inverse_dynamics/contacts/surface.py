@@ -78,7 +78,7 @@ class SurfaceContact(UnilateralContact):
 
     def instruction(self) -> Instruction | None:
         """Return the instruction."""
-        return self._mount.instruction(_ALL, self.damping) if type(self) is SurfaceContact else None
+        return self._mount.instruction(_ALL) if type(self) is SurfaceContact else None
 
     def jacobian(self, dynamics: Dynamics) -> Array:
         """Return J of the relative twist in contact axes, (6, nv)."""

@@ -265,8 +265,7 @@ class Formulation:
 
     def _fill_contacts(self, layout: Layout, references: References) -> None:
         for place in layout.python_contacts:
-            place.J[:], acceleration = motion_of(place.contact, self.dynamics)
-            place.acceleration[:] = acceleration - place.contact.damping * (place.J @ self.dynamics.v)
+            place.J[:], place.acceleration[:] = motion_of(place.contact, self.dynamics)
             self._bound_force(place, references.contacts)
 
     def _fill_row_limits(self, layout: Layout) -> None:

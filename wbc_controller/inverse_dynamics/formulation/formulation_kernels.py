@@ -35,7 +35,7 @@ def fill_program(
         raise ValueError("fill_program: the sizes of q and the examined configuration differ")
     link_terms(program.rows.motion, v)
     constant = fill_rows(program.rows, q, v, errors)
-    fill_dynamics(program.dynamics, h, tau_before, share)
+    fill_dynamics(program.dynamics, h, v, tau_before, share)
     acceleration_bounds(program.motion_limit, q, v)
     moved = 0.0
     for index in program.motion_limit.q_index:

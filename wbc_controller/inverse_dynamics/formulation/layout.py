@@ -43,6 +43,7 @@ class Layout:
         forces_of: name of each contact, and indices in f.
         contact_rows: [J, b] of the contacts before `formulation.redundancy`, (nf, nv + 1), or None.
         contact_motion: right-hand sides of the contacts in b, (nf,).
+        damping: D of each row of J, (nf,) in 1/s.
         metric: diagonal of W in ½ ε_f fᵀ W f, (nf,).
         dynamics_rows: equations of motion and torque bounds for the kernel.
         mechanism: rows of A of mimic joints and equations of motion.
@@ -83,6 +84,7 @@ class Layout:
         self._rows_in_A = problem.A[:nf, :nv]
         self.contact_rows: Array | None = None
         self.contact_motion = problem.b[:nf]
+        self.damping = np.concatenate([np.zeros(0), *(np.full(c.size, c.damping) for c in contacts)])
         self.metric = np.concatenate([np.zeros(0), *(c.metric for c in contacts)])
         self.places: list[ContactPlace] = []
         row, first = 0, na
@@ -120,6 +122,7 @@ class Layout:
             starts=starts,
             columns=nonzero_columns,
             values=values,
+            damping=self.damping,
             rows=problem.constraints.rows,
             first=self.mechanism.stop - free,
             lower=self.torque_lower,

@@ -12,6 +12,7 @@ class DynamicsRows(Struct):
     starts: Indices  # of the rows of [N; T] in `columns` and `values`, with end, (free + na + 1,)
     columns: Indices  # of non-zero values of [N; T], (k,)
     values: Vector  # (k,)
+    damping: Vector  # D of each row of J, (nf,) in 1/s
     rows: OutMatrix  # [J, 0, required J v̇] of the contacts; from `first` on rows N, then T, (…, nv + nf + 1)
     first: int  # row to fill
     lower: OutVector  # out: bounds of T (M v̇ - Jᵀf), (na,) in N·m
@@ -20,6 +21,16 @@ class DynamicsRows(Struct):
     unit: float  # of f, N and N·m
     available: Matrix  # smallest and largest available torques, and τ_max, (3, na) in N·m
     bias: OutVector  # out: T h, (na,) in N·m
+
+
+@part
+def _damp(table: DynamicsRows, v: Array) -> None:
+    damping, rows = table.damping, table.rows
+    for i in range(len(damping)):
+        row, speed = rows[i], 0.0
+        for j in range(len(v)):
+            speed += row[j] * v[j]
+        row[len(row) - 1] -= damping[i] * speed
 
 
 @part
@@ -63,14 +74,15 @@ def _bound(table: DynamicsRows, before: Array, share: float) -> None:
 
 
 @compiled
-def fill_dynamics(table: DynamicsRows, h: Vector, before: Vector, share: float) -> None:
-    """Fill N (M v̇ - Jᵀf) = -N h and the bounds of τ = T (M v̇ - Jᵀf) + T h.
+def fill_dynamics(table: DynamicsRows, h: Vector, v: Vector, before: Vector, share: float) -> None:
+    """Fill N (M v̇ - Jᵀf) = -N h and the bounds of τ = T (M v̇ - Jᵀf) + T h; add -D J v to the contact rows.
 
     `before` is τ_before, (na,); `share` is rate Δt, negative for no torque rate limit.
     """
-    if len(h) != len(table.M):
-        raise ValueError("fill_dynamics: sizes of h and M differ")
+    if not len(h) == len(v) == len(table.M):
+        raise ValueError("fill_dynamics: sizes of h, v and M differ")
     if share >= 0.0 and len(before) != len(table.bias):
         raise ValueError("fill_dynamics: the size of tau_before differs from the number of actuators")
+    _damp(table, v)
     _project(table, h)
     _bound(table, before, share)

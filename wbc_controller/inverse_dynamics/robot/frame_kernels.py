@@ -57,16 +57,16 @@ class FrameRows(Struct):
 
 @part
 def _contact_rows(
-    motion: LinkMotion, link: int, other: int, numbers: Array, rows: Indices, out: Array, memory: Array
+    motion: LinkMotion, link: int, other: int, mount: Array, rows: Indices, out: Array, memory: Array
 ) -> None:
-    """Fill rows of the twist ν of a contact frame C relative to link B, in the axes of C: J v̇ = -ν̇ - D ν at v̇ = 0.
+    """Fill rows of the twist ν of a contact frame C relative to link B, in the axes of C: J v̇ = -ν̇ at v̇ = 0.
 
-    With X the transform of a twist from B to C, ν = ν_C - X ν_B and ν̇ = ν̇_C - X ν̇_B + ν × (X ν_B). `numbers` (13,):
-    placement of C on its link; D in 1/s. `rows` (r,) selects components of ν.
+    With X the transform of a twist from B to C, ν = ν_C - X ν_B and ν̇ = ν̇_C - X ν̇_B + ν × (X ν_B). `mount` is the
+    placement of C on its link, `rows` (r,) selects components of ν.
     """
     C, column, right = memory[0], memory[1], out.shape[1] - 1
     twists, moves, links = motion.joint_twists, motion.moves, motion.links
-    place(motion.joints[link], numbers, C)
+    place(motion.joints[link], mount, C)
     for j in range(len(twists)):
         sign = moves[link, j] - moves[other, j]
         if sign == 0:
@@ -82,18 +82,17 @@ def _contact_rows(
     own = to_frame(C, three_of(links, link, 6), three_of(links, link, 9))
     others = to_frame(C, three_of(links, other, 6), three_of(links, other, 9))
     carried = add(cross(nu_angular, linear), cross(nu_linear, angular))
-    put(column, 0, add(add(subtract(own[0], others[0]), carried), scale(numbers[12], nu_linear)))
-    turned = add(subtract(own[1], others[1]), cross(nu_angular, angular))
-    put(column, 3, add(turned, scale(numbers[12], nu_angular)))
+    put(column, 0, add(subtract(own[0], others[0]), carried))
+    put(column, 3, add(subtract(own[1], others[1]), cross(nu_angular, angular)))
     for i in range(len(rows)):
         out[i, right] = -column[rows[i]]
 
 
 @part
 def _ball_rows(motion: LinkMotion, link: int, numbers: Array, out: Array) -> None:
-    """Fill rows of the velocity of a ball's lowest point, ν = ṗ + ω × r: J v̇ = -Eᵀ(p̈ + ω̇ × r + D ν) at v̇ = 0.
+    """Fill rows of the velocity of a ball's lowest point, Eᵀ(ṗ + ω × r): J v̇ = -Eᵀ(p̈ + ω̇ × r) at v̇ = 0.
 
-    `numbers` (16,): centre on the link, m; r from centre to lowest point in world axes, m; Eᵀ by rows; D in 1/s.
+    `numbers` (15,): centre on the link, m; r from centre to lowest point in world axes, m; Eᵀ by rows.
     """
     at, right, twists, moves = motion.links[link], out.shape[1] - 1, motion.joint_twists, motion.moves
     centre = transform(motion.joints[link], three(numbers, 0))
@@ -109,9 +108,8 @@ def _ball_rows(motion: LinkMotion, link: int, numbers: Array, out: Array) -> Non
     angular = three(at, 3)
     centripetal = cross(angular, add(three(at, 0), cross(angular, centre)))
     drift = add(add(three(at, 6), cross(three(at, 9), lowest)), centripetal)
-    damped = add(drift, scale(numbers[15], add(three(at, 0), cross(angular, lowest))))
     for i in range(3):
-        out[i, right] = -dot(three(numbers, 6 + 3 * i), damped)
+        out[i, right] = -dot(three(numbers, 6 + 3 * i), drift)
 
 
 @part
