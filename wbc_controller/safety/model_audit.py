@@ -139,32 +139,34 @@ class ModelAudit:
                 self._force += share * (self._mass * com_velocity / predicted - self._force)
             self._torques += share * (dynamics.M @ velocity / predicted - self._torques)
         force, torques = frozen(self._force), freeze(self._to_joints @ self._torques)
-        size, over = float(np.linalg.norm(force)), np.abs(torques) / limits.torques
-        worst = int(over.argmax())
-        direction = ", ".join(f"{part / max(size, 1.0e-9):.2f}" for part in force)
-        findings = {
-            "UNMODELLED_FORCE": (
-                size > limits.force,
-                f"{size:.2f} N on the centre of mass along [{direction}], {100.0 * size / self._weight:.2f} % of the "
-                "weight: a push, a wrong mass, or a wrong contact",
-            ),
-            "UNMODELLED_TORQUE": (
-                over.item(worst) > 1.0,
-                f"{torques.item(worst):.3g} N·m at {self._model.joints[worst]}: torque not applied as sent, friction, "
-                "or a wrong inertia",
-            ),
-            "ENERGY_RESIDUAL": (
-                abs(self._energy) > limits.energy * max(self._throughput, limits.power),
-                f"{self._energy:.3g} W of {self._throughput:.3g} W: a wrong torque, friction, or a wrong mass",
-            ),
+        too_large = {
+            "UNMODELLED_FORCE": float(np.linalg.norm(force)) > limits.force,
+            "UNMODELLED_TORQUE": bool((np.abs(torques) > limits.torques).any()),
+            "ENERGY_RESIDUAL": abs(self._energy) > limits.energy * max(self._throughput, limits.power),
         }
         now, warnings = state.stamp * 1.0e-9, []
-        for name, (is_too_large, text) in findings.items():
+        for name, is_too_large in too_large.items():
             if not is_too_large:
                 self._since.pop(name, None)
             elif now - self._since.setdefault(name, now - lasted) >= limits.patience:
-                warnings.append(f"{name}: {text}")
+                warnings.append(f"{name}: {self._describe(name, force, torques)}")
         return AuditReport(self._energy, self._throughput, force, torques, tuple(warnings))
+
+    def _describe(self, finding: str, force: Array, torques: Array) -> str:
+        if finding == "UNMODELLED_FORCE":
+            size = float(np.linalg.norm(force))
+            direction = ", ".join(f"{part / size:.2f}" for part in force)
+            return (
+                f"{size:.2f} N on the centre of mass along [{direction}], {100.0 * size / self._weight:.2f} % of the "
+                "weight: a push, a wrong mass, or a wrong contact"
+            )
+        if finding == "UNMODELLED_TORQUE":
+            worst = int((np.abs(torques) / self._limits.torques).argmax())
+            return (
+                f"{torques.item(worst):.3g} N·m at {self._model.joints[worst]}: torque not applied as sent, friction, "
+                "or a wrong inertia"
+            )
+        return f"{self._energy:.3g} W of {self._throughput:.3g} W: a wrong torque, friction, or a wrong mass"
 
 
 def _powers(solution: Solution, dynamics: Dynamics) -> list[float]:
