@@ -207,8 +207,9 @@ class ControlCycle:
                 f"{len(remaining)} task or contact commands: the controller is {self.mode.value}; send {requests} first"
             )
         if references is not None and supervisor.solving:
-            active = [name for name, activation in references.contacts.items() if activation > 0.0]
-            self.holding = tuple(name for name in active if name not in self.model_error.unloaded_contacts)
+            unloaded = self.model_error.unloaded_contacts
+            active = [name for name, on in references.contacts.items() if on > 0.0 and name not in unloaded]
+            self.holding = tuple(active)
         else:
             self.holding = self._enabled_contacts()
         self._failure = outcome if isinstance(outcome, NoSolution) and was_active else None

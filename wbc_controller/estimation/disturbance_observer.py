@@ -74,7 +74,7 @@ class DisturbanceObserver:
     @property
     def is_idle(self) -> bool:
         """True if the estimate is zero and stays zero."""
-        return not self.limits.on and not self.forces.any()
+        return not self.limits.on and not np.count_nonzero(self.forces)
 
     def update(self, M: Array, J: Array, contacts: tuple[str, ...], gap: float, residual: Array | None) -> None:
         """Add the residual of a prediction; update d at the end of a sum.

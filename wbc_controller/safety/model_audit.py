@@ -5,7 +5,11 @@ gravity and contact forces (equation (26); S5), and every joint accelerates by t
 indicates a wrong model, torques not applied as sent, or an unknown force. Sums over a span of cycles enter the filter.
 """
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,27 +34,17 @@ class AuditLimits:
     period: float  # control period, s
 
 
-@dataclass(frozen=True, slots=True)
-class _Previous:
-    """Previous state with its predicted motion."""
+class _Step(NamedTuple):
+    """State with the motion predicted from it."""
 
     state: RobotState
     tau: Array  # torques sent, (na,) in N·m
     springs: Array | None  # generalized force of passive joints, (nv,), or None
-    momentum: Array  # linear momentum m ċ, (3,) in N·s
-    force: Array  # predicted m c̈, (3,) in N
+    com_velocity: Array  # ċ, (3,) in m/s
+    com_acceleration: Array  # predicted c̈, (3,) in m/s²
     solution: Solution | None  # None if other torques were sent
     powers: list[float]  # of known external wrenches, W
-
-
-class _Sums:
-    """Sums since the start of a span."""
-
-    def __init__(self, nv: int) -> None:
-        self.lasted = self.predicted = 0.0  # duration, and the part with a prediction, s
-        self.work = self.throughput = 0.0  # work of torques and known forces, and its magnitudes, J
-        self.velocity = np.zeros(nv)  # Δv - v̇ Δt
-        self.impulse = np.zeros(3)  # Δ(m ċ) - m c̈ Δt, N·s
+    last_powers: list[float]  # of the known wrenches of the last step, W
 
 
 class ModelAudit:
@@ -59,8 +53,9 @@ class ModelAudit:
     def __init__(self, model: RobotModel, limits: AuditLimits) -> None:
         self._model = model
         self._limits = limits
-        self._gravity = model.mass * np.array(model.pinocchio.gravity.linear)  # N
-        self._weight = model.mass * model.gravity
+        self._mass = model.mass  # kg
+        self._gravity = self._mass * np.array(model.pinocchio.gravity.linear)  # N
+        self._weight = self._mass * model.gravity
         self._span = _SPAN * limits.settings.time_constant - 0.5 * limits.period  # rounds to periods
         self._largest_gap = _LARGEST_GAP * limits.period
         #: Joint components of a generalized force, (nj, nv).
@@ -68,8 +63,7 @@ class ModelAudit:
         self._forget()
 
     def _forget(self) -> None:
-        self._before: _Previous | None = None
-        self._sums = _Sums(self._model.nv)
+        self._steps: list[_Step] = []  # of the span; the first one ended the last span
         self._stored = 0.0  # energy at the start of the span, J
         self._energy = self._throughput = 0.0
         self._force, self._torques = np.zeros(3), np.zeros(self._model.nv)  # filtered
@@ -80,111 +74,98 @@ class ModelAudit:
         self, state: RobotState, dynamics: Dynamics, solution: Solution | None, command: JointCommand | None
     ) -> AuditReport | None:
         """Compare this state with the previous one; return the report of the last span, or None."""
-        before = self._before
         if solution is None or command is None:
-            if before is not None:
+            if self._steps:
                 self._forget()
             return None
-        gap = 0.0
-        if before is not None:
-            gap = (state.stamp - before.state.stamp) * 1.0e-9
-            if gap <= 0.0:  # repeated state: keep the first torques
-                return None
-            if gap > self._largest_gap:
-                self._forget()
-                gap, before = 0.0, None
-        previous = self._previous(state, dynamics, solution, command)
-        if before is not None:
-            self._add(before, previous, dynamics, gap)
-        self._before = previous
-        if before is None:
+        gap = (state.stamp - self._steps[-1].state.stamp) * 1.0e-9 if self._steps else math.inf
+        if gap <= 0.0:  # repeated state: keep the first torques
+            return None
+        if gap > self._largest_gap:
+            self._forget()
             self._stored = self._mechanical_energy(dynamics)
-            return None
-        if self._sums.lasted >= self._span:
+        before = self._steps[-1].solution if self._steps else None
+        predicts = solution.tau.tobytes() == command.tau.tobytes()
+        step = _Step(
+            state=state,
+            tau=command.tau,
+            springs=None if self._model.passive is None else self._model.passive_force(state.q, state.v),
+            com_velocity=dynamics.com_velocity.copy(),
+            com_acceleration=dynamics.com_jacobian @ solution.v_dot + dynamics.com_drift,
+            solution=solution if predicts else None,
+            powers=_powers(solution, dynamics) if predicts else [],
+            last_powers=[] if before is None else _powers(before, dynamics),
+        )
+        self._steps.append(step)
+        if len(self._steps) > 1 and (state.stamp - self._steps[0].state.stamp) * 1.0e-9 >= self._span:
             self._report = self._finish_span(state, dynamics)
         return self._report
 
     def _mechanical_energy(self, dynamics: Dynamics) -> float:
         return float(0.5 * dynamics.v @ dynamics.M @ dynamics.v - self._gravity @ dynamics.com)
 
-    def _previous(self, state: RobotState, dynamics: Dynamics, solution: Solution, command: JointCommand) -> _Previous:
-        model, mass = self._model, self._model.mass
-        predicts = solution.tau.tobytes() == command.tau.tobytes()
-        return _Previous(
-            state=state,
-            tau=command.tau,
-            springs=None if model.passive is None else model.passive_force(state.q, state.v),
-            momentum=mass * dynamics.com_velocity,
-            force=mass * (dynamics.com_jacobian @ solution.v_dot + dynamics.com_drift),
-            solution=solution if predicts else None,
-            powers=_powers(solution, dynamics) if predicts else [],
-        )
-
-    def _add(self, before: _Previous, after: _Previous, dynamics: Dynamics, gap: float) -> None:
-        """Add the step between two states to the sums."""
-        sums, solution = self._sums, before.solution
-        sums.lasted += gap
-        force = self._model.actuation.generalized_force(before.tau) + self._other_force(before, after.springs)
-        work = (force * self._model.difference(before.state.q, after.state.q)).tolist()  # contact forces do no work
-        sums.work += sum(work)
-        sums.throughput += sum(map(abs, work))
-        if solution is not None:
-            sums.predicted += gap
-            sums.velocity += after.state.v - before.state.v - gap * solution.v_dot
-            sums.impulse += after.momentum - before.momentum - gap * before.force
-            if before.powers:
-                for start, end in zip(before.powers, _powers(solution, dynamics), strict=True):
-                    sums.work += 0.5 * gap * (start + end)
-                    sums.throughput += abs(0.5 * gap * (start + end))
-
-    def _other_force(self, before: _Previous, springs: Array | None) -> Array:
-        """Return the known generalized force besides the torques, (nv,): disturbance and springs."""
-        force = np.zeros(self._model.nv)
-        if before.solution is not None and before.solution.disturbance is not None:
-            force = before.solution.disturbance.forces
-        if before.springs is not None and springs is not None:
-            force = force + 0.5 * (before.springs + springs)  # exact for springs
-        return force
+    def _work(self, steps: Sequence[tuple[_Step, _Step, float]]) -> Array:
+        """Return the work of all known forces over pairs of steps and their gaps, J; contact forces do no work."""
+        force = self._model.actuation.generalized_force(np.array([before.tau for before, _, _ in steps]))
+        known = []
+        for row, (before, after, gap) in zip(force, steps, strict=True):
+            if before.solution is not None and before.solution.disturbance is not None:
+                row += before.solution.disturbance.forces
+            if before.springs is not None and after.springs is not None:
+                row += 0.5 * (before.springs + after.springs)  # exact for springs
+            row *= self._model.difference(before.state.q, after.state.q)
+            known += [0.5 * gap * (start + end) for start, end in zip(before.powers, after.last_powers, strict=True)]
+        return np.append(force, known)
 
     def _finish_span(self, state: RobotState, dynamics: Dynamics) -> AuditReport:
-        sums, limits, settings, lasted = self._sums, self._limits, self._limits.settings, self._sums.lasted
-        self._sums = _Sums(self._model.nv)
-        stored, self._stored = self._stored, self._mechanical_energy(dynamics)
-        share = lasted / (settings.time_constant + lasted)
-        self._energy += share * ((self._stored - stored - sums.work) / lasted - self._energy)
-        self._throughput += share * (sums.throughput / lasted - self._throughput)
-        if sums.predicted > 0.0:
-            share = sums.predicted / (settings.time_constant + sums.predicted)
+        limits, chain, self._steps = self._limits, self._steps, self._steps[-1:]
+        gaps = [(after.state.stamp - before.state.stamp) * 1.0e-9 for before, after in pairwise(chain)]
+        steps, lasted = [(*pair, gap) for pair, gap in zip(pairwise(chain), gaps, strict=True)], sum(gaps)
+        work, stored, self._stored = self._work(steps), self._stored, self._mechanical_energy(dynamics)
+        share = lasted / (limits.settings.time_constant + lasted)
+        self._energy += share * ((self._stored - stored - work.sum()) / lasted - self._energy)
+        self._throughput += share * (np.abs(work).sum() / lasted - self._throughput)
+        predicted = sum(gap for before, _, gap in steps if before.solution is not None)
+        if predicted > 0.0:
+            share = predicted / (limits.settings.time_constant + predicted)
+            velocity, com_velocity = np.zeros(self._model.nv), np.zeros(3)  # unpredicted changes
+            for before, after, gap in steps:
+                if before.solution is not None:
+                    velocity += after.state.v - before.state.v - gap * before.solution.v_dot
+                    com_velocity += after.com_velocity - before.com_velocity - gap * before.com_acceleration
             if self._model.floating_base:  # not of a fixed base
-                self._force += share * (sums.impulse / sums.predicted - self._force)
-            self._torques += share * (dynamics.M @ sums.velocity / sums.predicted - self._torques)
+                self._force += share * (self._mass * com_velocity / predicted - self._force)
+            self._torques += share * (dynamics.M @ velocity / predicted - self._torques)
         force, torques = frozen(self._force), freeze(self._to_joints @ self._torques)
-        size, over = float(np.linalg.norm(force)), np.abs(torques) / limits.torques
-        worst = int(over.argmax())
-        direction = ", ".join(f"{part / max(size, 1.0e-9):.2f}" for part in force)
-        findings = {
-            "UNMODELLED_FORCE": (
-                size > limits.force,
-                f"{size:.2f} N on the centre of mass along [{direction}], {100.0 * size / self._weight:.2f} % of the "
-                "weight: a push, a wrong mass, or a wrong contact",
-            ),
-            "UNMODELLED_TORQUE": (
-                over.item(worst) > 1.0,
-                f"{torques.item(worst):.3g} N·m at {self._model.joints[worst]}: torque not applied as sent, friction, "
-                "or a wrong inertia",
-            ),
-            "ENERGY_RESIDUAL": (
-                abs(self._energy) > settings.energy * max(self._throughput, settings.power),
-                f"{self._energy:.3g} W of {self._throughput:.3g} W: a wrong torque, friction, or a wrong mass",
-            ),
+        too_large = {
+            "UNMODELLED_FORCE": float(np.linalg.norm(force)) > limits.force,
+            "UNMODELLED_TORQUE": bool((np.abs(torques) > limits.torques).any()),
+            "ENERGY_RESIDUAL": abs(self._energy)
+            > limits.settings.energy * max(self._throughput, limits.settings.power),
         }
         now, warnings = state.stamp * 1.0e-9, []
-        for name, (is_too_large, text) in findings.items():
+        for name, is_too_large in too_large.items():
             if not is_too_large:
                 self._since.pop(name, None)
-            elif now - self._since.setdefault(name, now - lasted) >= settings.patience:
-                warnings.append(f"{name}: {text}")
+            elif now - self._since.setdefault(name, now - lasted) >= limits.settings.patience:
+                warnings.append(f"{name}: {self._describe(name, force, torques)}")
         return AuditReport(self._energy, self._throughput, force, torques, tuple(warnings))
+
+    def _describe(self, finding: str, force: Array, torques: Array) -> str:
+        if finding == "UNMODELLED_FORCE":
+            size = float(np.linalg.norm(force))
+            direction = ", ".join(f"{part / size:.2f}" for part in force)
+            return (
+                f"{size:.2f} N on the centre of mass along [{direction}], {100.0 * size / self._weight:.2f} % of the "
+                "weight: a push, a wrong mass, or a wrong contact"
+            )
+        if finding == "UNMODELLED_TORQUE":
+            worst = int((np.abs(torques) / self._limits.torques).argmax())
+            return (
+                f"{torques.item(worst):.3g} N·m at {self._model.joints[worst]}: torque not applied as sent, friction, "
+                "or a wrong inertia"
+            )
+        return f"{self._energy:.3g} W of {self._throughput:.3g} W: a wrong torque, friction, or a wrong mass"
 
 
 def _powers(solution: Solution, dynamics: Dynamics) -> list[float]:

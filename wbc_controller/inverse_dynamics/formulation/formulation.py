@@ -24,10 +24,8 @@ from wbc_controller.inverse_dynamics.formulation.redundancy import (
 )
 from wbc_controller.inverse_dynamics.formulation.structure import Parameters, Structure
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit, RowLimit, TorqueLimit
-from wbc_controller.inverse_dynamics.limits.joint_motion_kernels import acceleration_bounds
 from wbc_controller.inverse_dynamics.method_calls import bounds_of, call, raised, require_finite
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
-from wbc_controller.inverse_dynamics.robot.dynamics_kernels import fill_dynamics
 from wbc_controller.inverse_dynamics.robot.frame_kernels import fill_rows
 from wbc_controller.inverse_dynamics.robot.link_motion_kernels import link_terms
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
@@ -77,7 +75,6 @@ class Formulation:
         self._structures: dict[tuple[tuple[str, ...], tuple[str, ...]], Structure] = {}  # by contacts and tasks
         self._tuning: Tuning | None = None
         self._prepared: RobotState | None = None  # of the present dynamics
-        self._joint_positions = slice(7 if model.floating_base else 0, None)  # in q
         self._q_index, self._v_index = (index.astype(np.int64) for index in (model.q_index, model.v_index))
 
     @cached_property
@@ -122,14 +119,15 @@ class Formulation:
         if tau_before is not None:
             before, share = tau_before, self.torque_limit.rate * self.period
         first, errors = costs[0], costs[0].set_references(references)
-        if layout.python_contacts or layout.anchored:
+        if layout.python_contacts:
             link_terms(dynamics.motion, v)
-            constant = fill_rows(program.rows, q, v, errors)
             self._fill_contacts(layout, references)
-            fill_dynamics(program.dynamics, bias_forces(dynamics, references), v, before, share)
-            acceleration_bounds(program.motion_limit, q, v)
-        else:
-            constant = fill_program(program, q, v, bias_forces(dynamics, references), before, share, errors)
+        known = self.redundancy
+        examined = q if known is None or known[0] != layout.key else known[2]
+        h = bias_forces(dynamics, references)
+        constant, moved = fill_program(program, q, v, h, before, share, examined, errors)
+        if layout.anchored:
+            layout.contact_motion += anchor_feedback(len(layout.J), layout.anchored, dynamics, references.anchors)
         found = [first.complete(references, constant, errors)]
         for cost in costs[1:]:
             errors = cost.set_references(references)
@@ -139,9 +137,9 @@ class Formulation:
         if self.row_limits:
             self._fill_row_limits(layout)
         layout.contact_rows = None
-        if self.redundancy is None or self.redundancy[0] != layout.key or self._has_moved(self.redundancy[2]):
-            self.redundancy = layout.key, self._mobility(layout) < EXAMINED_MOBILITY, q.copy()
-        if self.redundancy[1]:
+        if known is None or known[0] != layout.key or not moved <= EXAMINED_MOTION:
+            known = self.redundancy = layout.key, self._mobility(layout) < EXAMINED_MOBILITY, q.copy()
+        if known[1]:
             self._separate_contacts(layout)
         return layout
 
@@ -152,10 +150,6 @@ class Formulation:
         self.redundancy = layout.key, True, self.dynamics.q.copy()
         self._separate_contacts(layout)
         return True
-
-    def _has_moved(self, examined: Array) -> bool:
-        moved = np.abs(self.dynamics.q - examined)[self._joint_positions]
-        return not (moved.max(initial=0.0) <= EXAMINED_MOTION)
 
     def _mobility(self, layout: Layout) -> float:
         return float(mobilities(layout.J, layout.metric, self.dynamics)[0].min(initial=math.inf))
@@ -273,8 +267,6 @@ class Formulation:
         for place in layout.python_contacts:
             place.J[:], place.acceleration[:] = motion_of(place.contact, self.dynamics)
             self._bound_force(place, references.contacts)
-        if layout.anchored:
-            layout.contact_motion += anchor_feedback(len(layout.J), layout.anchored, self.dynamics, references.anchors)
 
     def _fill_row_limits(self, layout: Layout) -> None:
         for limit, rows, parts in zip(self.row_limits, layout.limits, layout.limit_parts, strict=True):

@@ -17,11 +17,29 @@ class Program(Struct):
 
 @compiled
 def fill_program(
-    program: Program, q: Vector, v: Vector, h: Vector, tau_before: Vector, share: float, errors: OutVector
-) -> float:
-    """Call `link_terms`, `fill_rows`, `fill_dynamics` and `acceleration_bounds`, with their arguments."""
+    program: Program,
+    q: Vector,
+    v: Vector,
+    h: Vector,
+    tau_before: Vector,
+    share: float,
+    examined: Vector,
+    errors: OutVector,
+) -> tuple[float, float]:
+    """Call `link_terms`, `fill_rows`, `fill_dynamics` and `acceleration_bounds`, with their arguments.
+
+    Returns:
+        The constant cost, and the largest joint motion since the configuration `examined`, (nq,).
+    """
+    if len(examined) != len(q):
+        raise ValueError("fill_program: the sizes of q and the examined configuration differ")
     link_terms(program.rows.motion, v)
     constant = fill_rows(program.rows, q, v, errors)
     fill_dynamics(program.dynamics, h, v, tau_before, share)
     acceleration_bounds(program.motion_limit, q, v)
-    return constant
+    moved = 0.0
+    for index in program.motion_limit.q_index:
+        motion = abs(q[index] - examined[index])
+        if motion > moved or motion != motion:  # keeps NaN
+            moved = motion
+    return constant, moved

@@ -140,9 +140,7 @@ class QuadraticProgram:
         """Return the residuals of the constraints at x."""
         found = Residuals(self)
         found.value[: self.n] = x
-        found.least_room, found.largest_equality = residuals(
-            self.constraints, found.value, found.room, found.equalities, found.outputs
-        )
+        found.least_room, found.largest_equality = residuals(self.constraints, found.memory)
         return found
 
     def rows(self, places: np.ndarray) -> Array:
@@ -161,19 +159,30 @@ class Residuals:
     """Residuals of the constraints at a point x.
 
     Attributes:
+        memory: value, room, equalities and outputs one after the other, for kernels.
         value: [x; C x], (n + m_in,).
-        room: distances from lower and upper bounds, (2, n + m_in).
-        equalities: |A x - b|, (m_eq,).
         outputs: C x + r of the first rows, (k,).
     """
 
-    __slots__ = ("equalities", "largest_equality", "least_room", "outputs", "room", "value")
+    __slots__ = ("_sizes", "largest_equality", "least_room", "memory", "outputs", "value")
 
     def __init__(self, problem: QuadraticProgram) -> None:
-        count = problem.bounds.shape[1]
-        self.value, self.room = np.empty(count), np.empty((2, count))
-        self.equalities, self.outputs = np.empty(len(problem.b)), np.empty(len(problem.offset))
+        total, m = self._sizes = problem.bounds.shape[1], len(problem.b)
+        self.memory = np.empty(3 * total + m + len(problem.offset))
+        self.value, self.outputs = self.memory[:total], self.memory[3 * total + m :]
         self.least_room = self.largest_equality = math.nan
+
+    @property
+    def room(self) -> Array:
+        """Distances from lower and upper bounds, (2, n + m_in)."""
+        total = self._sizes[0]
+        return self.memory[total : 3 * total].reshape(2, total)
+
+    @property
+    def equalities(self) -> Array:
+        """|A x - b|, (m_eq,)."""
+        total, m = self._sizes
+        return self.memory[3 * total : 3 * total + m]
 
     @property
     def violation(self) -> float:

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from wbc_controller.compilation import Matrix, OutMatrix, OutVector, Struct, Vector, compiled, part
+from wbc_controller.compilation import Matrix, OutVector, Struct, Vector, compiled, part
 from wbc_controller.records import Array
 
 
@@ -37,19 +37,20 @@ def dot(a: Array, b: Array) -> float:
 
 
 @compiled
-def residuals(
-    constraints: Constraints, value: OutVector, room: OutMatrix, equalities: OutVector, outputs: OutVector
-) -> tuple[float, float]:
+def residuals(constraints: Constraints, found: OutVector) -> tuple[float, float]:
     """Compute the residuals of constraints at x; return the smallest room, or NaN, and the largest |A x - b|.
 
-    The outputs are as in `formulation.problem.Residuals`; `value` contains x in its first n entries.
+    `found` is as in `formulation.problem.Residuals`, with x in its first n entries.
     """
     rows, bounds, offset = constraints.rows, constraints.bounds, constraints.offset
-    n, m = rows.shape[1] - 1, len(equalities)
-    if not (n + len(rows) - m == bounds.shape[1] == len(value) == room.shape[1] and len(offset) == len(outputs)):
+    n, total = rows.shape[1] - 1, bounds.shape[1]
+    m = len(rows) - (total - n)
+    if not (m >= 0 and len(found) == 3 * total + m + len(offset)):
         raise ValueError("residuals: sizes of constraints and results differ")
-    if len(offset) > len(rows) - m:
+    if len(offset) > total - n:
         raise ValueError("residuals: more outputs than inequality constraints")
+    value, room = found[:total], found[total : 3 * total].reshape(2, total)
+    equalities, outputs = found[3 * total :], found[3 * total + m :]
     largest, least = 0.0, math.inf
     point = np.full(n + 1, -1.0)  # [x, -1]
     point[:n] = value[:n]

@@ -25,27 +25,35 @@ class DynamicsRows(Struct):
 
 @part
 def _damp(table: DynamicsRows, v: Array) -> None:
-    for i in range(len(table.damping)):
-        row, speed = table.rows[i], 0.0
+    damping, rows = table.damping, table.rows
+    for i in range(len(damping)):
+        row, speed = rows[i], 0.0
         for j in range(len(v)):
             speed += row[j] * v[j]
-        row[len(row) - 1] -= table.damping[i] * speed
+        row[len(row) - 1] -= damping[i] * speed
 
 
 @part
-def _project(table: DynamicsRows, k: int, h: Array) -> float:
-    M, rows, row, nv, constant = table.M, table.rows, table.rows[table.first + k], len(h), 0.0
-    nf, unit, columns, values = len(table.damping), table.unit, table.columns, table.values
-    for j in range(nv + nf):
-        row[j] = 0.0
-    for place in range(table.starts[k], table.starts[k + 1]):
-        column, value = columns[place], values[place]
-        constant += value * h[column]
-        for j in range(nv):
-            row[j] += value * M[column, j]
-        for i in range(nf):
-            row[nv + i] -= unit * value * rows[i, column]
-    return constant
+def _project(table: DynamicsRows, h: Array) -> None:
+    """Fill the rows of N and T, and the constants: -N h on the right and T h."""
+    M, rows, first, nv, unit, bias = table.M, table.rows, table.first, len(h), table.unit, table.bias
+    starts, columns, values, right = table.starts, table.columns, table.values, rows.shape[1] - 1
+    free = len(starts) - 1 - len(bias)
+    for k in range(len(starts) - 1):
+        row, constant = rows[first + k], 0.0
+        for j in range(right):
+            row[j] = 0.0
+        for place in range(starts[k], starts[k + 1]):
+            column, value = columns[place], values[place]
+            constant += value * h[column]
+            for j in range(nv):
+                row[j] += value * M[column, j]
+            for i in range(right - nv):
+                row[nv + i] -= unit * value * rows[i, column]
+        if k < free:
+            row[right] = -constant
+        else:
+            bias[k - free] = constant
 
 
 @part
@@ -71,17 +79,10 @@ def fill_dynamics(table: DynamicsRows, h: Vector, v: Vector, before: Vector, sha
 
     `before` is τ_before, (na,); `share` is rate Δt, negative for no torque rate limit.
     """
-    nv, na, nf = len(table.M), len(table.bias), len(table.damping)
-    free, right = len(table.starts) - 1 - na, nv + nf
-    if not (len(h) == nv and len(v) == nv):
+    if not len(h) == len(v) == len(table.M):
         raise ValueError("fill_dynamics: sizes of h, v and M differ")
-    if share >= 0.0 and len(before) != na:
+    if share >= 0.0 and len(before) != len(table.bias):
         raise ValueError("fill_dynamics: the size of tau_before differs from the number of actuators")
     _damp(table, v)
-    for k in range(free + na):
-        constant = _project(table, k, h)
-        if k < free:
-            table.rows[table.first + k, right] = -constant
-        else:
-            table.bias[k - free] = constant
+    _project(table, h)
     _bound(table, before, share)

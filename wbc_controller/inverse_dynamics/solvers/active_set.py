@@ -127,9 +127,8 @@ class ActiveSet:
         while True:
             number += 1
             outcome, cost, found.least_room, found.largest_equality = kernel.solve_condensed(
-                squares, self._sides, memory.rows, memory.above, kept, found.value,
-                memory.multipliers, found.room, found.equalities, found.outputs,
-            )  # fmt: skip
+                squares, self._sides, memory.rows, memory.above, kept, memory.multipliers, found.memory
+            )
             if outcome != kernel.WRONG_SET or number == tries:
                 break
             side = self.side.copy() if side is None else side

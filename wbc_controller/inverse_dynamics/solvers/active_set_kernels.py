@@ -176,11 +176,8 @@ def solve_condensed(
     memory: OutMatrix,
     above: int,
     kept: int,
-    value: OutVector,
     multipliers: OutVector,
-    room: OutMatrix,
-    equalities: OutVector,
-    outputs: OutVector,
+    found: OutVector,
 ) -> tuple[int, float, float, float]:
     """Minimize a sum of squares for a given active set.
 
@@ -193,21 +190,20 @@ def solve_condensed(
         memory: as `LevelWorkspace.rows`.
         above: number of rows in `memory` after [N, s]; 0 for the first level.
         kept: number of leading cost rows appended to `memory`.
-        value: out: [x; C x], (n + m_in,).
         multipliers: out: of active bounds not set by a higher level, (n + m_in,).
-        room: out: as in `Residuals`.
-        equalities: out: as in `Residuals`, like `outputs`.
+        found: out: `formulation.problem.Residuals.memory`.
 
     Returns:
         `SOLVED`, `WRONG_SET`, `NOTHING_FREE` if the levels above determine x, or `NOT_FOUND`; the cost, the smallest
         room, and the largest |A x - b|.
     """
     constraints = cost.constraints
-    rows, weights, base, end = constraints.rows, cost.weights, cost.base, len(equalities)
+    rows, weights, base, total = constraints.rows, cost.weights, cost.base, len(multipliers)
+    end = len(rows) - (total - (rows.shape[1] - 1))  # of the equality constraints
     soft, own, width, last = len(weights), end - cost.base, rows.shape[1] - cost.base, rows.shape[1] - 1 - cost.base
     if not (cost.rows.shape[1] == rows.shape[1] and len(cost.diagonal) == len(cost.target) == rows.shape[1] - 1):
         raise ValueError("solve_condensed: cost and constraints have different numbers of variables")
-    if not (len(cost.rows) >= soft >= kept and len(multipliers) == len(value) == sides.shape[1] and own >= 0):
+    if not (len(cost.rows) >= soft >= kept and total == sides.shape[1] and own >= 0 and len(found) >= 3 * total):
         raise ValueError("solve_condensed: sizes of cost or results differ from the constraints")
     base_map, upper_rows = memory[:base], memory[base:]
     if not (memory.shape[1] == width and len(upper_rows) >= (above if above else own) + kept):
@@ -255,17 +251,17 @@ def solve_condensed(
             break
     lost = largest_of(left[own:top])  # of the kept rows
     for i in range(base):
-        value[i] = -dot(base_map[i], z)
+        found[i] = -dot(base_map[i], z)
     for j in range(last):
-        value[base + j] = z[j]
-    least, largest = residuals(constraints, value, room, equalities, outputs)
+        found[base + j] = z[j]
+    least, largest = residuals(constraints, found)
     if not (largest <= FEASIBLE and lost <= FEASIBLE and least == least):
         return NOT_FOUND, 0.0, least, largest
     right = -least <= FEASIBLE
     for i in range(len(active)):
         right = right and not sides[0, active[i]] * p[top + i] > 0.0
     if not right:
-        next_set(sides, active, p[top:hard], room)
+        next_set(sides, active, p[top:hard], found[total : 3 * total].reshape(2, total))
         return WRONG_SET, 0.0, least, largest
     for i in range(len(active)):
         if multipliers[active[i]] == 0.0:
