@@ -217,24 +217,17 @@ class GuardService:
             stamp, payload = self._command_stamp, encode(torques(self._drive.command(tau)))
             if received.command_at == self._command_at:  # no command arrived during this cycle
                 self._publish["effort"](payload)
-                names, nothing, efforts = list(self._joints), np.zeros(0), self._drive.at_joints(tau)
-                self._publish["guard_commands"](
-                    encode(
-                        message(
-                            self._types["guard_commands"],
-                            header=header(stamp),
-                            name=names,
-                            position=nothing,
-                            velocity=nothing,
-                            effort=efforts,
-                        )
-                    )
-                )
+                self._publish["guard_commands"](encode(self._joint_commands(stamp, tau)))
         self._publish_diagnostics(now, received)
         if self.guard.sending:
             return now + self._period
         # A joint state that arrives later has a later deadline.
         return min(self.guard.deadline(received), now + self.guard.limits.patience)
+
+    def _joint_commands(self, stamp: int, tau: Array) -> Any:
+        efforts, empty = self._drive.at_joints(tau), np.zeros(0)
+        fields = {"name": list(self._joints), "position": empty, "velocity": empty, "effort": efforts}
+        return message(self._types["guard_commands"], header=header(stamp), **fields)
 
     def _publish_diagnostics(self, now: float, received: GuardInputs) -> None:
         guard, stale = self.guard, ""
