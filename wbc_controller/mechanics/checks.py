@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from wbc_controller.errors import ConfigurationError, InputRefused, valid_choices
+from wbc_controller.errors import ConfigurationError, InputRefused, require_known, valid_choices
 from wbc_controller.records import Array
 
 
@@ -33,8 +33,7 @@ def frame_index(model: pin.Model, name: str) -> int:
 
 def joint_index(model: pin.Model, name: str) -> int:
     """Return the index of a joint, or raise `ConfigurationError`."""
-    if not model.existJointName(name) or name == "universe":
-        raise ConfigurationError(f"unknown joint {name!r}; {valid_choices(name, list(model.names)[1:])}")
+    require_known(name, list(model.names)[1:], "unknown joint")
     return int(model.getJointId(name))
 
 

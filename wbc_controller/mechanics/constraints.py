@@ -146,11 +146,6 @@ class Constraint(ABC):
     def terms(self, kinematics: Kinematics) -> ConstraintTerms:
         """Evaluate the constraint at one state."""
 
-    def equation(self, kinematics: Kinematics) -> tuple[Array, Array]:
-        """Return A, (k, nv), and b, (k,), of equation (30)."""
-        terms = self.terms(kinematics)
-        return terms.jacobian, self.right_side(terms)
-
     def right_side(self, terms: ConstraintTerms) -> Array:
         """Return b, (k,): -drift minus Baumgarte's stabilization."""
         rate = 1.0 / self.time_constant

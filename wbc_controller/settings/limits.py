@@ -97,3 +97,8 @@ class LimitSettings(Section):
     )
     self_collision: SelfCollisionSettings = Field(SelfCollisionSettings(), description="Distances between links.")
     torque_speed: TorqueSpeedSettings = Field(TorqueSpeedSettings(), description="Torque-speed curve of the motors.")
+
+    @property
+    def margin(self) -> float:
+        """Enforced distance to the position limits, rad; 0 without position limits."""
+        return self.position_margin if self.position else 0.0

@@ -16,6 +16,7 @@ from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 from wbc_controller.settings import ContactSettings, FixedContact, LoopSettings
+from wbc_controller.simulation.shapes import wxyz
 
 #: Distance between the two points of a hinge, m.
 HINGE_LENGTH = 0.1
@@ -104,15 +105,19 @@ def add_attachment(
     spec: Any, attachment: Attachment, bodies: tuple[str, str], solref: list[float], solimp: list[float]
 ) -> None:
     """Add the constraints of an attachment to a MuJoCo specification, without placement."""
+    kind = mujoco.mjtEq.mjEQ_WELD if attachment.points is None else mujoco.mjtEq.mjEQ_CONNECT
     for constraint in attachment.names:
-        equality = spec.add_equality()
-        equality.name = constraint
-        weld = attachment.points is None
-        equality.type = mujoco.mjtEq.mjEQ_WELD if weld else mujoco.mjtEq.mjEQ_CONNECT
-        equality.objtype = mujoco.mjtObj.mjOBJ_BODY
-        equality.name1, equality.name2 = bodies
-        equality.data[:11] = [0.0] * 6 + [1.0, 0.0, 0.0, 0.0, _TORQUE_SCALE]
+        equality = add_equality(spec, constraint, kind, bodies)
         equality.solref, equality.solimp = solref, solimp
+
+
+def add_equality(spec: Any, name: str, kind: Any, bodies: tuple[str, str]) -> Any:
+    """Add a weld or a connection at the origins of two bodies to a MuJoCo specification."""
+    equality = spec.add_equality()
+    equality.name, equality.type, equality.objtype = name, kind, mujoco.mjtObj.mjOBJ_BODY
+    equality.name1, equality.name2 = bodies
+    equality.data[:11] = [0.0] * 6 + [1.0, 0.0, 0.0, 0.0, _TORQUE_SCALE]
+    return equality
 
 
 def place(model: Any, attachment: Attachment, holder: pin.SE3) -> None:
@@ -123,8 +128,7 @@ def place(model: Any, attachment: Attachment, holder: pin.SE3) -> None:
         if attachment.points is None:
             # Point in the second and first body, then the second body's orientation in the first.
             data[:3], data[3:6] = link.translation, holder.translation
-            turn = pin.SE3((holder * link.inverse()).rotation, np.zeros(3))
-            data[6:10] = np.array(pin.SE3ToXYZQUAT(turn))[[6, 3, 4, 5]]
+            data[6:10] = wxyz((holder * link.inverse()).rotation)
         else:
             data[:3] = holder.act(attachment.points[index])
             data[3:6] = link.act(attachment.points[index])

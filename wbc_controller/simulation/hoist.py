@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.simulation.mechanism import HOIST, IMPEDANCE, STIFF_STEPS, position_and_wxyz
+from wbc_controller.simulation.mechanism import HOIST, IMPEDANCE, STIFF_STEPS
+from wbc_controller.simulation.shapes import wxyz
 
 #: Duration of engaging or releasing, s.
 RAMP = 0.3
@@ -63,7 +64,7 @@ class Hoist:
 
     def _write(self) -> None:
         target = pin.SE3.Interpolate(self._from, self.start, self._progress)
-        self._model.eq_data[self._id, 3:10] = position_and_wxyz(target)
+        self._model.eq_data[self._id, 3:10] = [*target.translation, *wxyz(target.rotation)]
         # The impedance d blends free and spring acceleration, (1 - d) a_free + d (-k r - b dr/dt), without a jerk at
         # release. MuJoCo divides k and b by d, which is undone here.
         d = IMPEDANCE * self._strength

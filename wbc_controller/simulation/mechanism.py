@@ -20,9 +20,9 @@ from wbc_controller.inverse_dynamics.robot.bare_mechanism import bare_mechanism
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.urdf_structure import mass_of, vector_of
 from wbc_controller.records import Array
-from wbc_controller.simulation.attachments import Attachment, add_attachment, frame_on_joint
+from wbc_controller.simulation.attachments import Attachment, add_attachment, add_equality, frame_on_joint
 from wbc_controller.simulation.joint_models import add_mimic_joints, add_rotors, add_springs
-from wbc_controller.simulation.shapes import CORNER_RADIUS, RIM_RADIUS, Shape, add_shape
+from wbc_controller.simulation.shapes import CORNER_RADIUS, RIM_RADIUS, Shape, add_shape, wxyz
 from wbc_controller.simulation.terrain import add_terrain
 
 _log = logging.getLogger(__name__)
@@ -96,11 +96,6 @@ def geom_names(name: str, contacts: Mapping[str, schema.ContactSettings]) -> lis
     return [f"{name}/{index}" for index in range(len(balls_of(contacts[name])[0]))]
 
 
-def position_and_wxyz(placement: pin.SE3) -> Array:
-    """Return a placement in MuJoCo's order, position and quaternion (w, x, y, z), (7,)."""
-    return np.array(pin.SE3ToXYZQUAT(placement))[[0, 1, 2, 6, 3, 4, 5]]
-
-
 def _body_name(link: str) -> str:
     return _WORLD_ALIAS if link == _WORLD else link
 
@@ -141,7 +136,7 @@ def _write_inertias(spec: Any, tree: ET.Element, model: RobotModel) -> None:
         body.explicitinertial = True
         body.mass = mass_of(link)
         body.ipos = position
-        body.iquat = position_and_wxyz(pin.SE3(rotation @ axes, position))[3:]
+        body.iquat = wxyz(rotation @ axes)
         body.inertia = moments
         body.fullinertia = np.full(6, np.nan)  # not given
     if balanced:
@@ -180,7 +175,7 @@ def _add_slab(
     slab = _body(spec, model, other, root).add_geom(type=mujoco.mjtGeom.mjGEOM_BOX)
     slab.size = [SLAB, SLAB, SLAB_DEPTH]
     slab.pos = face.act(np.array([0.0, 0.0, -SLAB_DEPTH]))
-    slab.quat = position_and_wxyz(face)[3:]
+    slab.quat = wxyz(face.rotation)
     slab.mass = 0.0
     slab.conaffinity = 0
     return slab
@@ -228,16 +223,10 @@ def compile_mechanism(
     if model.floating_base:
         base = spec.body(root)
         base.add_freejoint()
-        hoist = spec.add_equality()
-        hoist.name = HOIST
-        hoist.type = mujoco.mjtEq.mjEQ_WELD
-        hoist.objtype = mujoco.mjtObj.mjOBJ_BODY
-        hoist.name1, hoist.name2 = "world", root
-        # Anchor at the base's origin, pose at run time, torque scale 1 m.
-        hoist.data[:11] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+        add_equality(spec, HOIST, mujoco.mjtEq.mjEQ_WELD, ("world", root))  # pose at run time
     if contacts:
         floor = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0], name=FLOOR)
-        floor.quat = position_and_wxyz(pin.SE3(rotation_to(np.array(mock.floor_normal)), np.zeros(3)))[3:]
+        floor.quat = wxyz(rotation_to(np.array(mock.floor_normal)))
         floor.contype, floor.conaffinity = ON_THE_FLOOR, 0
         _set_contact_surface(floor, mock.friction, stiff, impedance)
         for name, block in mock.terrain.items():
@@ -261,13 +250,12 @@ def compile_mechanism(
             bit = 2 << (1 + number % 28)
             _add_slab(spec, model, contact, joint, placement, root).contype = bit
         centres, axes = balls_of(contact)
-        ball_axes = pin.SE3(placement.rotation @ _axle_frame(contact), np.zeros(3))
         for geom_name, centre in zip(geom_names(name, contacts), centres, strict=True):
             geom = body.add_geom(name=geom_name)
             round_ = axes[0] == axes[2]
             geom.type = mujoco.mjtGeom.mjGEOM_SPHERE if round_ else mujoco.mjtGeom.mjGEOM_ELLIPSOID
             geom.pos = placement.act(centre)
-            geom.quat = position_and_wxyz(ball_axes)[3:]
+            geom.quat = wxyz(placement.rotation @ _axle_frame(contact))
             geom.size = [axes[0], 0.0, 0.0] if round_ else axes
             geom.mass = 0.0
             geom.contype, geom.conaffinity = 0, bit

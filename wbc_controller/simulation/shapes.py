@@ -18,6 +18,7 @@ from scipy.spatial import ConvexHull, QhullError
 from wbc_controller.controller.build.collision_elements import enclosing_points, read_collision_elements
 from wbc_controller.controller.build.footprint import fit_sphere, outline, simplify_polygon
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
 from wbc_controller.records import Array
 
 #: Radius of the balls at the corners of a sole, m.
@@ -87,13 +88,18 @@ def read_shapes(
     return shapes
 
 
+def wxyz(rotation: Array) -> Array:
+    """Return MuJoCo's quaternion (w, x, y, z) of a rotation, (3, 3)."""
+    return quaternion_of(rotation)[[3, 0, 1, 2]]
+
+
 def add_shape(spec: Any, body: Any, shape: Shape, name: str) -> Any:
     """Add a massless shape to a body of a MuJoCo specification; return its geom."""
     geom = body.add_geom(type=shape.kind, name=name, mass=0.0)
     if shape.points is None:
         geom.size = [*(max(size, _LEAST_SIZE) for size in shape.size), 0.0, 0.0, 0.0][:3]  # MuJoCo refuses 0
         geom.pos = shape.placement.translation
-        geom.quat = np.array(pin.SE3ToXYZQUAT(shape.placement))[[6, 3, 4, 5]]
+        geom.quat = wxyz(shape.placement.rotation)
     else:
         mesh = spec.add_mesh(name=name)
         mesh.uservert = shape.points.ravel().tolist()

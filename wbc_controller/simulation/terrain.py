@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from wbc_controller.records import Array
 from wbc_controller.settings.service import TerrainSettings
+from wbc_controller.simulation.shapes import wxyz
 
 #: Prefix of the names of blocks' geoms.
 TERRAIN = "terrain/"
@@ -40,7 +41,7 @@ def add_terrain(spec: Any, name: str, terrain: TerrainSettings) -> list[Any]:
     for index, (placement, half) in enumerate(blocks(terrain)):
         geom = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, name=f"{TERRAIN}{name}/{index}", size=half)
         geom.pos = placement.translation
-        geom.quat = np.array(pin.SE3ToXYZQUAT(placement))[[6, 3, 4, 5]]
+        geom.quat = wxyz(placement.rotation)
         geoms.append(geom)
     return geoms
 

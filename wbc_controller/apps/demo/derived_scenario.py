@@ -175,7 +175,7 @@ def _reach(
 ) -> Reach | None:
     """Return the feasible reach of a hand, at most `motion`; by default in its easiest direction."""
     hand = Hand(model, task.frame, free_orientation=not any(task.mask[3:]))
-    margin = settings.limits.position_margin if settings.limits.position else 0.0
+    margin = settings.limits.margin
     if motion is None:
         length = min(_ARM_REACH * float(np.linalg.norm(hand.position)), _LONGEST_ARM_REACH)
         motions = [hand.easiest_direction * length, -hand.easiest_direction * length]
@@ -213,8 +213,7 @@ class _Stance:
 
     def safe_distance(self, direction: Array, most: float) -> float:
         """Return the safe motion of the centre of mass in a direction, at most `most`, in m."""
-        limits = self._settings.limits
-        margin = limits.position_margin if limits.position else 0.0
+        margin = self._settings.limits.margin
         hanging = unsupported_passive_joints(self._qp, self._enabled)
         found = com_distance(self._qp, self._enabled, self._q, hanging, direction, most / _SAFE, margin)
         return most if found is None else _SAFE * found.most

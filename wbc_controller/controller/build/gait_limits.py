@@ -11,6 +11,7 @@ from wbc_controller.inverse_dynamics.contacts import Contact
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
+from wbc_controller.settings import WalkingSettings
 from wbc_controller.walking.feet import Foot
 from wbc_controller.walking.footsteps import Velocity
 from wbc_controller.walking.gait import Gait, QuadrupedGait
@@ -173,13 +174,12 @@ class QuadrupedLimits:
         return largest_speed(worst, most)
 
 
-def feasible_defaults(
-    limits: BipedLimits | QuadrupedLimits, configured: Sequence[float | None]
-) -> tuple[float, float, float]:
-    """Return the speeds of a gait; by default at most a safe share of the feasible ones."""
+def feasible_defaults(limits: BipedLimits | QuadrupedLimits, walking: WalkingSettings) -> tuple[float, float, float]:
+    """Return the configured speeds of a gait; by default at most a safe share of the feasible ones."""
+    configured = walking.max_speed, walking.max_side_speed, walking.max_turn_rate
     speeds = []
     for way, wanted, fixed in zip(WAYS, limits.gait.speed, configured, strict=True):
-        found = limits.feasible(way, wanted / _SAFE) if fixed is None else None
-        speeds.append(wanted if found is None or not found.speed > 0.0 else _SAFE * found.speed)
+        feasible = limits.feasible(way, wanted / _SAFE).speed if fixed is None else 0.0
+        speeds.append(fixed if fixed is not None else _SAFE * feasible if feasible > 0.0 else wanted)
     forward, sideways, turning = speeds
     return forward, sideways, turning

@@ -115,20 +115,16 @@ def make_quadruped_gait(settings: Settings, walking: WalkingSettings, qp: WholeB
         lowering=value_or(walking.lowering, 0.0),
         clearance=value_or(walking.clearance, 0.18 * z),
         length=value_or(walking.max_step_length, 0.6 * z),
-        speed=(
-            value_or(walking.max_speed, fastest[0] * speed),
-            value_or(walking.max_side_speed, fastest[1] * speed),
-            value_or(walking.max_turn_rate, turning),
-        ),
+        speed=(fastest[0] * speed, fastest[1] * speed, turning),
         acceleration=(1.0, 1.0, 3.0),
     )
     limits, model = settings.limits, qp.model
-    margin = limits.position_margin if limits.position else 0.0
     frames = [foot.frame for foot in feet]
-    legs = {foot: Leg(model, foot.frame, [each for each in frames if each != foot.frame], margin) for foot in feet}
+    legs = {
+        foot: Leg(model, foot.frame, [each for each in frames if each != foot.frame], limits.margin) for foot in feet
+    }
     found = QuadrupedLimits(legs, gait, limits.velocity_scale * model.velocity_limits)
     if walking.clearance is None:
         found.gait = replace(gait, clearance=found.raised(gait.clearance))
-    configured = walking.max_speed, walking.max_side_speed, walking.max_turn_rate
-    found.gait = replace(found.gait, speed=feasible_defaults(found, configured))
+    found.gait = replace(found.gait, speed=feasible_defaults(found, walking))
     return found

@@ -129,9 +129,8 @@ def make_gait(settings: Settings, left: Foot, right: Foot, qp: WholeBodyQP) -> B
     z = float(dynamics.com[2]) - 0.5 * float(soles[0][2] + soles[1][2])
     apart = float(np.linalg.norm((soles[0] - soles[1])[:2]))
     sole = left.half[1] + right.half[1]
-    margin = limits.position_margin if limits.position else 0.0
     legs = [
-        BipedLeg(side, foot, Leg(model, foot.frame, [other.frame], margin, foot.placement))
+        BipedLeg(side, foot, Leg(model, foot.frame, [other.frame], limits.margin, foot.placement))
         for side, foot, other in ((1, left, right), (-1, right, left))
     ]
     lift = min(each.leg.lift(_HIGHEST_LIFT * z) for each in legs)
@@ -148,15 +147,10 @@ def make_gait(settings: Settings, left: Foot, right: Foot, qp: WholeBodyQP) -> B
         greatest_width=value_or(walking.max_step_width, 0.8 * z),
         reaction=swing_reaction(dynamics, left, right, z),
         braking=4.0,  # with 2, a stop from 0.8 m/s takes one more step
-        speed=(
-            value_or(walking.max_speed, 0.12 * pace),
-            value_or(walking.max_side_speed, 0.08 * pace),
-            value_or(walking.max_turn_rate, 0.5),
-        ),
+        speed=(0.12 * pace, 0.08 * pace, 0.5),
     )
     found = BipedLimits(model, qp.contacts, legs, gait, limits.velocity_scale * model.velocity_limits)
-    configured = walking.max_speed, walking.max_side_speed, walking.max_turn_rate
-    found.gait = replace(gait, speed=feasible_defaults(found, configured))
+    found.gait = replace(gait, speed=feasible_defaults(found, walking))
     return found
 
 

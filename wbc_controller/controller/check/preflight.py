@@ -104,9 +104,13 @@ def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str 
         findings += model_plausibility.limits(settings, model, _placements(qp))
         findings += model_plausibility.motors_without_effort(settings, config.urdf or read_urdf(settings.robot.urdf))
         if model.floating_base:
-            margin = settings.limits.position_margin if settings.limits.position else 0.0
             findings += reserves(
-                qp, active, q, unsupported_passive_joints(qp, active), level=_is_kept_level(settings, qp), margin=margin
+                qp,
+                active,
+                q,
+                unsupported_passive_joints(qp, active),
+                level=_is_kept_level(settings, qp),
+                margin=settings.limits.margin,
             )
         findings += check_walking(settings, qp)
         return findings

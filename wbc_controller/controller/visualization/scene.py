@@ -70,20 +70,6 @@ def draw(
     plan: WalkingPlan | None = None,
 ) -> Iterator[Shape]:
     """Yield the non-empty shapes of one state; `references` and `forces` (`Solution.forces`) may be empty."""
-    for shape in _shapes(dynamics, tasks, contacts, references, forces):
-        if len(shape.points):
-            yield shape
-    if plan is not None:
-        yield from _steps(dynamics, contacts, plan)
-
-
-def _shapes(
-    dynamics: Dynamics,
-    tasks: Mapping[str, Task],
-    contacts: Mapping[str, Contact],
-    references: References | None,
-    forces: Mapping[str, Array],
-) -> Iterator[Shape]:
     corners = {name: points_of(contact, dynamics) for name, contact in contacts.items()}
     ground_contacts = {
         name for name, each in contacts.items() if isinstance(each, UnilateralContact) and not each.internal
@@ -92,26 +78,28 @@ def _shapes(
     standing = np.array([point for name in feet for point in corners[name]]).reshape(-1, 3)
     ground = float(np.mean(standing[:, 2])) if len(standing) else 0.0
     outlines = [edge for points in corners.values() if len(points) > 2 for edge in _edges(points)]
-    yield _shape("contacts", 0, LINE_LIST, 0.004, outlines)
+    yield from _shape("contacts", 0, LINE_LIST, 0.004, outlines)
     cones: list[Array] = []
     for i, name in enumerate(contacts):
         if name in forces:
             arrow, pyramid = _contact(dynamics, contacts[name], forces[name], corners[name])
-            yield _shape("contact_forces", i, ARROW, 0.012, arrow)
+            yield from _shape("contact_forces", i, ARROW, 0.012, arrow)
             cones += pyramid
-    yield _shape("friction_cones", 0, LINE_LIST, 0.003, cones)
+    yield from _shape("friction_cones", 0, LINE_LIST, 0.003, cones)
     if forces and feet:
         around = support_polygon(standing[:, :2])
         hull = [np.append(point, ground) for point in (*around, *around[:1])]
-        yield _shape("support", 0, LINE_STRIP, 0.008, hull)
+        yield from _shape("support", 0, LINE_STRIP, 0.008, hull)
     yield from _balance(dynamics, ground)
     if references is not None:
         lines: list[Array] = []
         for name, task in tasks.items():
             if name in references.tasks and references.weights.get(name, 0.0) > 0.0:
                 lines += _point_and_reference(task, dynamics, references.tasks[name], ground)
-        yield _shape("task_errors", 0, LINE_LIST, 0.006, lines)
-        yield _shape("references", 0, SPHERE_LIST, 0.02, lines[1::2])
+        yield from _shape("task_errors", 0, LINE_LIST, 0.006, lines)
+        yield from _shape("references", 0, SPHERE_LIST, 0.02, lines[1::2])
+    if plan is not None:
+        yield from _steps(dynamics, contacts, plan)
 
 
 def _steps(dynamics: Dynamics, contacts: Mapping[str, Contact], plan: WalkingPlan) -> Iterator[Shape]:
@@ -121,12 +109,14 @@ def _steps(dynamics: Dynamics, contacts: Mapping[str, Contact], plan: WalkingPla
         corners, ground = points_of(contacts[name], dynamics), float(landing[2])
         moved = corners - corners.mean(axis=0) + landing
         moved[:, 2] = ground
-        outline = len(corners) > 2
-        yield _shape("steps", i, *((LINE_LIST, 0.008, _edges(moved)) if outline else (SPHERE_LIST, 0.03, moved[:1])))
-        yield _shape("swing_paths", i, LINE_STRIP, 0.006, plan.swings[name])
+        if len(corners) > 2:
+            yield from _shape("steps", i, LINE_LIST, 0.008, _edges(moved))
+        else:
+            yield from _shape("steps", i, SPHERE_LIST, 0.03, moved[:1])
+        yield from _shape("swing_paths", i, LINE_STRIP, 0.006, plan.swings[name])
     if plan.landings:
         wanted = plan.wanted_dcm
-        yield _shape("capture_point", 1, SPHERE_LIST, 0.02, [np.array([wanted.real, wanted.imag, ground])])
+        yield from _shape("capture_point", 1, SPHERE_LIST, 0.02, [np.array([wanted.real, wanted.imag, ground])])
 
 
 def friction_used(contacts: Mapping[str, Contact], forces: Mapping[str, Array], weight: float) -> dict[str, float]:
@@ -144,8 +134,9 @@ def friction_used(contacts: Mapping[str, Contact], forces: Mapping[str, Array], 
     return used
 
 
-def _shape(group: str, number: int, kind: str, size: float, points: Sequence[Array] | Array) -> Shape:
-    return Shape(group, number, kind, size, np.asarray(points, dtype=np.float64).reshape(-1, 3))
+def _shape(group: str, number: int, kind: str, size: float, points: Sequence[Array] | Array) -> Iterator[Shape]:
+    if len(points):
+        yield Shape(group, number, kind, size, np.asarray(points, dtype=np.float64).reshape(-1, 3))
 
 
 def _contact(dynamics: Dynamics, contact: Contact, force: Array, corners: Array) -> tuple[list[Array], list[Array]]:
@@ -169,15 +160,15 @@ def _contact(dynamics: Dynamics, contact: Contact, force: Array, corners: Array)
     return arrow, [point for corner in top for point in (centre, corner)] + _edges(top)
 
 
-def _balance(dynamics: Dynamics, ground: float) -> list[Shape]:
+def _balance(dynamics: Dynamics, ground: float) -> Iterator[Shape]:
     com = np.array(dynamics.com)
     below = np.array([com[0], com[1], ground])
-    shapes = [_shape("com", 0, SPHERE_LIST, 0.04, [com, below]), _shape("com", 1, LINE_LIST, 0.004, [com, below])]
+    yield from _shape("com", 0, SPHERE_LIST, 0.04, [com, below])
+    yield from _shape("com", 1, LINE_LIST, 0.004, [com, below])
     if dynamics.model.floating_base:
         omega = math.sqrt(dynamics.model.gravity / max(com[2] - ground, _LOWEST_PENDULUM))
         point = below + np.append(dynamics.com_velocity[:2] / omega, 0.0)
-        shapes.append(_shape("capture_point", 0, SPHERE_LIST, 0.03, [point]))
-    return shapes
+        yield from _shape("capture_point", 0, SPHERE_LIST, 0.03, [point])
 
 
 def _point_and_reference(task: Task, dynamics: Dynamics, reference: Reference, ground: float) -> list[Array]:

@@ -182,7 +182,7 @@ class Formulation:
             and known.changes == changes
             and known.motion_limit is self.motion_limit
             and known.torque_limit is self.torque_limit
-            # begins with object identity
+            # fast for the same objects
             and (known.weights, known.activations) == (references.weights, references.contacts)
         ):
             return structure

@@ -213,8 +213,7 @@ class Level:
 
     tasks: tuple[str, ...]  # active tasks
     cost: QuadraticCost  # with regularization
-    # first rows of the squares (r, n), with values that lower levels must keep
-    kept: Array
+    kept: Array  # first rows of the squares, (r, n), whose values lower levels must keep
     G: Array  # weighted rows of tasks with a tolerance, (k, n)
     lower: Array  # of G x + s, (k,)
     upper: Array  # of G x + s, (k,)

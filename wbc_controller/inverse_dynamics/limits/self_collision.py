@@ -150,8 +150,7 @@ class SelfCollisionLimit(RowLimit):
         return {name: float(self._distance(i).min_distance) for i, name in enumerate(self._pair_names)}
 
     def _distance(self, pair: int) -> coal.DistanceResult:
-        # for results independent of earlier queries
-        request = self._requests[pair]
+        request = self._requests[pair]  # reset, because its guess depends on earlier queries
         request.cached_gjk_guess, request.cached_support_func_guess = _GUESS
         return pin.computeDistance(self._geometry, self._data, pair)
 

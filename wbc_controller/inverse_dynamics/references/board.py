@@ -163,21 +163,18 @@ class ReferenceBoard:
         if isinstance(change, SetSetpoint):
             self._range_of(change.task, dynamics).check(self._in_task_frame(change, dynamics, time).position, dynamics)
         elif isinstance(change, SetTrajectory):
-            self._check_end(change, time)
+            end = (time if change.start is None else change.start) + change.points[-1].time
+            if end < time:
+                raise InputRefused(
+                    f"trajectory for task {change.task!r} ended {time - end:.3f} s ago on the clock of the states "
+                    "(header.stamp 0 means: start now)"
+                )
             self._range_of(change.task, dynamics).check(change.points[0].position, dynamics)
 
     def _range_of(self, task: str, dynamics: Dynamics) -> PositionRange:
         if task not in self._ranges:
             self._ranges[task] = PositionRange.of(self.plans[task].task, dynamics.model)
         return self._ranges[task]
-
-    def _check_end(self, change: SetTrajectory, time: float) -> None:
-        end = (time if change.start is None else change.start) + change.points[-1].time
-        if end < time:
-            raise InputRefused(
-                f"trajectory for task {change.task!r} ended {time - end:.3f} s ago on the clock of the states "
-                "(header.stamp 0 means: start now)"
-            )
 
     def _apply(self, change: Change, dynamics: Dynamics, time: float) -> None:
         if isinstance(change, SetSetpoint | SetTrajectory):
@@ -193,7 +190,7 @@ class ReferenceBoard:
             self._enable(change.task, change.enabled, dynamics, time)
         elif isinstance(change, EnableContact):
             name, plan = change.contact, self.contact_plans[change.contact]
-            before, goal = self._activation(name, time), float(change.enabled)
+            before, goal = self._activations(time)[name], float(change.enabled)
             if change.enabled and before <= 0.0:
                 self._anchor(name, dynamics)
             duration = plan.ramp if change.ramp is None else change.ramp
@@ -204,9 +201,6 @@ class ReferenceBoard:
             self._set_slipping(change.contacts, time)
         elif isinstance(change, SetExternalWrench):
             self._wrenches[change.frame] = change.wrench
-
-    def _activation(self, name: str, time: float) -> float:
-        return self._activations(time)[name]
 
     def _activations(self, time: float) -> dict[str, float]:
         """Return the activation of all contacts, from 0 to 1.

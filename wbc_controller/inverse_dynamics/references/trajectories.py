@@ -41,7 +41,7 @@ class Trajectory:
         self._linear = len(knots[0].position) - (4 if len(knots[0].position) != size else 0)
         self._times = [knot.time for knot in knots]
         self._segments: dict[int, Array] = {}  # coefficients of segments, computed at first use
-        # for caches of tasks
+        # Kept, because tasks cache results by the object.
         self._before, self._after = (rest(knots[i].position, size) for i in (0, -1))
 
     def _chart(self, a: Knot, b: Knot) -> tuple[Array, Array, Array, Array, Array, Array]:

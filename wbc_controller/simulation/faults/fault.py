@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from pydantic import Field
 
-from wbc_controller.errors import InputRefused, valid_choices
+from wbc_controller.errors import InputRefused, require_known
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 from wbc_controller.settings.values import Section
@@ -112,8 +112,7 @@ class NamedFault(Fault):
         names = {"joint": robot.joints, "actuator": robot.actuators, "contact": contacts, "link": moving_links(robot)}
         for kind in names.keys() & type(self).model_fields.keys():
             name = getattr(self, kind)
-            if name and name not in names[kind]:
-                raise InputRefused(f"unknown {kind} {name!r}; {valid_choices(name, names[kind])}")
+            require_known(name or (), names[kind], f"unknown {kind}", error=InputRefused)
 
 
 class JointFault(NamedFault):

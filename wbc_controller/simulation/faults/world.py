@@ -18,8 +18,9 @@ from wbc_controller.simulation.faults.fault import (
     ramp_share,
     restoring,
 )
-from wbc_controller.simulation.mechanism import FLOOR, position_and_wxyz
+from wbc_controller.simulation.mechanism import FLOOR
 from wbc_controller.simulation.plant import Plant
+from wbc_controller.simulation.shapes import wxyz
 
 #: Duration of a kick, s.
 _KICK = 0.02
@@ -158,9 +159,8 @@ class FloorTilt(_FloorFault):
         axis = context.direction
 
         def tilt() -> None:
-            turned = pin.SE3(pin.exp3(self.angle * ramp_share(context.elapsed, self.ramp) * axis) @ rotation, centre)
-            placed = position_and_wxyz(turned)
-            floor.pos[:], floor.quat[:] = placed[:3], placed[3:]
+            turn = pin.exp3(self.angle * ramp_share(context.elapsed, self.ramp) * axis)
+            floor.pos[:], floor.quat[:] = centre, wxyz(turn @ rotation)
 
         return Effect(each_period=tilt)
 

@@ -6,7 +6,7 @@ import sys
 import click
 import numpy as np
 
-from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.errors import ConfigurationError, require_known, valid_choices
 from wbc_controller.nodes.signals import exit_by_signals
 from wbc_controller.validation.accuracy.parallel import common_options, print_header, print_row, run_parallel
 from wbc_controller.validation.accuracy.walking_commands import COMMANDS as WALKING
@@ -152,13 +152,11 @@ def walking(
     from wbc_controller.validation.accuracy.walks import COMMANDS, RANDOM, walk
 
     kinds = robots or tuple(COMMANDS)
-    for kind in kinds:
-        if kind not in COMMANDS:
-            raise ConfigurationError(f"unknown walking robot {kind!r}; {valid_choices(kind, COMMANDS)}")
+    require_known(kinds, COMMANDS, "unknown walking robot")
     rows = [(kind, name) for kind in kinds for name in (*COMMANDS[kind], RANDOM) if not names or name in names]
     if not rows:
         known = sorted({name for kind in kinds for name in (*COMMANDS[kind], RANDOM)})
-        raise ConfigurationError(f"unknown command {names[0]!r}; {valid_choices(names[0], known)}")
+        require_known(names, known, "unknown command")
     click.echo(f"{seeds} seeds on {sensors}, {seconds:g} s, velocities times {scale:g}\n")
     click.echo(
         f"| Robot | Command | m/s, m/s, rad/s | reached | drift of the path | relaxed | {FIGURES} | fell | lead |"

@@ -111,11 +111,11 @@ def measure_flaw(
     found: dict[str, float] = {}
     try:
         trial.stand()
-        for name, points in (
+        for motion, points in (
             ("sway", ([0.0, SWAY, 0.0], [0.0, -SWAY, 0.0], [0.0, 0.0, 0.0])),
             ("squat", ([0.0, 0.0, -SQUAT], [0.0, 0.0, 0.0])),
         ):
-            found[name] = _error(trial, np.array(points), torques)
+            found[motion] = _error(trial, np.array(points), torques)
     except WbcError as error:
         return FlawErrors(found.get("sway", np.nan), np.nan, np.nan, str(error))
     return FlawErrors(
