@@ -12,8 +12,7 @@ from rosbags.rosbag2.storage_mcap import McapReader
 import wbc_controller
 from wbc_controller.controller.cycle import ControlCycle
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.middleware.codec import decode, encode, message
-from wbc_controller.middleware.odometry import odometry
+from wbc_controller.middleware.codec import decode, encode, message, odometry
 from wbc_controller.middleware.setpoints import wrench_stamped
 from wbc_controller.recording.cycle_layout import FORMAT, HEAD
 from wbc_controller.recording.mcap_file import McapMessages, write_messages
