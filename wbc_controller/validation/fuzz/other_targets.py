@@ -14,6 +14,7 @@ from wbc_controller.middleware.topics import (
     CONTROLLER_TOPICS,
     ESTIMATOR_NODE,
     ESTIMATOR_TOPICS,
+    GUARD_NODE,
     GUARD_TOPICS,
     MOCK_TOPICS,
     Endpoint,
@@ -22,7 +23,6 @@ from wbc_controller.middleware.topics import (
 )
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.estimator_service import EstimatorService
-from wbc_controller.nodes.guard_service import NODE_NAME as GUARD_NODE
 from wbc_controller.nodes.guard_service import GuardService
 from wbc_controller.nodes.urdf import wait_for_urdf
 from wbc_controller.records import Array
