@@ -16,8 +16,7 @@ from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.check.preflight import stance
 from wbc_controller.controller.controller import Controller
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.middleware.codec import decode, encode, header, message, time_fields
-from wbc_controller.middleware.odometry import odometry
+from wbc_controller.middleware.codec import decode, encode, header, message, odometry, time_fields
 from wbc_controller.middleware.setpoints import setpoint_message
 from wbc_controller.middleware.topics import Direction, counterpart
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from wbc_controller.middleware.codec import decode
-from wbc_controller.middleware.topics import GUARD_TOPICS, endpoints
-from wbc_controller.nodes.guard_service import NODE_NAME
+from wbc_controller.middleware.topics import GUARD_NODE, GUARD_TOPICS, endpoints
 
 pytestmark = pytest.mark.live
 
@@ -26,7 +25,7 @@ AT_MOST = 4.0
 def user(processes, dds_user, patient_robot):
     """A user of a mock robot, a controller and a guard, three processes; only the guard's patience is short."""
     user = dds_user
-    (state,) = endpoints([topic for topic in GUARD_TOPICS if topic.key == "state"], NODE_NAME)
+    (state,) = endpoints([topic for topic in GUARD_TOPICS if topic.key == "state"], GUARD_NODE)
     user.open("guard", state, user.transport)
     processes.start("mock", patient_robot)
     user.guard = processes.start("guard", patient_robot)

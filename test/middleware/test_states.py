@@ -8,9 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wbc_controller.errors import InputRefused
-from wbc_controller.middleware.codec import decode, encode, header, message
+from wbc_controller.middleware.codec import decode, encode, header, message, pose_with_covariance
 from wbc_controller.middleware.joint_states import JointStateReader
-from wbc_controller.middleware.odometry import pose_with_covariance
 from wbc_controller.middleware.setpoints import wrench_stamped
 from wbc_controller.middleware.states import ContactForceReader, ImuReader, OdometryReader, PoseReader
 from wbc_controller.simulation.measurement import imu_message

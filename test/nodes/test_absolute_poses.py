@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from wbc_controller.middleware.codec import encode
-from wbc_controller.middleware.odometry import pose_with_covariance
+from wbc_controller.middleware.codec import encode, pose_with_covariance
 from wbc_controller.records import Mode
 from wbc_controller.simulation.measurement import imu_message
 

@@ -14,16 +14,16 @@ from wbc_controller.controller.build.guard import make_guard_damping
 from wbc_controller.controller.build.robot_description import describe, read_urdf
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.middleware.codec import encode
-from wbc_controller.middleware.topics import CONTROLLER_TOPICS, GUARD_TOPICS, counterpart, endpoints
+from wbc_controller.middleware.topics import CONTROLLER_TOPICS, GUARD_NODE, GUARD_TOPICS, counterpart, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes import guard_service
 from wbc_controller.nodes.clock import ManualClock
-from wbc_controller.nodes.guard_service import NODE_NAME, GuardService, run_guard
+from wbc_controller.nodes.guard_service import GuardService, run_guard
 from wbc_controller.safety.guard import GuardMode
 from wbc_controller.settings import RobotSettings
 from wbc_controller.settings.files import shipped_configurations
 
-TABLE = list(endpoints(GUARD_TOPICS, NODE_NAME))
+TABLE = list(endpoints(GUARD_TOPICS, GUARD_NODE))
 
 
 class Stage(Peer):

@@ -16,8 +16,8 @@ import numpy as np
 
 from wbc_controller.middleware.codec import decode, encode, message
 from wbc_controller.middleware.topics import CONTROLLER_TOPICS, GUARD_TOPICS, MOCK_TOPICS, counterpart, endpoints
+from wbc_controller.middleware.topics import GUARD_NODE as GUARD
 from wbc_controller.middleware.transports.dds import DdsTransport
-from wbc_controller.nodes.guard_service import NODE_NAME as GUARD
 from wbc_controller.settings import NODE_NAME as CONTROLLER
 from wbc_controller.settings.files import find_configuration, load_settings
 

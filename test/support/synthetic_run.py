@@ -5,7 +5,7 @@ import pinocchio as pin
 
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.recording.report.run_data import Phase, Result, RunData, collect_supports
+from wbc_controller.recording.report.run_data import Result, RunData, collect_supports
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings
 
@@ -60,7 +60,7 @@ def squat(name: str, duration: float, rate: float) -> tuple[RunData, RobotModel]
         friction={contact: settings.contacts[contact].friction for contact in supports},
         cycle_seconds=cycles,
         stage_seconds={"compute": 0.7 * cycles, "write": 0.05 * cycles},
-        phases=(Phase(0.0, "stand"), Phase(0.1 * duration, "squat"), Phase(0.7 * duration, "shove left")),
+        phases=((0.0, "stand"), (0.1 * duration, "squat"), (0.7 * duration, "shove left")),
         results=(Result("Stands still", "below 5 mm", "1.2 mm", True), Result("Slips", "never <in it>", "0.62", True)),
         modes=((0.0, "inactive"), (0.2, "active")),
         supports=supports,

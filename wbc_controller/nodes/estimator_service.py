@@ -16,8 +16,7 @@ from wbc_controller.controller.build.contacts import make_contact
 from wbc_controller.controller.build.estimation import make_estimator, make_sensing, make_velocity_filter
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.middleware.codec import OK, WARN, diagnostics, encode
-from wbc_controller.middleware.odometry import odometry, transform
+from wbc_controller.middleware.codec import OK, WARN, diagnostics, encode, odometry, transform
 from wbc_controller.middleware.topics import ESTIMATOR_NODE, ESTIMATOR_TOPICS, Direction, Endpoint, endpoints
 from wbc_controller.middleware.transports.transport import Publish, Transport
 from wbc_controller.nodes.clock import Clock, MonotonicClock

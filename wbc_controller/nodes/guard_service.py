@@ -36,7 +36,6 @@ from wbc_controller.records import Array, Mode
 from wbc_controller.safety.guard import Guard, GuardInputs, GuardMode
 from wbc_controller.settings import Settings
 
-NODE_NAME = GUARD_NODE
 _LONGEST_REASON = 300  # of a refusal, characters
 
 #: Shortest time between two log lines, s.
@@ -70,7 +69,7 @@ class GuardService:
         """Subscribe to the topics; `damping` is (na, nj), from `make_guard_damping`."""
         self.guard = Guard(settings, robot.effort_limits, damping)
         self._clock = clock
-        self._name, self._hardware = f"{namespace.strip('/')}/{NODE_NAME}: commands".strip("/"), robot.name
+        self._name, self._hardware = f"{namespace.strip('/')}/{GUARD_NODE}: commands".strip("/"), robot.name
         joints = self._joints = list(settings.robot.joints)
         # One reader per thread: transport, and cycle.
         self._commands, self._unread_commands = (JointStateReader(joints, "effort") for _ in range(2))
@@ -313,7 +312,7 @@ def run_guard(
     remappings: Mapping[str, str] | None = None,
 ) -> None:
     """Run the guard until the event is set; arguments and errors as for `run_controller`."""
-    topics = list(endpoints(GUARD_TOPICS, NODE_NAME, namespace=namespace, remappings=remappings))
+    topics = list(endpoints(GUARD_TOPICS, GUARD_NODE, namespace=namespace, remappings=remappings))
     urdf = find_urdf(settings, transport, stop, topics)
     if stop.is_set():
         return

@@ -7,7 +7,7 @@ import numpy as np
 
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware import codec as messages
-from wbc_controller.middleware.odometry import odometry, pose_with_covariance
+from wbc_controller.middleware.codec import odometry, pose_with_covariance
 from wbc_controller.records import Array
 from wbc_controller.simulation.plant import Plant
 

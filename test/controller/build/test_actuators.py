@@ -15,10 +15,10 @@ from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.build.robot_description import describe
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.middleware.codec import decode, encode
-from wbc_controller.middleware.topics import GUARD_TOPICS, Direction, counterpart, endpoints
+from wbc_controller.middleware.topics import GUARD_NODE, GUARD_TOPICS, Direction, counterpart, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.clock import ManualClock
-from wbc_controller.nodes.guard_service import NODE_NAME, GuardService
+from wbc_controller.nodes.guard_service import GuardService
 from wbc_controller.safety.supervisor import Supervisor
 from wbc_controller.settings import Settings
 from wbc_controller.validation.lockstep import Lockstep
@@ -115,7 +115,7 @@ def test_the_guard_takes_over_by_actuator(make, command):
     np.testing.assert_array_equal(robot.effort_limits, model.effort_limits)
     assert robot.drive.names == model.actuators
     bus, clock = MemoryBus(), ManualClock(100.0)
-    table = list(endpoints(GUARD_TOPICS, NODE_NAME))
+    table = list(endpoints(GUARD_TOPICS, GUARD_NODE))
     service = GuardService(settings, robot, make_guard_damping(settings, model), table, MemoryTransport(bus), clock)
     user = MemoryTransport(bus)
     topics = SimpleNamespace(**{topic.key: topic for topic in table})

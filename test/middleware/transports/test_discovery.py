@@ -15,7 +15,7 @@ from wbc_controller.apps.terminal.session import Session
 from wbc_controller.middleware.codec import decode, diagnostics, encode, message
 from wbc_controller.middleware.topics import LATCHED, REQUEST, Direction, Endpoint
 from wbc_controller.middleware.transports.dds import DdsTransport
-from wbc_controller.middleware.transports.dds_domain import DiscoveryRange, DomainSettings, configuration
+from wbc_controller.middleware.transports.dds_domain import DomainSettings, configuration
 from wbc_controller.settings.config import load
 
 pytestmark = pytest.mark.live
@@ -79,7 +79,7 @@ def test_all_ranges_but_off_discover_each_other_on_one_host(ros_range, wbc_range
         ros.close()
 
 
-@pytest.mark.parametrize("discovery_range", [DiscoveryRange.LOCALHOST, DiscoveryRange.SUBNET])
+@pytest.mark.parametrize("discovery_range", ["LOCALHOST", "SUBNET"])
 def test_peers_are_announced_to_for_ever(discovery_range):
     """Cyclone's default ends the announcements to a port without a participant after 30 s."""
     xml = configuration(DomainSettings(0, discovery_range, ("robot",)))

@@ -8,9 +8,15 @@ import yaml
 from wbc_controller.controller.build.guard import make_guard_damping
 from wbc_controller.controller.build.robot_description import describe
 from wbc_controller.middleware.codec import decode
-from wbc_controller.middleware.topics import ESTIMATOR_NODE, ESTIMATOR_TOPICS, GUARD_TOPICS, counterpart, endpoints
+from wbc_controller.middleware.topics import (
+    ESTIMATOR_NODE,
+    ESTIMATOR_TOPICS,
+    GUARD_NODE,
+    GUARD_TOPICS,
+    counterpart,
+    endpoints,
+)
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
-from wbc_controller.nodes import guard_service
 from wbc_controller.nodes.clock import ManualClock
 from wbc_controller.nodes.diagnostics.status import StatusSummary
 from wbc_controller.nodes.estimator_service import EstimatorService
@@ -61,7 +67,7 @@ def _status(node, table, settings, model, namespace, make_service):
 def _guard(settings, model, namespace, bench):
     robot, damping = describe(model.urdf, settings.robot), make_guard_damping(settings, model)
     return _status(
-        guard_service.NODE_NAME, GUARD_TOPICS, settings, model, namespace,
+        GUARD_NODE, GUARD_TOPICS, settings, model, namespace,
         lambda topics, transport: GuardService(
             settings, robot, damping, topics, transport, ManualClock(100.0), namespace
         ),

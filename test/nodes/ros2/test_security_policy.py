@@ -11,11 +11,11 @@ from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.build.robot_description import describe
 from wbc_controller.controller.controller import Controller
 from wbc_controller.middleware.topics import ESTIMATOR_NODE, ESTIMATOR_TOPICS, GUARD_TOPICS, Direction, endpoints
+from wbc_controller.middleware.topics import GUARD_NODE as GUARD
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.clock import ManualClock
 from wbc_controller.nodes.controller_service import make_loop
 from wbc_controller.nodes.estimator_service import EstimatorService
-from wbc_controller.nodes.guard_service import NODE_NAME as GUARD
 from wbc_controller.nodes.guard_service import GuardService
 from wbc_controller.nodes.ros2.command_outcomes import RECORD, SERVICES
 from wbc_controller.nodes.ros2.security_policy import (

@@ -263,4 +263,4 @@ def test_the_report_of_a_recording_has_no_simulation_truth(recorded, tmp_path, m
     assert reached[0] > 0.0
     assert (np.diff(made.com_reference[22:38, 0]) > 0.0).all()  # in every cycle, without a weight ramp
     assert np.isfinite(made.task_errors["com"]).all()
-    assert [phase.name for phase in made.phases] == ["activate", "deactivate", "activate"]
+    assert [name for _, name in made.phases] == ["activate", "deactivate", "activate"]

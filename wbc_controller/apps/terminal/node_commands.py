@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from wbc_controller.apps.terminal import command_options as common
-from wbc_controller.middleware.topics import ESTIMATOR_NODE, MOCK_NODE
+from wbc_controller.middleware.topics import ESTIMATOR_NODE, GUARD_NODE, MOCK_NODE
 from wbc_controller.nodes.signals import set_by_signals
 from wbc_controller.settings import NODE_NAME
 
@@ -53,9 +53,9 @@ def mock(**options: Any) -> None:
 @_node_options
 def guard(**options: Any) -> None:
     """Run the guard beside `wbc run`: it damps the robot if the controller's commands stop."""
-    from wbc_controller.nodes.guard_service import NODE_NAME, run_guard
+    from wbc_controller.nodes.guard_service import run_guard
 
-    _serve(run_guard, NODE_NAME, **options)
+    _serve(run_guard, GUARD_NODE, **options)
 
 
 @click.command()

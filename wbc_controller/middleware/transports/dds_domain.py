@@ -4,7 +4,6 @@ The default differs from ROS 2: LOCALHOST, so that other computers cannot comman
 """
 
 import contextlib
-import enum
 import logging
 import os
 import re
@@ -50,13 +49,8 @@ _INTERNAL = (
 _COMPATIBILITY = "<Compatibility><IgnoreTypeInformation>1.15</IgnoreTypeInformation></Compatibility>"
 
 
-class DiscoveryRange(str, enum.Enum):
-    """Range of a participant's automatic discovery."""
-
-    SUBNET = "SUBNET"
-    LOCALHOST = "LOCALHOST"
-    OFF = "OFF"
-    SYSTEM_DEFAULT = "SYSTEM_DEFAULT"
+#: Ranges of a participant's automatic discovery.
+DISCOVERY_RANGES = ("SUBNET", "LOCALHOST", "OFF", "SYSTEM_DEFAULT")
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +58,7 @@ class DomainSettings:
     """Settings of the discovery."""
 
     domain_id: int  # 0 to 232
-    discovery_range: DiscoveryRange
+    discovery_range: str  # one of `DISCOVERY_RANGES`
     static_peers: tuple[str, ...] = ()  # addresses of peers
 
 
@@ -85,21 +79,19 @@ def domain_settings(
     elif not 0 <= domain_id <= MAX_DOMAIN_ID:
         raise TransportError(f"invalid domain {domain_id}; valid: 0 to {MAX_DOMAIN_ID}")
 
-    if discovery_range is not None:
-        reach = _discovery_range(discovery_range, "discovery range")
-    elif environment.get("ROS_LOCALHOST_ONLY") == "1":  # older variable with precedence, without peers
-        return DomainSettings(domain_id, DiscoveryRange.LOCALHOST)
-    else:
-        reach = _discovery_range(
-            environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE") or "LOCALHOST", "ROS_AUTOMATIC_DISCOVERY_RANGE"
-        )
-
-    if reach is DiscoveryRange.LOCALHOST and discovery_range is None:
-        _log.info("topics stay on this computer; ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET opens them to the network")
+    variable = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+    if discovery_range is None and environment.get("ROS_LOCALHOST_ONLY") == "1":  # older, has precedence, without peers
+        return DomainSettings(domain_id, "LOCALHOST")
+    reach = discovery_range if discovery_range is not None else environment.get(variable) or "LOCALHOST"
+    if reach not in DISCOVERY_RANGES:
+        source = variable if discovery_range is None else "discovery range"
+        raise TransportError(f"{source} is {reach!r}: {valid_choices(reach, DISCOVERY_RANGES)}")
+    if reach == "LOCALHOST" and discovery_range is None:
+        _log.info("topics stay on this computer; %s=SUBNET opens them to the network", variable)
 
     peers = tuple(peer.strip() for peer in environment.get("ROS_STATIC_PEERS", "").split(";") if peer.strip())
-    if peers and reach in (DiscoveryRange.OFF, DiscoveryRange.SYSTEM_DEFAULT):
-        _log.warning("discovery range %s ignores ROS_STATIC_PEERS %s", reach.value, "; ".join(peers))
+    if peers and reach in ("OFF", "SYSTEM_DEFAULT"):
+        _log.warning("discovery range %s ignores ROS_STATIC_PEERS %s", reach, "; ".join(peers))
         peers = ()
     return DomainSettings(domain_id, reach, peers)
 
@@ -111,16 +103,16 @@ def configuration(settings: DomainSettings, uri: str = "", *, network_card: bool
     """
     appended = f",{uri}" if uri else ""
     reach, peers = settings.discovery_range, settings.static_peers
-    if reach is DiscoveryRange.SYSTEM_DEFAULT:
+    if reach == "SYSTEM_DEFAULT":
         return f'<CycloneDDS><Domain Id="any">{_COMPATIBILITY}</Domain></CycloneDDS>{appended}'
-    if reach is DiscoveryRange.OFF:
+    if reach == "OFF":
         # Participants with different tags ignore each other.
         general = _MULTICAST_OFF
         discovery = f"<ParticipantIndex>none</ParticipantIndex><Tag>ros_discovery_off_{os.getpid()}</Tag>"
     else:
-        general = _MULTICAST_DISCOVERY if reach is DiscoveryRange.SUBNET else _MULTICAST_OFF
+        general = _MULTICAST_DISCOVERY if reach == "SUBNET" else _MULTICAST_OFF
         if not _names_interfaces(uri):
-            general += _interfaces(network_card and (reach is DiscoveryRange.SUBNET or bool(peers)))
+            general += _interfaces(network_card and (reach == "SUBNET" or bool(peers)))
         # Discovery contacts each index (port) of a peer: many on the loopback, otherwise as in Jazzy.
         largest = _JAZZY_MAX_PARTICIPANT_INDEX if peers else _max_participant_index(settings.domain_id)
         addresses = "".join(f'<Peer Address={quoteattr(peer)} PruneDelay="inf"/>' for peer in ("localhost", *peers))
@@ -169,12 +161,6 @@ def _max_participant_index(domain_id: int) -> int:
     first = _PORT_BASE + _PORTS_PER_DOMAIN * domain_id + _FIRST_UNICAST_PORT
     last = min(first - _FIRST_UNICAST_PORT + _PORTS_PER_DOMAIN - 1, 65535)
     return (last - first - 1) // _PORTS_PER_PARTICIPANT
-
-
-def _discovery_range(text: str, source: str) -> DiscoveryRange:
-    if text not in DiscoveryRange.__members__:
-        raise TransportError(f"{source} is {text!r}: {valid_choices(text, DiscoveryRange.__members__)}")
-    return DiscoveryRange[text]
 
 
 @dataclass(slots=True)

@@ -10,7 +10,7 @@ from typing import Any
 from rclpy.node import Node
 
 from wbc_controller.errors import WbcError
-from wbc_controller.middleware.topics import ESTIMATOR_NODE, MOCK_NODE
+from wbc_controller.middleware.topics import ESTIMATOR_NODE, GUARD_NODE, MOCK_NODE
 from wbc_controller.middleware.transports.ros2 import Ros2Transport
 from wbc_controller.nodes.ros2.node_parameters import declare, values
 from wbc_controller.nodes.ros2.parameters import own_values, settings_from
@@ -36,9 +36,9 @@ def serve_mock(executor: Any, stop: threading.Event) -> int:
 
 def serve_guard(executor: Any, stop: threading.Event) -> int:
     """Run the guard until the event is set, and return the exit status."""
-    from wbc_controller.nodes.guard_service import NODE_NAME, run_guard
+    from wbc_controller.nodes.guard_service import run_guard
 
-    return _serve(executor, stop, NODE_NAME, "guarding the robot of {source}", run_guard)
+    return _serve(executor, stop, GUARD_NODE, "guarding the robot of {source}", run_guard)
 
 
 def serve_estimator(executor: Any, stop: threading.Event) -> int:

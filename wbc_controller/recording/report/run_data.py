@@ -13,14 +13,6 @@ from wbc_controller.settings import ContactSettings, SurfaceContact
 
 
 @dataclass(frozen=True, slots=True)
-class Phase:
-    """Phase of a run, until the next one."""
-
-    time: float  # since the start of the run, s
-    name: str
-
-
-@dataclass(frozen=True, slots=True)
 class Result:
     """One line of the verdict."""
 
@@ -60,7 +52,7 @@ class RunData:
     friction: Mapping[str, float] = field(default_factory=dict)  # Coulomb coefficient by contact
     cycle_seconds: Array = field(default_factory=lambda: np.zeros(0))  # duration of each cycle, (m,) in s
     stage_seconds: Mapping[str, Array] = field(default_factory=dict)  # part of each stage, (m,) in s
-    phases: tuple[Phase, ...] = ()
+    phases: tuple[tuple[float, str], ...] = ()  # starts of the phases since the start of the run, s, and names
     results: tuple[Result, ...] = ()
     modes: tuple[tuple[float, str], ...] = ()  # changes of the supervisor's mode, (time in s, mode)
     supports: Mapping[str, Support] = field(default_factory=dict)  # placements of drawn contacts
@@ -77,9 +69,9 @@ class RunData:
     @property
     def spans(self) -> list[tuple[float, float, str]]:
         """Start, end and name of each phase."""
-        starts = [phase.time for phase in self.phases]
+        starts = [start for start, _ in self.phases]
         ends = [*starts[1:], float(self.time[-1])]
-        return [(start, end, phase.name) for start, end, phase in zip(starts, ends, self.phases, strict=False)]
+        return [(start, end, name) for (start, name), end in zip(self.phases, ends, strict=False)]
 
 
 def collect_supports(contacts: Mapping[str, ContactSettings]) -> dict[str, Support]:

@@ -18,7 +18,7 @@ from wbc_controller.middleware.states import OdometryReader
 from wbc_controller.middleware.topics import MOCK_NODE, MOCK_TOPICS, Endpoint, endpoints
 from wbc_controller.recording.cycle_layout import cycle_slots, reference_slots
 from wbc_controller.recording.recording_file import Recording
-from wbc_controller.recording.report.run_data import Phase, RunData, collect_supports
+from wbc_controller.recording.report.run_data import RunData, collect_supports
 from wbc_controller.records import Array, Reference
 from wbc_controller.settings import ComTask, FixedContact, PointContact, RollingContact, Settings
 
@@ -104,7 +104,7 @@ def make_run_data(recording: Recording, controller: ControlCycle, *, largest: in
             if np.isfinite(table[f"seconds/{stage}"]).all()
         },
         phases=tuple(
-            Phase(float(np.interp(float(at), shown["time"], time)), name)
+            (float(np.interp(float(at), shown["time"], time)), name)
             for at, name in other.phases or _requests_and_faults(recording)
         ),
         modes=_modes(table["mode"], 1.0e-9 * table["stamp"] - start),

@@ -13,7 +13,6 @@ from wbc_controller.middleware import topics
 from wbc_controller.middleware.codec import decode, message
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.estimator_service import EstimatorService
-from wbc_controller.nodes.guard_service import NODE_NAME as GUARD_NODE
 from wbc_controller.nodes.guard_service import GuardService
 from wbc_controller.nodes.urdf import wait_for_urdf
 from wbc_controller.records import Array
@@ -51,7 +50,7 @@ class GuardTarget(Target):
         settings, self._model = with_all_diagnostics(fuzzed.settings), fuzzed.model
         description = describe(self._model.urdf, settings.robot)
         self._limits = description.effort_limits
-        opened = list(topics.endpoints(topics.GUARD_TOPICS, GUARD_NODE))
+        opened = list(topics.endpoints(topics.GUARD_TOPICS, topics.GUARD_NODE))
         super().__init__(opened, ("effort", "diagnostics"))
         self._guard = GuardService(
             settings, description, make_guard_damping(settings, self._model), opened, self.transport(), self.clock
