@@ -225,9 +225,7 @@ def solve_condensed(
         reduce_bound(active[i], sides[0, active[i]], constraints, end, base_map, B[top + i])
     reduce_rows(cost.rows[:soft], base_map, B[hard:])
     inverse, z = np.zeros(width), np.empty(width)
-    z[last] = -1.0
-    for j in range(last):
-        inverse[j], z[j] = 1.0 / cost.diagonal[base + j], cost.target[base + j]
+    inverse[:last], z[:last], z[last] = 1.0 / cost.diagonal[base:], cost.target[base:], -1.0
     K, pivots = system_matrix(B, inverse, hard, weights), np.empty(len(B))
     if not factorize(K, hard, pivots):
         return NOT_FOUND, 0.0, 0.0, 0.0
