@@ -1,5 +1,7 @@
 """Walking on ground that is not a plane: its estimate from the footholds, and steps onto a small step and a slope."""
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -80,6 +82,25 @@ def test_a_robot_walks_onto_a_step_and_a_slope(block, height):
         simulation.run(3.0)
         assert walker.phase is Phase.STAND
         assert heights(simulation) == pytest.approx([height, height], abs=0.002)
+
+
+def test_a_drift_of_the_estimated_height_is_no_slope():
+    """By 2 cm/s; without compensation the footholds of 0.3 m/s incline by 0.067."""
+    simulation = wbc.Simulation("g1")
+    controller, walker, cycle = simulation.controller, simulation.controller.walker, simulation.controller.cycle
+    slopes = []
+
+    def drifting(inputs):
+        q = inputs.state.q.copy()
+        q[2] -= 0.02 * inputs.now
+        slopes.append(0.0 if walker._step is None else abs(walker._step.ground.slope))
+        return cycle(replace(inputs, state=replace(inputs.state, q=q)))
+
+    controller.cycle = drifting
+    controller.walk(0.3)
+    simulation.run(4.5)
+    assert walker.steps >= 6
+    assert max(slopes) < 0.01
 
 
 def test_the_stance_foot_does_not_turn_on_slippery_ground():

@@ -112,6 +112,26 @@ def test_the_dcm_follows_its_reference_with_the_reaction_of_the_swing_foot():
     assert error_of_the_dcm(1.0) < 0.6 * error_of_the_dcm(0.0)
 
 
+def error_of_the_swing_foot(lag):
+    """Return the mean horizontal distance of the swing foot to its reference, m, at 0.5 m/s with filtered torques."""
+    simulation = wbc.Simulation(wbc.load("g1").replace({"estimation.torque_filter": "always"}))
+    walker = simulation.controller.walker
+    assert walker._lag == simulation.controller.config.settings.estimation.torque_filter_time
+    walker._lag *= lag
+    simulation.controller.walk(0.5)
+    errors = []
+    while simulation.time < 5.0:
+        simulation.run(0.002)
+        if simulation.time > 3.0 and walker.phase is Phase.SINGLE:
+            foot = walker._feet[-walker._stance].sole(simulation.controller.dynamics).place
+            errors.append(abs(foot - complex(*walker._step.swing[0, :2])))
+    return np.mean(errors)
+
+
+def test_the_swing_foot_follows_its_reference_with_filtered_torques():
+    assert error_of_the_swing_foot(1.0) < 0.6 * error_of_the_swing_foot(0.0)
+
+
 @pytest.mark.parametrize("robot", ["g1", "talos", "go2"])
 def test_the_programs_of_the_gait_are_prepared_before_the_first_step(robot):
     simulation = wbc.Simulation(robot)

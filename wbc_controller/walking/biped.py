@@ -55,6 +55,7 @@ class Step:
 
     Attributes:
         swing: motion of the swing foot, (3, 4) (`swing_kernels`).
+        ahead: the same with the acceleration at the time at which the torques act.
         ground: plane through the last footholds.
         slope: of the swing foot, dz/dx + i dz/dy.
         planned: True for a planned footstep.
@@ -64,6 +65,7 @@ class Step:
     nominal: NominalStep
     landing: Landing
     swing: Array
+    ahead: Array
     ground: Ground
     slope: complex
     planned: bool
@@ -94,9 +96,9 @@ class BipedWalker(Walker):
         "_references", "_footholds", "_early", "_double_support", "_captured", "watched", "fall",
     )  # fmt: skip
 
-    def __init__(self, gait: Gait, left: Foot, right: Foot, tasks: TaskSets, gravity: float) -> None:
-        """Make a standing walker; gravity in m/s²."""
-        self.gait = gait
+    def __init__(self, gait: Gait, left: Foot, right: Foot, tasks: TaskSets, gravity: float, lag: float = 0.0) -> None:
+        """Make a standing walker; gravity in m/s², and the delay of the torques in s."""
+        self.gait, self._lag = gait, lag
         self._feet = {1: left, -1: right}
         self._gravity = gravity
         super().__init__(tasks)
@@ -214,7 +216,7 @@ class BipedWalker(Walker):
         self._predict_fall(cycle)
         rate = omega * (cycle.dcm - pressure)
         if self.phase is Phase.SINGLE and self._step is not None:
-            x, y, _, _ = self._step.swing[2].tolist()
+            x, y, _, _ = self._step.ahead[2].tolist()
             rate += self.gait.reaction / omega * complex(x, y)
         self._references[self.tasks.balance] = reference([cycle.dcm.real, cycle.dcm.imag], [rate.real, rate.imag])
         self._hold_height(soles[self._stance].height, dt)
@@ -273,11 +275,11 @@ class BipedWalker(Walker):
         self._height, self._clearance = height, height - ground - self.gait.lowering
         self._heading = mean_angle(soles[1].heading, soles[-1].heading)
         self._references = {foot.task: foot.at_rest(soles[side]) for side, foot in self._feet.items()}
-        self._footholds = tuple(sole.ground for sole in soles.values())
         self.steps, self.velocity, self._step = 0, Velocity(), None
         self._stance = 1 if self.command is not None and self.command.linear.imag < 0.0 else -1
         if self.footsteps:
             self._stance = -self.footsteps[0].side
+        self._footholds = (soles[-self._stance].ground, soles[self._stance].ground)
         self._begin_tasks(orientations, decision)
 
     def _pose(self, soles: Mapping[int, Sole]) -> tuple[complex, float]:
@@ -331,18 +333,22 @@ class BipedWalker(Walker):
         stance = Stance(sole.place, sole.heading, -self._stance, cycle.omega)
         nominal = self._nominal(self.velocity, stance)
         planned, self.footsteps = bool(self.footsteps), self.footsteps[1:]
-        self._footholds = (sole.ground, *self._footholds[: FOOTHOLDS - 1])
-        ground = plane_through(self._footholds)
+        # The estimated height has drifted since the swing foot became the stance foot.
+        drift = foot.height - self._footholds[0].height
+        earlier = [replace(each, height=each.height + drift) for each in self._footholds[: FOOTHOLDS - 1]]
+        self._footholds = (sole.ground, *earlier)
+        ground, swing = plane_through(self._footholds), at_rest(foot.centre, foot.heading)
         self._step = Step(
             stance=stance,
             nominal=nominal,
             landing=Landing(nominal.place, ground.height_at(nominal.place), nominal.heading, self.gait.single),
-            swing=at_rest(foot.centre, foot.heading),
+            swing=swing,
+            ahead=swing,
             ground=ground,
             slope=foot.ground.slope,
             planned=planned,
         )
-        self._blend = self._dcm_wanted - self._wanted(nominal, stance, self._step.swing, self.gait.single)
+        self._blend = self._dcm_wanted - self._wanted(nominal, stance, swing, self.gait.single)
 
     def _wanted(self, nominal: NominalStep, stance: Stance, swing: Array, left: float) -> complex:
         """Return the DCM that leads to the nominal offset after the remaining time, s."""
@@ -373,8 +379,9 @@ class BipedWalker(Walker):
         if dt > 0.0:
             swing = moved(swing, landing, gait.clearance, elapsed - dt, dt)
             slope += (step.ground.slope - slope) * min(1.0, dt / _LEVELLING)
-        self._step = step = Step(stance, nominal, landing, swing, step.ground, slope, step.planned)
-        self._references[foot.task] = foot.in_swing(swing, slope)
+        ahead = np.array([*swing[:2], moved(swing, landing, gait.clearance, elapsed, self._lag)[2]])
+        self._step = step = Step(stance, nominal, landing, swing, ahead, step.ground, slope, step.planned)
+        self._references[foot.task] = foot.in_swing(ahead, slope)
         share, late = elapsed / landing.time, elapsed - landing.time
         sensor = self._sensor(foot.contact, cycle.touching)
         low = max(swing.item(0, 2), cycle.soles[-self._stance].height) - landing.height < _LOW * gait.clearance

@@ -277,6 +277,15 @@ def test_robot_turns_on_its_estimate_and_stops():
     assert found.relaxed == 0
 
 
+def test_a_fast_robot_walks_on_its_estimate():
+    """It fell when the trailing knee straightened at 0.8 m/s, or when the soft base made the stance foot tip over."""
+    found = walk("g1", "forward", "good", 0, 6.0, 1.6)
+    assert found.ended == ""
+    assert found.speed[0] == pytest.approx(0.8, rel=0.1)
+    assert found.drift < 0.02 * found.distance
+    assert found.relaxed == 0
+
+
 def test_mean_velocities_have_heading_axes():
     times = np.linspace(0.0, 6.0, 601)
     heading = 0.5 * times

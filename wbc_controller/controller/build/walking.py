@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
+from wbc_controller.controller.build.estimation import torque_filter
 from wbc_controller.controller.build.gait_limits import BipedLeg, BipedLimits, feasible_defaults
 from wbc_controller.controller.build.leg import Leg
 from wbc_controller.controller.build.quadruped_walking import (
@@ -65,7 +66,8 @@ def make_walker(settings: Settings, qp: WholeBodyQP) -> Walker | None:
     left, right = find_feet(settings, qp.model)
     orientations, suspended = enabled_tasks(settings, qp)
     tasks = TaskSets(DCM, HEIGHT, (DCM, HEIGHT, POSTURE, LEFT, RIGHT), orientations, suspended)
-    return BipedWalker(make_gait(settings, left, right, qp).gait, left, right, tasks, qp.model.gravity)
+    gait, lag = make_gait(settings, left, right, qp).gait, torque_filter(settings)
+    return BipedWalker(gait, left, right, tasks, qp.model.gravity, lag)
 
 
 def find_feet(settings: Settings, model: RobotModel) -> tuple[Foot, Foot]:

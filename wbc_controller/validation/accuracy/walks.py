@@ -58,12 +58,18 @@ class WalkTrial(EstimationTrial):
     """
 
     def __init__(
-        self, robot: str, sensors: SensorQuality, seed: int, changes: Mapping[str, Any] = MappingProxyType({})
+        self,
+        robot: str,
+        sensors: SensorQuality,
+        seed: int,
+        changes: Mapping[str, Any] = MappingProxyType({}),
+        scale: float = 1.0,
     ) -> None:
-        """Build a robot; raise `ConfigurationError` if this fails."""
-        self.fastest = np.max([np.abs(each) for each in COMMANDS[robot].values()], axis=0)
+        """Build a robot for velocities times a scale; raise `ConfigurationError` if this fails."""
+        fastest = np.max([np.abs(each) for each in COMMANDS[robot].values()], axis=0)
+        self.fastest = scale * fastest
         own = {"estimation.base_state": "imu", "mock.sensors": sensors, "mock.sensor_seed": seed}
-        limits = {"walking.max_speed": float(self.fastest[0])}
+        limits = {"walking.max_speed": float(max(1.0, scale) * fastest[0])}
         super().__init__(robot, {**sensor_settings(sensors), **own, **limits, **changes})
         self.begun = math.inf
         self.meter = WalkMeter(self)
@@ -127,7 +133,7 @@ def walk(
     Raises:
         ConfigurationError: if the robot cannot be controlled or simulated.
     """
-    trial = WalkTrial(robot, sensors, seed, changes)
+    trial = WalkTrial(robot, sensors, seed, changes, scale)
     rng = np.random.default_rng(seed)
     ways: list[list[float]] = []
     relaxed, ended, lead = 0, "", math.nan
@@ -142,7 +148,7 @@ def walk(
         if command != RANDOM:
             return scale * np.array(COMMANDS[robot][command])
         while len(drawn) <= time / _CHANGE:
-            drawn.append(scale * trial.fastest * rng.uniform([-BACKWARD, -1.0, -1.0], 1.0))
+            drawn.append(trial.fastest * rng.uniform([-BACKWARD, -1.0, -1.0], 1.0))
         return drawn[-1]
 
     def each() -> None:
