@@ -155,7 +155,7 @@ class BipedWalker(Walker):
         self, time: float, dynamics: Dynamics, orientations: Mapping[str, Array], touching: Mapping[str, bool]
     ) -> Decision:
         """Decide on contacts and references of one cycle."""
-        decision, dt = Decision(), time - self._last
+        decision, dt = Decision([], {}), time - self._last
         self._last = time
         if time > self._until:
             self.command = None
@@ -184,7 +184,8 @@ class BipedWalker(Walker):
         if self.phase is Phase.STAND:
             return decision
         self._latest = cycle, pressure
-        self._predict_fall(cycle)
+        if self.is_watch_due(time):
+            self._predict_fall(cycle)
         rate = omega * (cycle.dcm - pressure)
         if self.phase is Phase.SINGLE and self._step is not None:
             swing = self._step.swing
@@ -212,7 +213,6 @@ class BipedWalker(Walker):
 
     def watch_standing(self, time: float, dynamics: Dynamics, active: Collection[str]) -> None:
         """Predict a fall of a robot that is supported by its feet alone, at the time of a state, s."""
-        self.watched = time
         soles = [foot.sole(dynamics) for foot in self._feet.values() if foot.contact in active]
         if not soles or len(soles) < len(active):
             self._captured = time

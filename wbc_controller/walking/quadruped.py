@@ -111,7 +111,7 @@ class QuadrupedWalker(Walker):
         self, time: float, dynamics: Dynamics, orientations: Mapping[str, Array], touching: Mapping[str, bool]
     ) -> Decision:
         """Decide on contacts and references of one cycle."""
-        decision, dt = Decision(), time - self._last
+        decision, dt = Decision([], {}), time - self._last
         self._last = time
         if time > self._until:
             self.command = None

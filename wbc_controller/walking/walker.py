@@ -3,7 +3,7 @@
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from wbc_controller.walking.goal import Goal, velocity_to
 from wbc_controller.walking.plan import WalkingPlan
 from wbc_controller.walking.references_kernels import body_references
 
+#: Time between predictions of a fall, s.
+_WATCH_PERIOD = 0.008
 #: Acceleration of a reference without one.
 STILL = freeze(np.zeros(3))
 
@@ -25,8 +27,8 @@ STILL = freeze(np.zeros(3))
 class Decision:
     """Changes of tasks and contacts, and references of tasks, requested by the walker in one cycle."""
 
-    changes: list[Change] = field(default_factory=list)
-    references: dict[str, Reference] = field(default_factory=dict)
+    changes: list[Change]
+    references: dict[str, Reference]
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +53,7 @@ class Walker(ABC):
         leaving: True if the controller is deactivated as soon as the robot has stopped; commands are refused.
         velocity: present velocity, on the way to the command.
         steps: number of steps since the start.
-        watched: time of the last prediction of a fall while standing, s.
+        watched: time of the last prediction of a fall, s.
         fall: sentence about an unavoidable fall; empty without one.
     """
 
@@ -137,9 +139,15 @@ class Walker(ABC):
             touching: states of the contact sensors, by contact; without one, the foot's motion indicates touchdown.
         """
 
-    def watch_standing(self, time: float, dynamics: Dynamics, active: Collection[str]) -> None:
-        """Predict a fall of a robot that is supported by its active contacts, at the time of a state, s."""
+    def is_watch_due(self, time: float) -> bool:
+        """Return whether a prediction of a fall is due at the time of a state, s; if so, the next one is due later."""
+        if 0.0 <= time - self.watched < _WATCH_PERIOD:
+            return False
         self.watched = time
+        return True
+
+    def watch_standing(self, time: float, dynamics: Dynamics, active: Collection[str]) -> None:  # noqa: B027
+        """Predict a fall of a robot that is supported by its active contacts, at the time of a state, s."""
 
     def _approach(self, goal: Goal, place: complex, heading: float) -> None:
         """Command the velocity to a goal from the robot's place and heading; at the goal, drop it."""
