@@ -47,7 +47,7 @@ class RobotState:
     v: Array  # generalized velocity, (nv,)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)  # not frozen: faster construction
 class Reference:
     """Reference of one task at one instant."""
 

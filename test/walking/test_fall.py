@@ -11,10 +11,10 @@ import wbc_controller as wbc
 from wbc_controller.errors import NoSolution
 from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 from wbc_controller.walking.adaptation_kernels import SHORTEST
-from wbc_controller.walking.fall_kernels import missed, nearest_support
+from wbc_controller.walking.fall_kernels import MARGIN, missed, nearest_support
 from wbc_controller.walking.footsteps import Velocity
 from wbc_controller.walking.gait import Gait
-from wbc_controller.walking.pendulum import captured_by_steps, later
+from wbc_controller.walking.pendulum_kernels import later
 
 GAIT = Gait(
     single=0.5, double=0.1, shift=0.8, lowering=0.02, clearance=0.05, width=0.2, least_width=0.14, length=0.45,
@@ -46,9 +46,9 @@ def test_steps_capture_the_dcm_up_to_the_largest_distance(time, excess, falls):
     omega, step_time, half = 3.8, SHORTEST * GAIT.single + GAIT.double, (0.1, 0.05)
     most = GAIT.length / (math.exp(omega * step_time) - 1.0)
     dcm = later(GAIT.length + most + excess, half[0], omega, -time)  # the centre of pressure is at the edge of the sole
-    distance = missed(dcm, 0j, 0.0, 0j, 0.0, *half, GAIT.length, GAIT.greatest_width, omega, time)
+    distance, limit = missed(dcm, 0j, 0.0, 0j, 0.0, *half, GAIT.length, GAIT.length, step_time, omega, time)
     assert distance == pytest.approx(most + excess)
-    assert (distance > captured_by_steps(GAIT.length, omega, step_time)) is falls
+    assert limit == pytest.approx(most + MARGIN)
     foot, dcm = GAIT.length, later(dcm, half[0], omega, time)
     for _ in range(12):
         dcm = later(dcm, foot, omega, step_time)

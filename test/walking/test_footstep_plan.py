@@ -11,7 +11,7 @@ from wbc_controller.errors import InputRefused
 from wbc_controller.walking.footstep_plan import planned, step_towards
 from wbc_controller.walking.footsteps import Stance, Velocity, nominal_step
 from wbc_controller.walking.gait import Gait, Phase
-from wbc_controller.walking.pendulum import periodic_offset, previous_offset
+from wbc_controller.walking.pendulum_kernels import periodic_offset, previous_offset
 
 GAIT = Gait(
     single=0.5, double=0.1, shift=0.8, lowering=0.02, clearance=0.05, width=0.2, least_width=0.14, length=0.45,
@@ -76,7 +76,7 @@ def test_a_robot_steps_on_the_plan_and_stops():
     controller, walker = simulation.controller, simulation.controller.walker
     feet = {foot.contact: foot for foot in walker._feet.values()}
     poses = [[0.15, 0.1, 0.0], [0.35, -0.12, 0.1], [0.35, 0.1, 0.2], [0.5, -0.12, 0.2]]
-    middle = 0.5 * sum(foot.sole(controller.dynamics).centre for foot in feet.values())
+    middle = 0.5 * sum(foot.pose(controller.dynamics).translation for foot in feet.values())
     poses = np.array(poses) + [middle[0], middle[1], 0.0]
     controller.walk_footsteps(poses)
     landed, left = [], set()

@@ -104,7 +104,7 @@ def test_a_goal_at_the_robot_begins_no_step():
     controller = wbc.Controller("g1")
     q, v = controller.stance(), np.zeros(controller.model.nv)
     controller.reset(q, v)
-    middle = 0.5 * sum(foot.sole(controller.dynamics).centre for foot in controller.walker._feet.values())
+    middle = 0.5 * sum(foot.pose(controller.dynamics).translation for foot in controller.walker._feet.values())
     controller.walk_to(middle[0] + 0.02, middle[1], 0.0)
     controller.step(q, v, 0.002)
     assert controller.walker.phase is Phase.STAND

@@ -9,12 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import wbc_controller as wbc
+from wbc_controller.inverse_dynamics.robot.instruction import placement_numbers
 from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
 from wbc_controller.validation.accuracy.walk_grounds import terrain_of
 from wbc_controller.validation.accuracy.walks import WalkTrial
 from wbc_controller.walking.feet import Foot
 from wbc_controller.walking.gait import Phase
-from wbc_controller.walking.swing import at_rest
+from wbc_controller.walking.swing_kernels import Landing, at_rest
 from wbc_controller.walking.terrain import Ground, plane_through
 
 SLOPES = st.complex_numbers(max_magnitude=0.2, allow_nan=False)
@@ -45,8 +46,9 @@ def test_one_tilted_foot_is_no_slope_and_two_on_a_hill_are():
 
 @given(SLOPES, st.floats(-3.0, 3.0))
 def test_a_sole_is_parallel_to_the_ground_in_its_heading(slope, heading):
-    foot = Foot("foot", "task", 0, pin.SE3.Identity(), (0.1, 0.05))
-    pose = foot.in_swing(at_rest(np.zeros(3), heading), slope).position
+    foot = Foot("foot", "task", 0, pin.SE3.Identity(), (0.1, 0.05), 0, placement_numbers(pin.SE3.Identity()))
+    _, _, reference = foot.swung(at_rest(0j, 0.0, heading), Landing(0j, 0.0, 0.0, 0.5), slope, 0.05, 0.0, 0.0, 0.0)
+    pose = reference.position
     assert np.linalg.norm(pose[3:]) == pytest.approx(1.0)
     rotation = rotation_of(pose[3:])
     normal = rotation[:, 2]

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wbc_controller.walking.pendulum import before, later, natural_frequency, periodic_offset, transferred
+from wbc_controller.walking.pendulum_kernels import before, later, natural_frequency, periodic_offset, transferred
 
 OMEGA = 3.7
 POINTS = st.complex_numbers(max_magnitude=1.0, allow_nan=False)

@@ -8,7 +8,7 @@ import pytest
 import wbc_controller as wbc
 from wbc_controller.walking.gait import Phase
 from wbc_controller.walking.plan import margin, swing_path
-from wbc_controller.walking.swing import Landing, at_rest
+from wbc_controller.walking.swing_kernels import Landing, at_rest
 
 SQUARE = [0j, 2.0 + 0j, 2.0 + 1j, 1j]
 
@@ -30,7 +30,7 @@ def test_margin(point, corners, distance):
 
 
 def test_swing_path_ends_at_the_landing():
-    foot, landing = at_rest(np.array([0.0, 0.1, 0.0]), 0.0), Landing(0.3 + 0.12j, 0.01, 0.2, 0.5)
+    foot, landing = at_rest(0.1j, 0.0, 0.0), Landing(0.3 + 0.12j, 0.01, 0.2, 0.5)
     path = swing_path(foot, landing, 0.05, 0.0)
     np.testing.assert_allclose(path[0], [0.0, 0.1, 0.0])
     np.testing.assert_allclose(path[-1], [0.3, 0.12, 0.01], atol=1e-6)
@@ -57,9 +57,9 @@ def test_plan_of_a_step():
     assert abs(plan.dcm - plan.wanted_dcm) < 0.03
     sole = next(each for each in walker._feet.values() if each.contact == foot)
     dynamics = simulation.controller.dynamics
-    np.testing.assert_allclose(plan.swings[foot][0], sole.sole(dynamics).centre, atol=0.03)
+    np.testing.assert_allclose(plan.swings[foot][0], sole.pose(dynamics).translation, atol=0.03)
     np.testing.assert_allclose(plan.swings[foot][-1], plan.landings[foot], atol=2e-3)
     while walker.phase is Phase.SINGLE:
         simulation.run(0.01)
     assert walker.plan().phase == "double support"
-    np.testing.assert_allclose(sole.sole(simulation.controller.dynamics).centre, plan.landings[foot], atol=0.03)
+    np.testing.assert_allclose(sole.pose(simulation.controller.dynamics).translation, plan.landings[foot], atol=0.03)

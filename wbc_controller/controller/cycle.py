@@ -41,8 +41,6 @@ _log = logging.getLogger(__name__)
 
 #: Shortest time between two searches for conflicting constraints, s.
 _EXPLAIN_PAUSE = 1.0
-#: Period of the prediction of falls of a standing robot, s.
-_WATCH_PERIOD = 0.008
 
 
 class ControlCycle:
@@ -450,7 +448,7 @@ class ControlCycle:
         return decision.references
 
     def _watch_standing(self, walker: Walker, time: float, references: References) -> None:
-        if not 0.0 <= time - walker.watched < _WATCH_PERIOD:
+        if walker.is_watch_due(time):
             active = [name for name, activation in references.contacts.items() if activation > 0.0]
             walker.watch_standing(time, self.qp.dynamics, active)
 

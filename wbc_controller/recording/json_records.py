@@ -22,7 +22,7 @@ from wbc_controller.walking.footstep_plan import Footstep
 from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity
 from wbc_controller.walking.gait import Phase
 from wbc_controller.walking.goal import Goal
-from wbc_controller.walking.swing import Landing
+from wbc_controller.walking.swing_kernels import Landing
 from wbc_controller.walking.terrain import Ground
 
 #: Valid records of a recording.

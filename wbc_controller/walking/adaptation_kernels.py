@@ -22,6 +22,8 @@ import cmath
 import math
 
 from wbc_controller.compilation import Matrix, compiled, part
+from wbc_controller.walking.footsteps_kernels import periodic_step
+from wbc_controller.walking.pendulum_kernels import before, later
 from wbc_controller.walking.swing_kernels import integrate_foot
 
 #: Weights of place and offset, 1/m², and of time.
@@ -58,45 +60,59 @@ def _within_reach(
 
 
 @compiled
+def dcm_towards(
+    place: complex, offset: complex, stance: complex, omega: float, reaction: float, swing: Matrix, left: float
+) -> complex:
+    """Return the DCM that leads to an offset from a touchdown at a place after the time `left`, s."""
+    return before(place + offset, stance, omega, left, reaction / omega * integrate_foot(swing, place, left, omega))
+
+
+@compiled
 def adapt(
-    place: complex, time: float, nominal_place: complex, nominal_offset: complex, nominal_time: float,
-    stance: complex, heading: float, side: int, length: float, least_width: float, greatest_width: float,
-    dcm: complex, omega: float, reaction: float, swing: Matrix, ground: float, elapsed: float, dt: float,
-) -> tuple[complex, float]:  # fmt: skip
-    """Return place and time of the touchdown for the measured DCM.
+    planned: bool, nominal_place: complex, nominal_heading: float, nominal_offset: complex, velocity: complex,
+    turning: float, place: complex, time: float, stance: complex, heading: float, side: int, omega: float,
+    single: float, double: float, width: float, least_width: float, greatest_width: float, length: float,
+    reaction: float, dcm: complex, swing: Matrix, ground: float, elapsed: float, dt: float,
+) -> tuple[complex, float, complex, complex, float, complex]:  # fmt: skip
+    """Return the nominal step, place and time of the touchdown for the measured DCM, and the DCM that leads to them.
 
     Args:
-        place: u of the last cycle, x + i y in m in the world.
-        time: T of the last cycle, s.
-        nominal_place, nominal_offset, nominal_time: u*, b* and T*.
+        planned: the nominal step, u*, heading and b*, is that of the last cycle; otherwise it follows the velocity.
+        velocity, turning: command, m/s and rad/s.
+        place, time: u and T of the last cycle, x + i y in m in the world, and s.
         stance, heading: place p and heading of the stance foot.
         side: 1 if the swing foot is the left one, -1 for the right one.
-        length, least_width, greatest_width: reach of the leg, m.
-        dcm: ξ, measured.
         omega: ω, 1/s.
-        reaction: μ.
+        single, double, width, least_width, greatest_width, length, reaction: T* and the other fields of `Gait`.
+        dcm: ξ, measured.
         swing: motion of the swing foot, (3, 4).
         ground: height of the ground, m.
         elapsed: t, since the start of the single support, s.
         dt: time since the last cycle, s.
     """
-    earliest = max(SHORTEST * nominal_time, elapsed + max(_AHEAD, descent_time(swing[0, 2] - ground, swing[1, 2])))
-    latest = max(LONGEST * nominal_time, earliest)
+    if not planned:
+        nominal_place, nominal_heading, nominal_offset = periodic_step(
+            velocity, turning, time, stance, heading, side, omega, single, double, width, least_width, reaction
+        )
+    earliest = max(SHORTEST * single, elapsed + max(_AHEAD, descent_time(swing[0, 2] - ground, swing[1, 2])))
+    latest = max(LONGEST * single, earliest)
     axes, lowest, best = cmath.rect(1.0, heading), math.inf, (place, time)
     for rate in (0.0, -TIME_RATE, TIME_RATE, -SHORTENING):
         T = max(earliest, min(latest, time + rate * dt))
         left = T - elapsed
         push = reaction / omega * integrate_foot(swing, place, left, omega)
-        end = stance + (dcm - stance) * math.exp(omega * left) + push  # ξ_T
+        end = later(dcm, stance, omega, left) + push  # ξ_T
         u = nominal_place + W_OFFSET / (W_PLACE + W_OFFSET) * (end - nominal_offset - nominal_place)
         u = _within_reach(u, stance, axes, side, length, least_width, greatest_width)
         present = complex(swing[0, 0], swing[0, 1])
         far, reachable = abs(u - present), FOOT_SPEED * max(left, 0.0)
         if far > reachable:
             u = present + (u - present) * (reachable / far)
-        late = math.exp(omega * (T - nominal_time)) - 1.0
+        late = math.exp(omega * (T - single)) - 1.0
         place_error, offset_error = abs(u - nominal_place), abs(end - u - nominal_offset)
         cost = W_PLACE * place_error**2 + W_OFFSET * offset_error**2 + W_TIME * late * late
         if cost < lowest:
             lowest, best = cost, (u, T)
-    return best
+    left = max(best[1] - elapsed, 0.0)
+    wanted = dcm_towards(nominal_place, nominal_offset, stance, omega, reaction, swing, left)
+    return nominal_place, nominal_heading, nominal_offset, best[0], best[1], wanted

@@ -6,31 +6,27 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-import numpy as np
-
 from wbc_controller.inverse_dynamics.references.changes import EnableContact
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.records import Array
-from wbc_controller.walking.adaptation_kernels import SHORTEST, adapt
-from wbc_controller.walking.fall_kernels import MARGIN, PERSISTS, STANDING, missed, nearest_support
+from wbc_controller.walking.adaptation_kernels import SHORTEST, adapt, dcm_towards
+from wbc_controller.walking.fall_kernels import PERSISTS, STANDING, missed, nearest_support
 from wbc_controller.walking.feet import Foot, Sole, mean_angle
 from wbc_controller.walking.footstep_plan import Footstep, planned, step_towards
 from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity, nominal_step
+from wbc_controller.walking.footsteps_kernels import swing_push
 from wbc_controller.walking.gait import Gait, Phase
-from wbc_controller.walking.pendulum import before, captured_by_steps, later, natural_frequency, transferred
-from wbc_controller.walking.plan import WalkingPlan, margin, swing_path
-from wbc_controller.walking.references import reference, smooth_step
+from wbc_controller.walking.pendulum_kernels import before, later, natural_frequency, transferred
+from wbc_controller.walking.plan import WalkingPlan, margin
+from wbc_controller.walking.references_kernels import smooth_step
 from wbc_controller.walking.support_kernels import nearest_in_support
-from wbc_controller.walking.swing import Landing, at_rest, moved
-from wbc_controller.walking.swing_kernels import integrate_foot
+from wbc_controller.walking.swing_kernels import Landing, at_rest
 from wbc_controller.walking.terrain import FOOTHOLDS, Ground, plane_through
 from wbc_controller.walking.touchdown import COUNTS, lands
 from wbc_controller.walking.walker import Decision, TaskSets, Walker
 
 #: Feedback gain on the DCM, 1/s.
 GAIN = 5.0
-#: Shares of the half length and half width of the sole that the centre of pressure may use.
-_SOLE_SHARE = (0.8, 0.7)
 #: Time in which the reference of the DCM blends from one phase to the next, s.
 _BLEND = 0.2
 #: Time before touchdown in which the target of the step is constant, s.
@@ -49,26 +45,18 @@ _HEADING_RATE = 6.0
 _BESIDE, _SLOW = 0.04, 0.02
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)  # not frozen: faster construction
 class Step:
-    """A single support.
-
-    Attributes:
-        swing: motion of the swing foot, (3, 4) (`swing_kernels`).
-        ahead: the same with the acceleration at the time at which the torques act.
-        ground: plane through the last footholds.
-        slope: of the swing foot, dz/dx + i dz/dy.
-        planned: True for a planned footstep.
-    """
+    """A single support."""
 
     stance: Stance
     nominal: NominalStep
     landing: Landing
-    swing: Array
-    ahead: Array
-    ground: Ground
-    slope: complex
-    planned: bool
+    swing: Array  # motion of the swing foot, (3, 4) (`swing_kernels`)
+    acceleration: complex  # of the swing foot at the time at which the torques act, ẍ + i ÿ in m/s²
+    ground: Ground  # plane through the last footholds
+    slope: complex  # of the swing foot, dz/dx + i dz/dy
+    planned: bool  # True for a planned footstep
 
 
 class _Cycle(NamedTuple):
@@ -89,11 +77,12 @@ class BipedWalker(Walker):
     """
 
     gait: Gait
+    balance_size = 2
 
     STATE_FIELDS = (
         "phase", "command", "goal", "footsteps", "leaving", "velocity", "steps", "_until", "_since", "_last", "_stance",
-        "_clearance", "_height", "_heading", "_orientations", "_step", "_lifted", "_blend", "_dcm_wanted", "_touchdown",
-        "_references", "_footholds", "_early", "_double_support", "_captured", "watched", "fall",
+        "_clearance", "_height", "_heading", "_begun", "_orientations", "_step", "_lifted", "_blend", "_dcm_wanted",
+        "_touchdown", "_references", "_footholds", "_early", "_double_support", "_captured", "watched", "fall",
     )  # fmt: skip
 
     def __init__(self, gait: Gait, left: Foot, right: Foot, tasks: TaskSets, gravity: float, lag: float = 0.0) -> None:
@@ -155,52 +144,35 @@ class BipedWalker(Walker):
         """Return the plan of the last cycle, or None while standing."""
         if self.phase is Phase.STAND or self._latest is None:
             return None
-        cycle, pressure = self._latest
-        feet, step, elapsed = self._feet, self._step, cycle.time - self._since
-        swings, landings, remaining = {}, {}, math.inf
-        if self.phase is Phase.SINGLE and step is not None:
-            feet, swinging = {self._stance: feet[self._stance]}, feet[-self._stance].contact
-            landing = step.landing
-            swings[swinging] = swing_path(step.swing, landing, self.gait.clearance, elapsed)
-            landings[swinging] = np.array([landing.place.real, landing.place.imag, landing.height])
-            remaining = max(0.0, landing.time - elapsed)
-        return WalkingPlan(
-            phase=self.phase.value,
-            dcm=cycle.dcm,
-            wanted_dcm=self._dcm_wanted,
-            swings=swings,
-            landings=landings,
-            remaining=remaining,
-            margin=margin(pressure, [p for side, foot in feet.items() for p in foot.corners(cycle.soles[side])]),
-        )
+        (cycle, pressure), feet, swings = self._latest, list(self._feet.values()), {}
+        if self.phase is Phase.SINGLE and self._step is not None:
+            feet, swing = [self._feet[self._stance]], self._feet[-self._stance]
+            swings = {swing.contact: (self._step.swing, self._step.landing)}
+        edge = margin(pressure, [point for foot in feet for point in foot.corners(cycle.dynamics)])
+        elapsed = cycle.time - self._since
+        return WalkingPlan.of(self.phase, cycle.dcm, self._dcm_wanted, swings, self.gait.clearance, elapsed, edge)
 
     def update(
         self, time: float, dynamics: Dynamics, orientations: Mapping[str, Array], touching: Mapping[str, bool]
     ) -> Decision:
         """Decide on contacts and references of one cycle."""
-        decision, dt = Decision(), time - self._last
+        decision, dt = Decision([], {}), time - self._last
         self._last = time
         if time > self._until:
             self.command = None
-        soles = {side: foot.sole(dynamics) for side, foot in self._feet.items()}
+        left, right = self._feet.values()
+        soles = {1: left.sole(dynamics), -1: right.sole(dynamics)}
         if self.goal is not None:
             self._approach(self.goal, *self._pose(soles))
         if self.phase is Phase.STAND:
             if self.command is None:
                 return decision
             dt = 0.0
-            self._begin(float(dynamics.com[2]), soles, orientations, decision)
+            self._begin(dynamics, soles, orientations, decision)
         omega = natural_frequency(self._clearance, self._gravity)
         (x, y, _), (vx, vy, _) = dynamics.com.tolist(), dynamics.com_velocity.tolist()
-        cycle = _Cycle(
-            time=time,
-            dt=dt,
-            dcm=complex(x + vx / omega, y + vy / omega),
-            omega=omega,
-            soles=soles,
-            touching=touching,
-            dynamics=dynamics,
-        )
+        dcm = complex(x + vx / omega, y + vy / omega)
+        cycle = _Cycle(time, dt, dcm, omega, soles, touching, dynamics)
         self.velocity = self.velocity.towards(self.command or Velocity(), self.gait, dt)
         if self.phase is Phase.STAND:
             self._enter(Phase.SHIFT, cycle)
@@ -213,36 +185,34 @@ class BipedWalker(Walker):
         if self.phase is Phase.STAND:
             return decision
         self._latest = cycle, pressure
-        self._predict_fall(cycle)
+        if self.is_watch_due(time):
+            self._predict_fall(cycle)
         rate = omega * (cycle.dcm - pressure)
         if self.phase is Phase.SINGLE and self._step is not None:
-            x, y, _, _ = self._step.ahead[2].tolist()
-            rate += self.gait.reaction / omega * complex(x, y)
-        self._references[self.tasks.balance] = reference([cycle.dcm.real, cycle.dcm.imag], [rate.real, rate.imag])
-        self._hold_height(soles[self._stance].height, dt)
-        self._turn(soles, dt)
+            rate += self.gait.reaction / omega * self._step.acceleration
+        turning = self._turn(soles, dt)
+        self._command_body(cycle.dcm, rate, 0j, soles[self._stance].height, turning, dt)
         decision.references = dict(self._references)
         return decision
 
     def _predict_fall(self, cycle: _Cycle) -> None:
         """Compare the DCM with the reach of the fastest steps."""
-        gait, elapsed, single = self.gait, cycle.time - self._since, SHORTEST * self.gait.single
-        one = self.phase is Phase.SINGLE
-        remaining = single - elapsed if one else single
-        if self.phase is Phase.DOUBLE:
+        gait, one, elapsed = self.gait, self.phase is Phase.SINGLE, cycle.time - self._since
+        remaining = SHORTEST * gait.single
+        if one:
+            remaining = max(remaining - elapsed, 0.0)
+        elif self.phase is Phase.DOUBLE:
             remaining += max(gait.double - elapsed, 0.0)
         first = cycle.soles[self._stance]
         second = first if one else cycle.soles[-self._stance]
-        distance = missed(
+        distance, most = missed(
             cycle.dcm, first.place, first.heading, second.place, second.heading, *self._feet[1].half,
-            gait.length, gait.greatest_width, cycle.omega, max(remaining, 0.0),
+            gait.length, gait.greatest_width, gait.step_time, cycle.omega, remaining,
         )  # fmt: skip
-        captured = captured_by_steps(max(gait.length, gait.greatest_width), cycle.omega, gait.step_time)
-        self._compare(cycle.time, distance, captured + MARGIN)
+        self._compare(cycle.time, distance, most)
 
     def watch_standing(self, time: float, dynamics: Dynamics, active: Collection[str]) -> None:
         """Predict a fall of a robot that is supported by its feet alone, at the time of a state, s."""
-        self.watched = time
         soles = [foot.sole(dynamics) for foot in self._feet.values() if foot.contact in active]
         if not soles or len(soles) < len(active):
             self._captured = time
@@ -268,13 +238,13 @@ class BipedWalker(Walker):
             )
 
     def _begin(
-        self, height: float, soles: Mapping[int, Sole], orientations: Mapping[str, Array], decision: Decision
+        self, dynamics: Dynamics, soles: Mapping[int, Sole], orientations: Mapping[str, Array], decision: Decision
     ) -> None:
-        """Start from standing, with the centre of mass at a height in the world, m."""
-        ground = 0.5 * (soles[1].height + soles[-1].height)
-        self._height, self._clearance = height, height - ground - self.gait.lowering
+        """Start from standing."""
+        ground, self._height = 0.5 * (soles[1].height + soles[-1].height), float(dynamics.com[2])
+        self._clearance = self._height - ground - self.gait.lowering
         self._heading = mean_angle(soles[1].heading, soles[-1].heading)
-        self._references = {foot.task: foot.at_rest(soles[side]) for side, foot in self._feet.items()}
+        self._references = {foot.task: foot.at_rest(dynamics) for foot in self._feet.values()}
         self.steps, self.velocity, self._step = 0, Velocity(), None
         self._stance = 1 if self.command is not None and self.command.linear.imag < 0.0 else -1
         if self.footsteps:
@@ -293,11 +263,16 @@ class BipedWalker(Walker):
             middle = stance.place - 0.5j * self._stance * self.gait.width * cmath.rect(1.0, heading)
         return middle, heading
 
-    def _nominal(self, velocity: Velocity, stance: Stance) -> NominalStep:
-        """Return the step to the next planned footstep, or at a velocity."""
+    def _next_step(self, velocity: Velocity, cycle: _Cycle) -> tuple[Stance, NominalStep, complex]:
+        """Return the single support to the next planned footstep, or at a velocity, and the DCM at its start."""
+        foot, sole, gait = cycle.soles[-self._stance], cycle.soles[self._stance], self.gait
+        stance = Stance(sole.place, sole.heading, -self._stance, cycle.omega)
         if self.footsteps:
-            return step_towards(self.footsteps, stance, self.gait)
-        return nominal_step(velocity, stance, self.gait, self.gait.single)
+            step = step_towards(self.footsteps, stance, gait)
+        else:
+            step = nominal_step(velocity, stance, gait, gait.single)
+        push = swing_push(gait.reaction, gait.single, cycle.omega) * (step.place - foot.place)
+        return stance, step, before(step.place + step.offset, sole.place, cycle.omega, gait.single, push)
 
     def _enter(self, phase: Phase, cycle: _Cycle) -> None:
         """Enter a phase; the reference of the DCM begins at the measured one."""
@@ -306,14 +281,9 @@ class BipedWalker(Walker):
     def _shift(self, cycle: _Cycle, decision: Decision) -> complex:
         """Move the DCM to the start of the first step, or for a stop to the middle; return the centre of pressure."""
         soles, elapsed, duration = cycle.soles, cycle.time - self._since, self.gait.shift
-        foot = soles[self._stance]
+        goal = 0.5 * (soles[1].place + soles[-1].place)
         if self.phase is Phase.SHIFT:
-            stance = Stance(foot.place, foot.heading, -self._stance, cycle.omega)
-            nominal = self._nominal(Velocity(), stance)
-            swing = at_rest(soles[-self._stance].centre, 0.0)
-            goal = self._wanted(nominal, stance, swing, self.gait.single)
-        else:
-            goal = 0.5 * (soles[1].place + soles[-1].place)
+            _, _, goal = self._next_step(Velocity(), cycle)
         share, rate = smooth_step(elapsed / duration)
         self._dcm_wanted = self._blend + (goal - self._blend) * share
         pressure = self._dcm_wanted - (goal - self._blend) * rate / (duration * cycle.omega)
@@ -330,30 +300,24 @@ class BipedWalker(Walker):
         foot, sole = cycle.soles[-self._stance], cycle.soles[self._stance]
         self.phase, self._since, self._lifted = Phase.SINGLE, cycle.time, ()
         decision.changes.append(EnableContact(self._feet[-self._stance].contact, False, 0.0))
-        stance = Stance(sole.place, sole.heading, -self._stance, cycle.omega)
-        nominal = self._nominal(self.velocity, stance)
+        stance, nominal, start = self._next_step(self.velocity, cycle)
         planned, self.footsteps = bool(self.footsteps), self.footsteps[1:]
         # The estimated height has drifted since the swing foot became the stance foot.
         drift = foot.height - self._footholds[0].height
         earlier = [replace(each, height=each.height + drift) for each in self._footholds[: FOOTHOLDS - 1]]
         self._footholds = (sole.ground, *earlier)
-        ground, swing = plane_through(self._footholds), at_rest(foot.centre, foot.heading)
+        ground = plane_through(self._footholds)
         self._step = Step(
             stance=stance,
             nominal=nominal,
             landing=Landing(nominal.place, ground.height_at(nominal.place), nominal.heading, self.gait.single),
-            swing=swing,
-            ahead=swing,
+            swing=at_rest(foot.place, foot.height, foot.heading),
+            acceleration=0j,
             ground=ground,
-            slope=foot.ground.slope,
+            slope=foot.slope,
             planned=planned,
         )
-        self._blend = self._dcm_wanted - self._wanted(nominal, stance, swing, self.gait.single)
-
-    def _wanted(self, nominal: NominalStep, stance: Stance, swing: Array, left: float) -> complex:
-        """Return the DCM that leads to the nominal offset after the remaining time, s."""
-        push = self.gait.reaction / stance.omega * integrate_foot(swing, nominal.place, left, stance.omega)
-        return before(nominal.place + nominal.offset, stance.place, stance.omega, left, push)
+        self._blend = self._dcm_wanted - start
 
     def _single(self, step: Step, cycle: _Cycle, decision: Decision) -> complex:
         """Adapt the step, and move the swing foot; return the centre of pressure."""
@@ -361,31 +325,34 @@ class BipedWalker(Walker):
         foot, stance, nominal = self._feet[-self._stance], step.stance, step.nominal
         landing, swing, slope = step.landing, step.swing, step.slope
         if landing.time - elapsed > _FREEZE:
-            if not step.planned:
-                nominal = nominal_step(self.velocity, stance, gait, landing.time)
-            place, duration = adapt(
-                landing.place, landing.time, nominal.place, nominal.offset, gait.single,
-                stance.place, stance.heading, stance.side, gait.length, gait.least_width, gait.greatest_width,
-                cycle.dcm, stance.omega, gait.reaction, swing, landing.height, elapsed, dt,
+            to, facing, offset, place, duration, wanted = adapt(
+                step.planned, nominal.place, nominal.heading, nominal.offset, self.velocity.linear,
+                self.velocity.turning, landing.place, landing.time, stance.place, stance.heading, stance.side,
+                stance.omega, gait.single, gait.double, gait.width, gait.least_width, gait.greatest_width,
+                gait.length, gait.reaction, cycle.dcm, swing, landing.height, elapsed, dt,
             )  # fmt: skip
+            nominal = NominalStep(to, facing, offset)
             heading = swing.item(0, 3)
             heading += math.remainder(nominal.heading - heading, math.tau)
             # The ground has sunk since lift-off, also by drift of the estimate.
             sunk = cycle.soles[self._stance].height - self._footholds[0].height
             landing = Landing(place, step.ground.height_at(place) + sunk, heading, duration)
+        else:
+            left = max(landing.time - elapsed, 0.0)
+            wanted = dcm_towards(nominal.place, nominal.offset, stance.place, stance.omega, gait.reaction, swing, left)
         share, _ = smooth_step(elapsed / _BLEND)
-        left = max(landing.time - elapsed, 0.0)
-        self._dcm_wanted = self._wanted(nominal, stance, swing, left) + self._blend * (1.0 - share)
+        self._dcm_wanted = wanted + self._blend * (1.0 - share)
         if dt > 0.0:
-            swing = moved(swing, landing, gait.clearance, elapsed - dt, dt)
             slope += (step.ground.slope - slope) * min(1.0, dt / _LEVELLING)
-        ahead = np.array([*swing[:2], moved(swing, landing, gait.clearance, elapsed, self._lag)[2]])
-        self._step = step = Step(stance, nominal, landing, swing, ahead, step.ground, slope, step.planned)
-        self._references[foot.task] = foot.in_swing(ahead, slope)
+        swing, acceleration, self._references[foot.task] = foot.swung(
+            swing, landing, slope, gait.clearance, elapsed - dt, dt, self._lag
+        )
+        self._step = step = Step(stance, nominal, landing, swing, acceleration, step.ground, slope, step.planned)
         share, late = elapsed / landing.time, elapsed - landing.time
-        sensor = self._sensor(foot.contact, cycle.touching)
-        low = max(swing.item(0, 2), cycle.soles[-self._stance].height) - landing.height < _LOW * gait.clearance
-        if low and share >= COUNTS and lands(share, late, swing.item(1, 2), foot.velocity(cycle.dynamics), sensor):
+        sensor = self._sensor(foot.contact, cycle.touching) if cycle.touching else None
+        sole = cycle.soles[-self._stance]
+        low = max(swing.item(0, 2), sole.height) - landing.height < _LOW * gait.clearance
+        if low and share >= COUNTS and lands(share, late, swing.item(1, 2), sole.rise, sole.speed, sensor):
             self._land(step, cycle, late, decision)
         return self._corrected(stance.place, cycle, stance.place, stance.place)
 
@@ -397,7 +364,7 @@ class BipedWalker(Walker):
         """
         foot, sole = self._feet[-self._stance], cycle.soles[-self._stance]
         decision.changes.append(EnableContact(foot.contact, True, 0.0))
-        self._references[foot.task] = foot.at_rest(sole)
+        self._references[foot.task] = foot.at_rest(cycle.dynamics)
         self.phase, self._since, self.steps = Phase.DOUBLE, cycle.time, self.steps + 1
         self._early = max(0.0, -late - _ON_TIME)
         self._double_support = max(self.gait.double - max(0.0, late - _ON_TIME), _SHORTEST_DOUBLE)
@@ -432,15 +399,14 @@ class BipedWalker(Walker):
         """
         foot, heading = self._feet[self._stance], cycle.soles[self._stance].heading
         pressure += (1.0 + GAIN / cycle.omega) * (cycle.dcm - self._dcm_wanted)
-        length, width = _SOLE_SHARE[0] * foot.half[0], _SOLE_SHARE[1] * foot.half[1]
-        return nearest_in_support(pressure, first, second, heading, length, width)
+        return nearest_in_support(pressure, first, second, heading, *foot.usable)
 
-    def _turn(self, soles: Mapping[int, Sole], dt: float) -> None:
-        """Turn the tasks on orientations with the heading of the feet."""
+    def _turn(self, soles: Mapping[int, Sole], dt: float) -> float:
+        """Turn the heading to that of the feet; return its rate, rad/s."""
         if self._step is None:
             goal = mean_angle(soles[1].heading, soles[-1].heading)
         else:
             goal = mean_angle(self._step.stance.heading, self._step.nominal.heading)
         rate = _HEADING_RATE * math.remainder(goal - self._heading, math.tau)
         self._heading += rate * dt
-        self._turn_tasks(rate)
+        return rate

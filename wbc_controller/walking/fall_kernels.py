@@ -58,14 +58,15 @@ def nearest_support(
 @compiled
 def missed(
     dcm: complex, first: complex, first_heading: float, second: complex, second_heading: float, length: float,
-    width: float, step_length: float, step_width: float, omega: float, time: float,
-) -> float:  # fmt: skip
-    """Return the distance from the DCM to the nearest foothold at the earliest touchdown, m; other arguments as above.
+    width: float, step_length: float, step_width: float, step_time: float, omega: float, time: float,
+) -> tuple[float, float]:  # fmt: skip
+    """Return the distance from the DCM to the nearest foothold at the earliest touchdown, and the largest one, m.
 
-    Crossing feet are allowed: a late alarm is better than a false one.
+    Crossing feet are allowed: a late alarm is better than a false one. Other arguments as above.
 
     Args:
         step_length, step_width: reach of a step, m.
+        step_time: nominal duration of a step T, s.
         omega: ω, 1/s.
         time: until the earliest touchdown t, s.
     """
@@ -75,4 +76,4 @@ def missed(
     for place, heading in ((first, first_heading), (second, second_heading)):
         local = (end - place) / cmath.rect(1.0, heading)
         distance = min(distance, abs(local - _clipped(local, step_length, step_width)))
-    return distance
+    return distance, max(step_length, step_width) / math.expm1(omega * step_time) + MARGIN

@@ -10,89 +10,83 @@ import pinocchio as pin
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.instruction import placement_numbers
 from wbc_controller.records import Array, Reference
-from wbc_controller.walking.feet_kernels import frame_in_swing
+from wbc_controller.walking.feet_kernels import motion_of_sole, move_sole
+from wbc_controller.walking.swing_kernels import DESCENT, Landing
 from wbc_controller.walking.terrain import Ground
+
+#: Shares of the half length and half width of the sole that the centre of pressure may use.
+_SOLE_SHARE = (0.8, 0.7)
 
 
 class Sole(NamedTuple):
-    """Pose of a sole in the world.
+    """Pose and speed of a sole in the world."""
 
-    Attributes:
-        place: of the centre on the ground, x + i y in m.
-        height: of the centre, m.
-        heading: angle of the x axis about the vertical, rad.
-        rotation: (3, 3).
-    """
-
-    place: complex
-    height: float
-    heading: float
-    rotation: Array
-
-    @property
-    def centre(self) -> Array:
-        """Centre, (3,) in m."""
-        return np.array([self.place.real, self.place.imag, self.height])
+    place: complex  # of the centre on the ground, x + i y in m
+    height: float  # of the centre, m
+    heading: float  # angle of the x axis about the vertical, rad
+    slope: complex  # increase of the height along x and y, dz/dx + i dz/dy
+    rise: float  # vertical velocity of the centre, m/s
+    speed: float  # of the centre, m/s
 
     @property
     def ground(self) -> Ground:
         """Plane of this sole."""
-        n = self.rotation[:, 2]
-        return Ground(self.place, self.height, complex(-n[0] / n[2], -n[1] / n[2]))
+        return Ground(self.place, self.height, self.slope)
 
 
 @dataclass(frozen=True, slots=True)
 class Foot:
-    """One foot: its contact, the task on the pose of its frame, and the index of the frame.
-
-    Attributes:
-        placement: of the sole in the frame: centre, and axes with z upwards.
-        half: half length and half width of the sole, m.
-        frame_in_sole: placement of the frame in the sole, (12,).
-    """
+    """One foot: its contact, the task on the pose of its frame, and the index of the frame."""
 
     contact: str
     task: str
     frame: int
-    placement: pin.SE3
-    half: tuple[float, float]
-    frame_in_sole: Array = field(init=False)
+    placement: pin.SE3  # of the sole in the frame: centre, and axes with z upwards
+    half: tuple[float, float]  # half length and half width of the sole, m
+    link: int  # index of the link
+    on_link: Array  # placement of the sole on the link, (12,)
+    frame_in_sole: Array = field(init=False)  # placement of the frame in the sole, (12,)
+    #: Half length and half width of the area of the centre of pressure, m.
+    usable: tuple[float, float] = field(init=False)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "usable", (_SOLE_SHARE[0] * self.half[0], _SOLE_SHARE[1] * self.half[1]))
         object.__setattr__(self, "frame_in_sole", placement_numbers(self.placement.inverse()))
 
     def sole(self, dynamics: Dynamics) -> Sole:
-        """Return the pose of the sole."""
-        pose = dynamics.placement(self.frame) * self.placement
-        x, y, z = pose.translation.tolist()
-        R = pose.rotation
-        return Sole(complex(x, y), z, math.atan2(R[1, 0], R[0, 0]), R)
+        """Return pose and speed of the sole."""
+        return Sole(*motion_of_sole(dynamics.joints, dynamics.links, self.link, self.on_link))
 
-    def corners(self, sole: Sole) -> list[complex]:
+    def pose(self, dynamics: Dynamics) -> pin.SE3:
+        """Return the placement of the sole in the world."""
+        return dynamics.placement(self.frame) * self.placement
+
+    def corners(self, dynamics: Dynamics) -> list[complex]:
         """Return the corners of the rectangle `half` on the ground, x + i y in m."""
-        axes = sole.rotation[0] + 1j * sole.rotation[1]
+        pose = self.pose(dynamics)
+        (x, y, _), axes = pose.translation.tolist(), pose.rotation[0] + 1j * pose.rotation[1]
         length, width = self.half[0] * axes[0], self.half[1] * axes[1]
-        return [sole.place + a * length + b * width for a in (1.0, -1.0) for b in (1.0, -1.0)]
+        return [complex(x, y) + a * length + b * width for a in (1.0, -1.0) for b in (1.0, -1.0)]
 
-    def velocity(self, dynamics: Dynamics) -> Array:
-        """Return the velocity of the centre of the sole in world axes, (3,) in m/s."""
-        vx, vy, vz, wx, wy, wz = dynamics.velocity(self.frame, pin.LOCAL_WORLD_ALIGNED).tolist()
-        frame = dynamics.placement(self.frame)
-        fx, fy, fz = frame.translation.tolist()
-        x, y, z = (frame * self.placement).translation.tolist()
-        x, y, z = x - fx, y - fy, z - fz
-        return np.array([vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x])
+    def at_rest(self, dynamics: Dynamics) -> Reference:
+        """Return the reference of the frame at rest in its present pose."""
+        return Reference(pin.SE3ToXYZQUAT(dynamics.placement(self.frame)), np.zeros(6), np.zeros(6))
 
-    def at_rest(self, sole: Sole) -> Reference:
-        """Return the reference of the frame for a sole at rest."""
-        frame = pin.SE3(sole.rotation, sole.centre) * self.placement.inverse()
-        return Reference(pin.SE3ToXYZQUAT(frame), np.zeros(6), np.zeros(6))
+    def swung(
+        self, swing: Array, landing: Landing, slope: complex, clearance: float, elapsed: float, dt: float, lag: float
+    ) -> tuple[Array, complex, Reference]:
+        """Return the motion of a sole in the air, (3, 4), after one cycle, and the reference of the frame.
 
-    def in_swing(self, swing: Array, slope: complex) -> Reference:
-        """Return the reference of the frame for the motion of a sole in the air, (3, 4), parallel to a slope."""
-        out = np.empty(19)
-        frame_in_swing(swing, slope, self.frame_in_sole, out)
-        return Reference(out[:7], out[7:13], out[13:])
+        The acceleration of the reference is planned for the time at which the torques act, after `lag`, s; its
+        horizontal part, x + i y in m/s², is the second result. The sole is parallel to a slope. Other arguments as of
+        `moved`.
+        """
+        motion, out = np.empty((3, 4)), np.empty(19)
+        acceleration = move_sole(
+            swing, landing.place, landing.height, landing.heading, landing.time, clearance, elapsed, dt, DESCENT, lag,
+            slope, self.frame_in_sole, motion, out,
+        )  # fmt: skip
+        return motion, acceleration, Reference(out[:7], out[7:13], out[13:])
 
 
 def about_z(angle: float) -> Array:

@@ -1,4 +1,4 @@
-"""Kernel for the reference of a swing foot."""
+"""Kernels for the motion of feet, and for the reference of a swing foot."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ import math
 
 import numpy as np
 
-from wbc_controller.compilation import Matrix, OutVector, Vector, compiled, part
+from wbc_controller.compilation import Indices, Matrix, OutMatrix, OutVector, Vector, compiled, part
 from wbc_controller.inverse_dynamics.robot.placement_kernels import (
+    Vector3,
+    add,
     cross,
     dot,
     place,
@@ -16,8 +18,48 @@ from wbc_controller.inverse_dynamics.robot.placement_kernels import (
     scale,
     subtract,
     three,
+    transform,
 )
 from wbc_controller.records import Array
+from wbc_controller.walking.swing_kernels import move_foot
+
+
+@part
+def _velocity(link: Array, point: Vector3) -> Vector3:
+    """Return the velocity of a point of a link."""
+    return add(three(link, 0), cross(three(link, 3), point))
+
+
+@compiled
+def motion_of_points(joints: Matrix, links: Matrix, on: Indices, offsets: Matrix, out: OutMatrix) -> None:
+    """Write position and velocity of points in world axes, (n, 6).
+
+    Args:
+        joints, links: of `Dynamics`.
+        on: index of the link of each point, (n,).
+        offsets: of the points on their links, (n, 3) in m.
+    """
+    if len(joints) != len(links) or offsets.shape != (len(on), 3) or out.shape != (len(on), 6) or max(on) >= len(links):
+        raise ValueError("motion_of_points: wrong sizes")
+    for i in range(len(on)):
+        point = transform(joints[on[i]], three(offsets[i], 0))
+        put(out[i], 0, point)
+        put(out[i], 3, _velocity(links[on[i]], point))
+
+
+@compiled
+def motion_of_sole(
+    joints: Matrix, links: Matrix, link: int, mount: Vector
+) -> tuple[complex, float, float, complex, float, float]:
+    """Return the fields of `feet.Sole` for the placement of a sole on a link, (12,); other arguments as above."""
+    if len(joints) != len(links) or not 0 <= link < len(links) or len(mount) != 12:
+        raise ValueError("motion_of_sole: wrong sizes")
+    sole = np.empty(12)
+    place(joints[link], mount, sole)
+    x, y, z = three(sole, 9)
+    v = _velocity(links[link], (x, y, z))
+    slope = complex(-sole[6] / sole[8], -sole[7] / sole[8])
+    return complex(x, y), z, math.atan2(sole[1], sole[0]), slope, v[2], math.sqrt(dot(v, v))
 
 
 @part
@@ -31,8 +73,8 @@ def _put_rotation(out: Array, slope: complex, heading: float) -> None:
     put(out, 6, z)
 
 
-@compiled
-def frame_in_swing(motion: Matrix, slope: complex, mount: Vector, out: OutVector) -> None:
+@part
+def _put_frame(out: Array, motion: Array, slope: complex, mount: Array) -> None:
     """Write the reference of a frame for a sole in the air: position, quaternion, velocity and acceleration, (19,).
 
     The sole is parallel to a slope and turns with its heading ψ about the vertical. With the offset r from its centre
@@ -43,8 +85,6 @@ def frame_in_swing(motion: Matrix, slope: complex, mount: Vector, out: OutVector
         slope: dz/dx + i dz/dy.
         mount: placement of the frame in the sole, (12,).
     """
-    if motion.shape != (3, 4) or len(mount) != 12 or len(out) != 19:
-        raise ValueError("frame_in_swing: wrong sizes")
     sole, frame = np.empty(12), np.empty(12)
     _put_rotation(sole, slope, motion[0, 3])
     put(sole, 9, (motion[0, 0], motion[0, 1], motion[0, 2]))
@@ -56,3 +96,22 @@ def frame_in_swing(motion: Matrix, slope: complex, mount: Vector, out: OutVector
     put(out, 10, (0.0, 0.0, v[3]))
     put(out, 13, (a[0] - a[3] * y - v[3] * v[3] * x, a[1] + a[3] * x - v[3] * v[3] * y, a[2]))
     put(out, 16, (0.0, 0.0, a[3]))
+
+
+@compiled
+def move_sole(
+    sole: Matrix, place: complex, height: float, heading: float, duration: float, clearance: float, elapsed: float,
+    dt: float, descent: float, lag: float, slope: complex, mount: Vector, motion: OutMatrix, out: OutVector,
+) -> complex:  # fmt: skip
+    """Write the motion of a sole after one cycle, and the reference of its frame; see `Foot.swung`."""
+    if sole.shape != (3, 4) or motion.shape != (3, 4) or len(mount) != 12 or len(out) != 19:
+        raise ValueError("move_sole: wrong sizes")
+    if dt > 0.0:
+        move_foot(sole, place, height, heading, duration, clearance, elapsed, dt, descent, motion)
+    else:
+        motion[:] = sole
+    ahead = np.empty((3, 4))
+    move_foot(motion, place, height, heading, duration, clearance, elapsed + dt, lag, descent, ahead)
+    ahead[:2] = motion[:2]
+    _put_frame(out, ahead, slope, mount)
+    return complex(ahead[2, 0], ahead[2, 1])

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 from wbc_controller.errors import InputRefused
 from wbc_controller.records import Array
-from wbc_controller.walking.footsteps import NominalStep, Stance, swing_push
+from wbc_controller.walking.footsteps import NominalStep, Stance
+from wbc_controller.walking.footsteps_kernels import swing_push
 from wbc_controller.walking.gait import Gait
-from wbc_controller.walking.pendulum import periodic_offset, previous_offset
+from wbc_controller.walking.pendulum_kernels import periodic_offset, previous_offset
 
 #: Largest angle between the feet, rad.
 MAX_TURN = 0.5
@@ -79,7 +80,7 @@ def step_towards(steps: Sequence[Footstep], stance: Stance, gait: Gait) -> Nomin
     step, *later = steps[:_AHEAD]
     last = later[-1] if later else step
     following = -1j * last.side * gait.width * cmath.rect(1.0, last.heading)
-    push = swing_push(gait, stance.omega)
+    push = swing_push(gait.reaction, gait.single, stance.omega)
     offset = periodic_offset(0.0, following, stance.omega, gait.single, gait.double, push)
     places = [stance.place, step.place, *(each.place for each in later)]
     for i in range(len(places) - 1, 0, -1):

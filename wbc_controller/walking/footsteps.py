@@ -1,17 +1,13 @@
 """Nominal steps of a velocity."""
 
-import cmath
 from dataclasses import dataclass
 
 from wbc_controller.records import Array
+from wbc_controller.walking.footsteps_kernels import periodic_step
 from wbc_controller.walking.gait import Gait, SpeedLimits
-from wbc_controller.walking.pendulum import periodic_offset
-from wbc_controller.walking.swing_kernels import integrate_axis
 
 #: Largest backward speed, as a share of the forward speed.
 BACKWARD = 0.5
-#: Margin of the nominal width over the smallest one, m.
-_MARGIN = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +38,8 @@ class Velocity:
 
         A stop is faster by the factor `limits.braking`.
         """
-        if wanted == self:
-            return self
+        if wanted is self or wanted == self:
+            return wanted
         time *= limits.braking if wanted == Velocity() else 1.0
         forward, sideways, turning = limits.acceleration
         change = wanted.linear - self.linear
@@ -59,54 +55,28 @@ def _clip(value: float, limit: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Stance:
-    """The stance during one single support.
+    """The stance during one single support."""
 
-    Attributes:
-        place: p, of the stance foot, x + i y in m in the world.
-        heading: of the stance foot, rad.
-        side: 1 if the swing foot is the left one, -1 for the right one.
-        omega: natural frequency of the pendulum ω, 1/s.
-    """
-
-    place: complex
-    heading: float
-    side: int
-    omega: float
+    place: complex  # p, of the stance foot, x + i y in m in the world
+    heading: float  # of the stance foot, rad
+    side: int  # 1 if the swing foot is the left one, -1 for the right one
+    omega: float  # natural frequency of the pendulum ω, 1/s
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)  # not frozen: faster construction
 class NominalStep:
-    """Step of a periodic gait at a commanded velocity.
+    """Step of a periodic gait at a commanded velocity."""
 
-    Attributes:
-        place: of the new foot, x + i y in m in the world.
-        heading: of the new foot, rad.
-        offset: of the DCM from the new foot at touchdown, x + i y in m in world axes.
-    """
-
-    place: complex
-    heading: float
-    offset: complex
-
-
-def swing_push(gait: Gait, omega: float) -> float:
-    """Return ρ, the change of the DCM at touchdown by a swing foot that moves by 1 m from rest to rest."""
-    return gait.reaction / omega * integrate_axis(0.0, 0.0, 0.0, 1.0, gait.single, omega)
+    place: complex  # of the new foot, x + i y in m in the world
+    heading: float  # of the new foot, rad
+    offset: complex  # of the DCM from the new foot at touchdown, x + i y in m in world axes
 
 
 def nominal_step(velocity: Velocity, stance: Stance, gait: Gait, single: float) -> NominalStep:
-    """Return the next step, with a single support of the given duration in s.
-
-    The middle between the feet moves by velocity times step time in the mean heading. Sideways steps widen the stance,
-    so that the inward step keeps the smallest distance between the feet.
-    """
-    duration = single + gait.double
-    progress, turn = velocity.linear * duration, velocity.turning * duration
-    width = max(gait.width, gait.least_width + _MARGIN + abs(progress.imag)) * stance.side * 1j
-    before, after = cmath.rect(1.0, stance.heading), cmath.rect(1.0, stance.heading + turn)
-    middle = cmath.rect(1.0, stance.heading + 0.5 * turn)
-    place = stance.place + 0.5 * width * before + progress * middle + 0.5 * width * after
-    push = swing_push(gait, stance.omega)
-    progress = velocity.linear * gait.step_time
-    offset = periodic_offset(progress, width, stance.omega, gait.single, gait.double, push) * after
-    return NominalStep(place, stance.heading + turn, offset)
+    """Return the next step, with a single support of the given duration in s."""
+    return NominalStep(
+        *periodic_step(
+            velocity.linear, velocity.turning, single, stance.place, stance.heading, stance.side, stance.omega,
+            gait.single, gait.double, gait.width, gait.least_width, gait.reaction,
+        )
+    )  # fmt: skip

@@ -16,46 +16,28 @@ class Phase(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpeedLimits:
-    """Limits of the velocity command.
+    """Limits of the velocity command."""
 
-    Attributes:
-        speed: largest speeds forward (backward: half of it), sideways and turning, m/s and rad/s.
-        acceleration: largest rates of these speeds, m/s² and rad/s².
-        braking: ratio of the largest deceleration to a stop to the largest acceleration.
-    """
-
+    #: Largest speeds forward (backward: half of it), sideways and turning, m/s and rad/s.
     speed: tuple[float, float, float]
-    acceleration: tuple[float, float, float] = (0.3, 0.3, 0.6)
-    braking: float = 2.0
+    acceleration: tuple[float, float, float] = (0.3, 0.3, 0.6)  # largest rates of these speeds, m/s² and rad/s²
+    braking: float = 2.0  # ratio of the largest deceleration to a stop to the largest acceleration
 
 
 @dataclass(frozen=True, slots=True)
 class Gait(SpeedLimits):
-    """Parameters of a biped's gait.
+    """Parameters of a biped's gait."""
 
-    Attributes:
-        single: nominal duration of the single support, s.
-        double: duration of the double support, s.
-        shift: duration of the first and the last shift of the weight, s.
-        lowering: of the centre of mass from standing, m: long steps need bent knees.
-        clearance: height of the swing foot above the ground, m.
-        width: nominal distance between the feet, m.
-        least_width: smallest distance between the feet, m.
-        length: longest step forward or backward, m.
-        greatest_width: largest distance between the feet, m.
-        reaction: μ of the swing foot's acceleration ẍ, c̈ = ω² (c - p) + μ ẍ.
-    """
-
-    single: float
-    double: float
-    shift: float
-    lowering: float
-    clearance: float
-    width: float
-    least_width: float
-    length: float
-    greatest_width: float
-    reaction: float
+    single: float  # nominal duration of the single support, s
+    double: float  # duration of the double support, s
+    shift: float  # duration of the first and the last shift of the weight, s
+    lowering: float  # of the centre of mass from standing, m: long steps need bent knees
+    clearance: float  # height of the swing foot above the ground, m
+    width: float  # nominal distance between the feet, m
+    least_width: float  # smallest distance between the feet, m
+    length: float  # longest step forward or backward, m
+    greatest_width: float  # largest distance between the feet, m
+    reaction: float  # μ of the swing foot's acceleration ẍ, c̈ = ω² (c - p) + μ ẍ
 
     @property
     def step_time(self) -> float:
@@ -65,27 +47,17 @@ class Gait(SpeedLimits):
 
 @dataclass(frozen=True, slots=True)
 class QuadrupedGait(SpeedLimits):
-    """Parameters of a quadruped's gait.
+    """Parameters of a quadruped's gait."""
 
-    Attributes:
-        groups: contacts of the feet that swing together, in the order of their swings.
-        sway: leftward offset of the centre of mass from the middle of the feet during the swing of each group, m.
-        swing: duration of a swing, s.
-        pause: duration of the support by all feet before each swing, s.
-        shift: the same before the first swing, and after the last, s.
-        lowering: of the centre of mass from standing, m.
-        clearance: height of a swing foot above the ground, m.
-        length: largest distance of a foot from its nominal place below the body, m.
-    """
-
-    groups: tuple[tuple[str, ...], ...]
+    groups: tuple[tuple[str, ...], ...]  # contacts of the feet that swing together, in the order of their swings
+    #: Leftward offset of the centre of mass from the middle of the feet during the swing of each group, m.
     sway: tuple[float, ...]
-    swing: float
-    pause: tuple[float, ...]
-    shift: float
-    lowering: float
-    clearance: float
-    length: float
+    swing: float  # duration of a swing, s
+    pause: tuple[float, ...]  # duration of the support by all feet before each swing, s
+    shift: float  # the same before the first swing, and after the last, s
+    lowering: float  # of the centre of mass from standing, m
+    clearance: float  # height of a swing foot above the ground, m
+    length: float  # largest distance of a foot from its nominal place below the body, m
 
     @property
     def cycle(self) -> float:

@@ -1,12 +1,14 @@
 """Record of the walker's plan for viewers."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from wbc_controller.records import Array
-from wbc_controller.walking.swing import Landing, moved
+from wbc_controller.walking.gait import Phase
+from wbc_controller.walking.swing_kernels import Landing, moved
 
 #: Points of the path of a swing foot.
 _POINTS = 10
@@ -16,24 +18,35 @@ _ON_EDGE = 1.0e-9
 
 @dataclass(frozen=True, slots=True)
 class WalkingPlan:
-    """Plan of one cycle. Points in the world in m, on the ground x + i y.
-
-    Attributes:
-        dcm: measured DCM ξ.
-        wanted_dcm: its reference ξ*.
-        swings: planned path of each foot in the air, from its present reference to the touchdown, (n, 3), by contact.
-        landings: planned touchdowns, (3,), by contact.
-        remaining: time until the next touchdown, s; infinite without a foot in the air.
-        margin: least distance of the planned centre of pressure to the edge of the support, m; negative outside.
-    """
+    """Plan of one cycle. Points in the world in m, on the ground x + i y."""
 
     phase: str
-    dcm: complex
-    wanted_dcm: complex
+    dcm: complex  # measured DCM ξ
+    wanted_dcm: complex  # its reference ξ*
+    #: Planned path of each foot in the air, from its present reference to the touchdown, (n, 3), by contact.
     swings: Mapping[str, Array]
-    landings: Mapping[str, Array]
-    remaining: float
-    margin: float
+    landings: Mapping[str, Array]  # planned touchdowns, (3,), by contact
+    remaining: float  # time until the next touchdown, s; infinite without a foot in the air
+    margin: float  # least distance of the planned centre of pressure to the edge of the support, m; negative outside
+
+    @classmethod
+    def of(
+        cls, phase: Phase, dcm: complex, wanted_dcm: complex, swings: Mapping[str, tuple[Array, Landing]],
+        clearance: float, elapsed: float, margin: float,
+    ) -> "WalkingPlan":  # fmt: skip
+        """Return the plan with motions (3, 4) and touchdowns of the feet in the air; other arguments of `moved`."""
+        return cls(
+            phase=phase.value,
+            dcm=dcm,
+            wanted_dcm=wanted_dcm,
+            swings={name: swing_path(*each, clearance, elapsed) for name, each in swings.items()},
+            landings={
+                name: np.array([landing.place.real, landing.place.imag, landing.height])
+                for name, (_, landing) in swings.items()
+            },
+            remaining=min((max(0.0, landing.time - elapsed) for _, landing in swings.values()), default=math.inf),
+            margin=margin,
+        )
 
 
 def swing_path(swing: Array, landing: Landing, clearance: float, elapsed: float) -> Array:

@@ -1,4 +1,4 @@
-"""Kernels for the motion of a swing foot: one quintic per coordinate, replanned in every cycle.
+"""Motion of a swing foot: one quintic per coordinate, replanned in every cycle.
 
 The motion of a foot is an array (3, 4): rows position, velocity and acceleration, columns x, y, z in m and heading in
 rad. A coordinate x with the rates v and a moves after the time t to x + v t + a t²/2 + c₃ t³ + c₄ t⁴ + c₅ t⁵.
@@ -7,9 +7,13 @@ rad. A coordinate x with the rates v and a moves after the time t to x + v t + a
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+
+import numpy as np
 
 from wbc_controller.compilation import Matrix, OutMatrix, compiled, part
 from wbc_controller.inverse_dynamics.robot.placement_kernels import Vector3
+from wbc_controller.records import Array
 
 #: Share of the step at which the foot is highest.
 APEX = 0.45
@@ -17,8 +21,26 @@ APEX = 0.45
 TOUCHDOWN_SPEED = 0.1
 #: Downward acceleration and speed of a late foot, m/s² and m/s.
 _LATE_ACCELERATION, LATE_SPEED = 10.0, 0.5
+#: Time before the apex at which the plan changes from the apex to the ground, s. In a shorter time to the apex, a
+#: change of the step time or of the ground by a millimetre would need a large acceleration.
+DESCENT = 0.06
 #: Shortest remaining time of a new plan, s.
 _SHORTEST = 0.0005
+
+
+@dataclass(slots=True)  # not frozen: faster construction
+class Landing:
+    """Planned touchdown of the swing foot."""
+
+    place: complex  # u, x + i y in m in the world
+    height: float  # of the ground there, m
+    heading: float  # of the foot, rad; less than half a turn away from the present one; 0 for a point foot
+    time: float  # T, after lift-off, s
+
+
+def at_rest(place: complex, height: float, heading: float) -> Array:
+    """Return the motion, (3, 4), of a foot at rest at a place, x + i y in m, a height, m, and a heading, rad."""
+    return np.array([[place.real, place.imag, height, heading], [0.0] * 4, [0.0] * 4])
 
 
 @part
@@ -58,7 +80,7 @@ def move_foot(
     foot: Matrix, place: complex, height: float, heading: float, duration: float, clearance: float, elapsed: float,
     dt: float, descent: float, out: OutMatrix,
 ) -> None:  # fmt: skip
-    """Write the motion after one cycle to a touchdown; arguments of `swing.moved`."""
+    """Write the motion after one cycle to a touchdown; arguments of `moved`."""
     if foot.shape != (3, 4) or out.shape != (3, 4):
         raise ValueError("move_foot: wrong sizes")
     left, top = duration - elapsed, APEX * duration
@@ -75,6 +97,22 @@ def move_foot(
             v = max(min(v, -TOUCHDOWN_SPEED) - _LATE_ACCELERATION * dt, -LATE_SPEED)
             moved = (x + v * dt, v, -_LATE_ACCELERATION if v > -LATE_SPEED else 0.0)
         out[0, i], out[1, i], out[2, i] = moved
+
+
+def moved(
+    foot: Array, landing: Landing, clearance: float, elapsed: float, dt: float, descent: float = DESCENT
+) -> Array:
+    """Return the motion of a foot, (3, 4), after one cycle; a late foot accelerates downwards. All times in s.
+
+    Args:
+        clearance: height of the foot above the ground at the apex, m.
+        elapsed: time since lift-off.
+        descent: time before the apex at which the plan changes to the ground.
+    """
+    place, height, heading, time = landing.place, landing.height, landing.heading, landing.time
+    out = np.empty((3, 4))
+    move_foot(foot, place, height, heading, time, clearance, elapsed, dt, descent, out)
+    return out
 
 
 @compiled

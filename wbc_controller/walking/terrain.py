@@ -7,7 +7,7 @@ With the place p_i, height z_i and slope g_i of the i-th last foothold, height h
 A foot on a stone or an edge changes the plane less than two steps on a slope.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,19 +21,13 @@ FOOTHOLDS = 4
 _HEIGHT, _SLOPE = 0.01, 0.1
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)  # not frozen: faster construction
 class Ground:
-    """Plane of the ground.
+    """Plane of the ground."""
 
-    Attributes:
-        place: of a point, x + i y in m.
-        height: of this point, m.
-        slope: increase of the height along x and y, dz/dx + i dz/dy.
-    """
-
-    place: complex
-    height: float
-    slope: complex
+    place: complex  # of a point, x + i y in m
+    height: float  # of this point, m
+    slope: complex  # increase of the height along x and y, dz/dx + i dz/dy
 
     def height_at(self, place: complex) -> float:
         """Return the height at a place, m."""
@@ -41,9 +35,9 @@ class Ground:
         return self.height + self.slope.real * to.real + self.slope.imag * to.imag
 
     @classmethod
-    def below(cls, points: Iterable[Array]) -> "Ground":
-        """Return the plane with the smallest squared vertical distances to points, at least three, not on a line."""
-        return cls(*plane_below(np.array([*points])))
+    def below(cls, points: Array) -> "Ground":
+        """Return the plane with the smallest squared vertical distances to points, (n, 3), not on a line."""
+        return cls(*plane_below(points))
 
 
 def plane_through(footholds: Sequence[Ground]) -> Ground:

@@ -1,6 +1,5 @@
 """Touchdown by a contact sensor or by motion."""
 
-from wbc_controller.records import Array
 from wbc_controller.walking.swing_kernels import TOUCHDOWN_SPEED
 
 #: Least share of the planned swing for a touchdown.
@@ -15,14 +14,14 @@ _SLOW = 0.2
 LATEST = 0.15
 
 
-def lands(share: float, late: float, wanted: float, velocity: Array, touching: bool | None) -> bool:
+def lands(share: float, late: float, wanted: float, rise: float, speed: float, touching: bool | None) -> bool:
     """Return whether the foot has touched the ground.
 
     Args:
         share: elapsed share of the planned swing.
         late: time after the planned touchdown, s; negative before.
         wanted: vertical velocity of the reference, m/s.
-        velocity: of the centre of the sole, (3,) in m/s.
+        rise, speed: vertical velocity and speed of the centre of the sole, m/s.
         touching: state of the contact sensor; None without one.
     """
     if share < COUNTS:
@@ -31,13 +30,13 @@ def lands(share: float, late: float, wanted: float, velocity: Array, touching: b
         return True
     if touching:
         return True
-    stopped = wanted <= -_DESCENDING and velocity[2] > _STOPPED * max(wanted, -TOUCHDOWN_SPEED)
-    return bool(stopped and velocity.dot(velocity) < _SLOW * _SLOW)
+    stopped = wanted <= -_DESCENDING and rise > _STOPPED * max(wanted, -TOUCHDOWN_SPEED)
+    return stopped and speed < _SLOW
 
 
-def rebounds(wanted: float, velocity: Array) -> bool:
+def rebounds(wanted: float, rise: float) -> bool:
     """Return whether a point foot moves up again while its reference descends; arguments of `lands`.
 
     A sole does not rebound: if it moves up, it follows the reference of a short step late.
     """
-    return bool(wanted <= -_DESCENDING and velocity[2] > 0.0)
+    return wanted <= -_DESCENDING and rise > 0.0

@@ -3,46 +3,43 @@
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from wbc_controller.errors import InputRefused
 from wbc_controller.inverse_dynamics.references.changes import Change, EnableTask, SetSetpoint
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
-from wbc_controller.records import Array, Reference
+from wbc_controller.records import Array, Reference, freeze
 from wbc_controller.walking.footsteps import Velocity
 from wbc_controller.walking.gait import Gait, Phase, QuadrupedGait
 from wbc_controller.walking.goal import Goal, velocity_to
 from wbc_controller.walking.plan import WalkingPlan
-from wbc_controller.walking.references import height_rate, reference, turned
+from wbc_controller.walking.references_kernels import body_references
+
+#: Time between predictions of a fall, s.
+_WATCH_PERIOD = 0.008
+#: Acceleration of a reference without one.
+STILL = freeze(np.zeros(3))
 
 
 @dataclass(slots=True)
 class Decision:
     """Changes of tasks and contacts, and references of tasks, requested by the walker in one cycle."""
 
-    changes: list[Change] = field(default_factory=list)
-    references: dict[str, Reference] = field(default_factory=dict)
+    changes: list[Change]
+    references: dict[str, Reference]
 
 
 @dataclass(frozen=True, slots=True)
 class TaskSets:
-    """Names of the tasks commanded and switched by a walker.
+    """Names of the tasks commanded and switched by a walker."""
 
-    Attributes:
-        balance: task on the DCM of a biped, or on the horizontal position of a quadruped's centre of mass.
-        height: task on the height of the centre of mass.
-        own: enabled while it walks.
-        orientations: tasks on orientations, turned with the heading.
-        suspended: tasks with references in the world, disabled while it walks.
-    """
-
-    balance: str
-    height: str
-    own: tuple[str, ...]
-    orientations: tuple[str, ...]
-    suspended: tuple[str, ...]
+    balance: str  # task on the DCM of a biped, or on the horizontal position of a quadruped's centre of mass
+    height: str  # task on the height of the centre of mass
+    own: tuple[str, ...]  # enabled while it walks
+    orientations: tuple[str, ...]  # tasks on orientations, turned with the heading
+    suspended: tuple[str, ...]  # tasks with references in the world, disabled while it walks
 
 
 class Walker(ABC):
@@ -56,11 +53,12 @@ class Walker(ABC):
         leaving: True if the controller is deactivated as soon as the robot has stopped; commands are refused.
         velocity: present velocity, on the way to the command.
         steps: number of steps since the start.
-        watched: time of the last prediction of a fall while standing, s.
+        watched: time of the last prediction of a fall, s.
         fall: sentence about an unavoidable fall; empty without one.
     """
 
     gait: Gait | QuadrupedGait
+    balance_size: int  # size of the reference of the balance task
     footsteps_left = 0  # planned footsteps without a touchdown
 
     def __init__(self, tasks: TaskSets) -> None:
@@ -82,8 +80,9 @@ class Walker(ABC):
         self._since = self._last = 0.0  # start of the phase, and last cycle, s
         self._clearance = 0.0  # of the centre of mass above the ground, m
         self._height = self._heading = 0.0  # references of its height in the world, m, and of the heading, rad
-        #: Quaternions (x, y, z, w) of the tasks on orientations at the heading 0.
-        self._orientations: dict[str, list[float]] = {}
+        self._begun = 0.0  # heading at the start, rad
+        #: Quaternions (x, y, z, w) of the tasks on orientations at the start, (n, 4).
+        self._orientations = np.zeros((len(self.tasks.orientations), 4))
         self._references: dict[str, Reference] = {}  # of the last cycle, by task
 
     def ask(self, command: Velocity | None, until: float = math.inf) -> None:
@@ -140,9 +139,15 @@ class Walker(ABC):
             touching: states of the contact sensors, by contact; without one, the foot's motion indicates touchdown.
         """
 
-    def watch_standing(self, time: float, dynamics: Dynamics, active: Collection[str]) -> None:
-        """Predict a fall of a robot that is supported by its active contacts, at the time of a state, s."""
+    def is_watch_due(self, time: float) -> bool:
+        """Return whether a prediction of a fall is due at the time of a state, s; if so, the next one is due later."""
+        if 0.0 <= time - self.watched < _WATCH_PERIOD:
+            return False
         self.watched = time
+        return True
+
+    def watch_standing(self, time: float, dynamics: Dynamics, active: Collection[str]) -> None:  # noqa: B027
+        """Predict a fall of a robot that is supported by its active contacts, at the time of a state, s."""
 
     def _approach(self, goal: Goal, place: complex, heading: float) -> None:
         """Command the velocity to a goal from the robot's place and heading; at the goal, drop it."""
@@ -161,21 +166,29 @@ class Walker(ABC):
             self._lifted = (*self._lifted, contact)
         return sensor if contact in self._lifted else None
 
-    def _hold_height(self, ground: float, dt: float) -> None:
-        """Follow the height of the ground, m."""
-        rate = height_rate(ground + self._clearance - self._height)
-        self._height += rate * dt
-        self._references[self.tasks.height] = reference([0.0, 0.0, self._height], [0.0, 0.0, rate])
+    def _command_body(
+        self, place: complex, velocity: complex, acceleration: complex, ground: float, turning: float, dt: float
+    ) -> None:
+        """Set the references of the body on the ground; its height follows that of the ground, m.
 
-    def _turn_tasks(self, rate: float) -> None:
-        """Turn the tasks on orientations to the heading, which changes at a rate in rad/s."""
-        rates, zeros = np.array([0.0, 0.0, rate]), np.zeros(3)
-        for name, quaternion in self._orientations.items():
-            self._references[name] = Reference(np.array(turned(quaternion, self._heading)), rates, zeros)
+        The tasks on orientations turn with the heading, which changes at the rate `turning` in rad/s.
+        """
+        k, names, turn = self.balance_size, self.tasks, self._heading - self._begun
+        out = np.empty(18 + self._orientations.size)
+        self._height = body_references(
+            place, velocity, acceleration, self._height, ground + self._clearance, turn, turning, dt,
+            self._orientations, out,
+        )  # fmt: skip
+        self._references[names.balance] = Reference(out[:k], out[3 : 3 + k], out[6 : 6 + k])
+        self._references[names.height] = Reference(out[9:12], out[12:15], STILL)
+        rates = out[15:18]
+        for i, name in enumerate(names.orientations):
+            self._references[name] = Reference(out[18 + 4 * i : 22 + 4 * i], rates, STILL)
 
     def _begin_tasks(self, orientations: Mapping[str, Array], decision: Decision) -> None:
         """Enable the tasks of the walker; tasks on orientations continue from their present references."""
-        self._orientations = {name: turned(each.tolist(), -self._heading) for name, each in orientations.items()}
+        self._begun = self._heading
+        self._orientations[:] = [orientations[name] for name in self.tasks.orientations]
         decision.changes += [EnableTask(name, False) for name in self.tasks.suspended]
         decision.changes += [EnableTask(name, True) for name in self.tasks.own]
 

@@ -11,7 +11,7 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 from wbc_controller.walking.feet import about_z
 from wbc_controller.walking.footsteps import Velocity
-from wbc_controller.walking.swing import Landing, at_rest, moved
+from wbc_controller.walking.swing_kernels import Landing, at_rest, moved
 
 #: Newton iterations, largest remaining error, m and rad, and weight of the joint motion.
 _ITERATIONS, _REACHED, _LEAST_MOTION = 8, 1.0e-3, 1.0e-4
@@ -148,7 +148,7 @@ def swing_of(
         beside: distance to the left of the nominal place, m.
     """
     way, turn = 0.5 * cycle * velocity.linear, 0.5 * cycle * velocity.turning
-    foot = at_rest(np.array([-way.real, beside - way.imag, lowering]), -turn)
+    foot = at_rest(1j * beside - way, lowering, -turn)
     landing, dt = Landing(way + 1j * beside, lowering, turn, duration), duration / _SAMPLES
     v = np.array([velocity.linear.real, velocity.linear.imag, 0.0, velocity.turning])
     for sample in range(_SAMPLES + 1):

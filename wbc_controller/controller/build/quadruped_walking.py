@@ -3,11 +3,14 @@
 import math
 from dataclasses import replace
 
+import numpy as np
+
 from wbc_controller.controller.build.gait_limits import QuadrupedLimits, feasible_defaults
 from wbc_controller.controller.build.leg import Leg
 from wbc_controller.controller.build.walking_tasks import HEIGHT, POSTURE, enabled_tasks, make_disabled, value_or
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.instruction import placement_on_link
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import ComTask, FramePositionTask, PostureTask, Task
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
@@ -80,7 +83,12 @@ def _feet(settings: Settings, model: RobotModel) -> list[PointFoot]:
     names = [
         name for pair in (by_length[:2], by_length[2:]) for name in sorted(pair, key=lambda name: -places[name].imag)
     ]
-    return [PointFoot(name, f"walking_{name}", frames[name], places[name] - middle) for name in names]
+    feet = []
+    for row, name in enumerate(names):
+        link, on_link = placement_on_link(model, frames[name])
+        offset = tuple(on_link.translation.tolist())
+        feet.append(PointFoot(name, f"walking_{name}", frames[name], row, places[name] - middle, link, offset))
+    return feet
 
 
 def make_quadruped_gait(settings: Settings, walking: WalkingSettings, qp: WholeBodyQP) -> QuadrupedLimits:
@@ -89,7 +97,7 @@ def make_quadruped_gait(settings: Settings, walking: WalkingSettings, qp: WholeB
     The clearance and the speeds are smaller if the legs cannot swing as fast.
     """
     dynamics, gravity, feet = qp.dynamics, qp.model.gravity, _feet(settings, qp.model)
-    points = [dynamics.placement(foot.frame).translation for foot in feet]
+    points = np.array([dynamics.placement(foot.frame).translation for foot in feet])
     com = dynamics.com
     z = float(com[2]) - Ground.below(points).height_at(complex(com[0], com[1]))
     front_left, front_right, rear_left, rear_right = (foot.contact for foot in feet)

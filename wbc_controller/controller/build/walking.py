@@ -18,6 +18,7 @@ from wbc_controller.controller.build.walking_tasks import HEIGHT, POSTURE, enabl
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts.mount import placement_of
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics, support_matrix
+from wbc_controller.inverse_dynamics.robot.instruction import placement_numbers, placement_on_link
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import CapturePointTask, ComTask, FramePoseTask, PostureTask, Task
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
@@ -90,7 +91,7 @@ def find_feet(settings: Settings, model: RobotModel) -> tuple[Foot, Foot]:
                 f"left and the right foot, or four point contacts; surface contacts: {valid}"
             )
         feet = [_foot(name, LEFT, contact, dynamics) for name, contact in surfaces.items()]
-        right, left = sorted(feet, key=lambda foot: float(foot.sole(dynamics).centre[1]))
+        right, left = sorted(feet, key=lambda foot: foot.sole(dynamics).place.imag)
         names = left.contact, right.contact
     left, right = (
         _foot(str(name), task, surfaces[str(name)], dynamics) for name, task in zip(names, (LEFT, RIGHT), strict=True)
@@ -110,12 +111,16 @@ def _foot(name: str, task: str, contact: SurfaceContact, dynamics: Dynamics) -> 
     turn = about_z(-0.5 * math.pi * quarter)
     corners = np.array(contact.corners) @ turn[:2, :2]
     half = np.minimum(corners.max(axis=0), -corners.min(axis=0))
+    placement *= pin.SE3(turn, np.zeros(3))
+    link, on_link = placement_on_link(dynamics.model, frame, placement)
     return Foot(
         contact=name,
         task=task,
         frame=frame,
-        placement=placement * pin.SE3(turn, np.zeros(3)),
+        placement=placement,
         half=(float(half[0]), float(half[1])),
+        link=link,
+        on_link=placement_numbers(on_link),
     )
 
 
@@ -127,9 +132,9 @@ def make_gait(settings: Settings, left: Foot, right: Foot, qp: WholeBodyQP) -> B
     """
     walking, limits = settings.walking or WalkingSettings(), settings.limits
     dynamics, model, gravity = qp.dynamics, qp.model, qp.model.gravity
-    soles = [foot.sole(dynamics).centre for foot in (left, right)]
-    z = float(dynamics.com[2]) - 0.5 * float(soles[0][2] + soles[1][2])
-    apart = float(np.linalg.norm((soles[0] - soles[1])[:2]))
+    soles = [foot.sole(dynamics) for foot in (left, right)]
+    z = float(dynamics.com[2]) - 0.5 * (soles[0].height + soles[1].height)
+    apart = abs(soles[0].place - soles[1].place)
     sole = left.half[1] + right.half[1]
     legs = [
         BipedLeg(side, foot, Leg(model, foot.frame, [other.frame], limits.margin, foot.placement))

@@ -78,5 +78,5 @@ def touching_width(settings: Settings, qp: WholeBodyQP, legs: Sequence[BipedLeg]
         if not points:
             return None
         y = np.vstack(points) @ body.rotation[1] + body.translation[1]
-        extent += float((leg.side * (leg.foot.sole(qp.dynamics).centre[1] - y)).max())
+        extent += float((leg.side * (leg.foot.sole(qp.dynamics).place.imag - y)).max())
     return extent

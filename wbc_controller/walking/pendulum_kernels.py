@@ -7,7 +7,11 @@ Source: Englsberger, Ott and Albu-Schäffer, Three-dimensional bipedal walking c
 motion, IEEE T-RO 31, 2015.
 """
 
+from __future__ import annotations
+
 import math
+
+from wbc_controller.compilation import compiled, part
 
 
 def natural_frequency(height: float, gravity: float) -> float:
@@ -15,11 +19,13 @@ def natural_frequency(height: float, gravity: float) -> float:
     return math.sqrt(gravity / height)
 
 
+@compiled
 def later(dcm: complex, pressure: complex, omega: float, time: float) -> complex:
     """Return the DCM after a time in s with a constant centre of pressure: p + (ξ - p) e^{ωt}."""
     return pressure + (dcm - pressure) * math.exp(omega * time)
 
 
+@compiled
 def before(dcm: complex, pressure: complex, omega: float, time: float, push: complex) -> complex:
     """Return the DCM a time in s earlier: the inverse of `later` and a push.
 
@@ -30,6 +36,7 @@ def before(dcm: complex, pressure: complex, omega: float, time: float, push: com
     return later(dcm - push, pressure, omega, -time)
 
 
+@compiled
 def transferred(dcm: complex, start: complex, end: complex, duration: float, omega: float, time: float) -> complex:
     """Return the DCM after a time t in s while the centre of pressure moves from p₀ to p₁ at a constant velocity.
 
@@ -45,6 +52,14 @@ def transferred(dcm: complex, start: complex, end: complex, duration: float, ome
     return start + speed * (time + 1.0 / omega) + (dcm - start - speed / omega) * math.exp(omega * time)
 
 
+@part
+def _factors(omega: float, single: float, double: float) -> tuple[float, float, float]:
+    """Return E, G and κ of `periodic_offset`."""
+    E, G = math.exp(omega * double), math.exp(omega * single)
+    return E, G, E - (E - 1.0) / (omega * double) if double > 0.0 else 0.0
+
+
+@compiled
 def periodic_offset(
     progress: complex, width: complex, omega: float, single: float, double: float, push: float
 ) -> complex:
@@ -67,6 +82,7 @@ def periodic_offset(
     return progress * (1.0 - kappa * G - 2.0 * push) / (E * G - 1.0) - width * (1.0 + kappa * G) / (E * G + 1.0)
 
 
+@compiled
 def previous_offset(
     offset: complex, step: complex, following: complex, omega: float, single: float, double: float, push: float
 ) -> complex:
@@ -81,14 +97,3 @@ def previous_offset(
     """
     E, G, kappa = _factors(omega, single, double)
     return ((offset + following - push * (step + following)) / G - kappa * step) / E
-
-
-def _factors(omega: float, single: float, double: float) -> tuple[float, float, float]:
-    """Return E, G and κ of `periodic_offset`."""
-    E, G = math.exp(omega * double), math.exp(omega * single)
-    return E, G, E - (E - 1.0) / (omega * double) if double > 0.0 else 0.0
-
-
-def captured_by_steps(length: float, omega: float, step_time: float) -> float:
-    """Return the largest distance of the DCM from a foot, m, for a capture by steps of a length, m, and time, s."""
-    return length / math.expm1(omega * step_time)

@@ -1,0 +1,51 @@
+"""Kernels for the references of the body, and the smooth step."""
+
+from __future__ import annotations
+
+import math
+
+from wbc_controller.compilation import Matrix, OutVector, compiled
+from wbc_controller.inverse_dynamics.robot.placement_kernels import put, three
+
+#: Rate at which a height follows its goal, 1/s, and its largest rate, m/s.
+_HEIGHT_RATE, _FASTEST_HEIGHT = 3.0, 0.2
+
+
+@compiled
+def smooth_step(share: float) -> tuple[float, float]:
+    """Return the quintic from 0 to 1 at a share of its duration, and its derivative."""
+    s = max(0.0, min(1.0, share))
+    return s**3 * (10.0 - 15.0 * s + 6.0 * s * s), 30.0 * s * s * (1.0 - s) ** 2
+
+
+@compiled
+def body_references(
+    place: complex, velocity: complex, acceleration: complex, height: float, goal: float, turn: float, turning: float,
+    dt: float, orientations: Matrix, out: OutVector,
+) -> float:  # fmt: skip
+    """Write the references of the body, (18 + 4 n,); return its height after one cycle, m.
+
+    They are place, velocity and acceleration on the ground, position and velocity of the height, angular velocity, and
+    n quaternions (x, y, z, w).
+
+    Args:
+        height, goal: height of the last cycle, and the one to follow, m.
+        turn, turning: angle by which the orientations, (n, 4), are turned about the vertical, rad, and its rate, rad/s.
+        dt: time since the last cycle, s.
+    """
+    if orientations.shape[1] != 4 or len(out) != 18 + 4 * len(orientations):
+        raise ValueError("body_references: wrong sizes")
+    rise = max(-_FASTEST_HEIGHT, min(_FASTEST_HEIGHT, _HEIGHT_RATE * (goal - height)))
+    height += rise * dt
+    put(out, 0, (place.real, place.imag, 0.0))
+    put(out, 3, (velocity.real, velocity.imag, 0.0))
+    put(out, 6, (acceleration.real, acceleration.imag, 0.0))
+    put(out, 9, (0.0, 0.0, height))
+    put(out, 12, (0.0, 0.0, rise))
+    put(out, 15, (0.0, 0.0, turning))
+    c, s = math.cos(0.5 * turn), math.sin(0.5 * turn)
+    for i in range(len(orientations)):
+        (x, y, z), w = three(orientations[i], 0), orientations[i, 3]
+        put(out, 18 + 4 * i, (c * x - s * y, c * y + s * x, c * z + s * w))
+        out[21 + 4 * i] = c * w - s * z
+    return height

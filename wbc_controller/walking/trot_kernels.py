@@ -1,0 +1,77 @@
+"""Kernels for the placement of the feet in a trot.
+
+Two point feet exert no moment about the line between them. Along the line the controller accelerates the body; across
+it the body falls like the linear inverted pendulum, ξ̇ = ω (ξ - p). The place of the next line controls it.
+"""
+
+from __future__ import annotations
+
+import math
+
+from wbc_controller.compilation import Matrix, Vector, compiled
+from wbc_controller.walking.pendulum_kernels import periodic_offset
+
+
+@compiled
+def dcm_of_body(com: Vector, velocity: Vector, centroidal: Matrix, v: Vector, omega: float, inertia: float) -> complex:
+    """Return ξ = c + (ċ + (L_y, -L_x) / (m z)) / ω, without the angular momentum L of the swinging legs.
+
+    Args:
+        com, velocity: c and ċ, (3,).
+        centroidal: A_Gᵀ, (nv, 6).
+        inertia: m z, kg·m.
+    """
+    if len(com) != 3 or len(velocity) != 3 or centroidal.shape != (len(v), 6):
+        raise ValueError("dcm_of_body: wrong sizes")
+    Lx = Ly = 0.0
+    for i in range(len(v)):
+        Lx, Ly = Lx + centroidal[i, 3] * v[i], Ly + centroidal[i, 4] * v[i]
+    return complex(com[0], com[1]) + (complex(velocity[0], velocity[1]) + complex(Ly, -Lx) / inertia) / omega
+
+
+@compiled
+def later_on_line(dcm: complex, a: complex, b: complex, velocity: complex, omega: float, time: float) -> complex:
+    """Return the DCM after a time t in s on the line through a and b with the unit vector t.
+
+    It is ξ + (v·t) t t along the line, and p + (ξ - p) e^{ωt} across it. The controller keeps the component of the
+    commanded velocity v, in m/s, along the line.
+    """
+    along = (b - a) / abs(b - a)
+    distance = ((dcm - a) * (1j * along).conjugate()).real
+    forward = (velocity * along.conjugate()).real
+    return dcm + forward * time * along + distance * (math.exp(omega * time) - 1.0) * 1j * along
+
+
+@compiled
+def middle_of_pair(dcm: complex, velocity: complex, omega: float, duration: float) -> complex:
+    """Return the middle between the new feet for a DCM ξ at their touchdown: ξ - v T / (e^{ωT} - 1).
+
+    This is the offset of the gait that repeats the progress v T, without width (`periodic_offset`).
+
+    Args:
+        velocity: v, commanded velocity in the world during the stance, m/s.
+        duration: T, from this touchdown to the next, s.
+    """
+    return dcm - periodic_offset(velocity * duration, 0j, omega, duration, 0.0, 0.0)
+
+
+@compiled
+def next_pair(
+    dcm: complex,
+    a: complex,
+    b: complex,
+    velocity: complex,
+    following: complex,
+    omega: float,
+    left: float,
+    stance: float,
+) -> tuple[complex, complex]:
+    """Return the body at touchdown, ξ - v / ω, and the middle of the new pair.
+
+    Args:
+        a, b: places of the feet on the ground.
+        velocity, following: commanded velocities in the world at touchdown, and in the middle of the next stance, m/s.
+        left, stance: time until touchdown, and duration of the next stance, s.
+    """
+    dcm = later_on_line(dcm, a, b, velocity, omega, left)
+    return dcm - velocity / omega, middle_of_pair(dcm, following, omega, stance)
