@@ -151,7 +151,7 @@ def make_gait(settings: Settings, left: Foot, right: Foot, qp: WholeBodyQP) -> B
         length=value_or(walking.max_step_length, 0.65 * z),
         greatest_width=value_or(walking.max_step_width, 0.8 * z),
         reaction=swing_reaction(dynamics, left, right, z),
-        braking=4.0,  # with 2, a stop from 0.8 m/s takes one more step
+        braking=6.0,  # with 2, a stop from 0.8 m/s takes one more step
         speed=(
             value_or(walking.max_speed, 0.12 * pace),
             value_or(walking.max_side_speed, 0.08 * pace),
