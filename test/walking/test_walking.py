@@ -55,6 +55,22 @@ def test_a_robot_walks_as_commanded_and_stops(robot, command):
     assert set(results[-1].forces) == {"left_foot", "right_foot"}
 
 
+def test_a_fast_robot_stops_within_three_steps():
+    """Asked just before a touchdown, which counts as the first step."""
+    simulation = wbc.Simulation(wbc.load("g1").replace({"walking.max_speed": 0.8}))
+    walker = simulation.controller.walker
+    simulation.controller.walk(0.8)
+    simulation.run(4.2)
+    while walker.phase is not Phase.SINGLE or simulation.time - walker._since < walker._step.landing.time - 0.06:
+        simulation.run(0.002)
+    before = walker.steps
+    simulation.controller.stand()
+    simulation.run(3.0)
+    assert walker.phase is Phase.STAND
+    assert walker.steps - before <= 3
+    assert not simulation.plant.fallen
+
+
 @pytest.mark.parametrize("kick", [0.5, -0.5, 0.5j, -0.5j])
 def test_a_stepping_robot_survives_a_change_of_its_velocity(kick):
     """During the swing of the left foot; -0.5j is outwards, where the left foot cannot follow."""

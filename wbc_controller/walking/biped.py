@@ -41,8 +41,10 @@ _ASTRAY = 0.1
 _LEVELLING = 0.05
 #: Rate at which the heading follows its goal, 1/s.
 _HEADING_RATE = 6.0
-#: Largest distance between the feet along the heading for a stop, m, and largest speed, m/s.
-_BESIDE, _SLOW = 0.04, 0.02
+#: Largest distance between the feet along the heading for a stop, m: in the first steps, and after a number of steps.
+_BESIDE, _NEAR, _AT_LAST = 0.04, 0.1, 3
+#: Largest commanded speed for a stop, m/s.
+_SLOW = 0.02
 
 
 @dataclass(slots=True)  # not frozen: faster construction
@@ -82,7 +84,8 @@ class BipedWalker(Walker):
     STATE_FIELDS = (
         "phase", "command", "goal", "footsteps", "leaving", "velocity", "steps", "_until", "_since", "_last", "_stance",
         "_clearance", "_height", "_heading", "_begun", "_orientations", "_step", "_lifted", "_blend", "_dcm_wanted",
-        "_touchdown", "_references", "_footholds", "_early", "_double_support", "_captured", "watched", "fall",
+        "_touchdown", "_stopping", "_references", "_footholds", "_early", "_double_support", "_captured", "watched",
+        "fall",
     )  # fmt: skip
 
     def __init__(self, gait: Gait, left: Foot, right: Foot, tasks: TaskSets, gravity: float, lag: float = 0.0) -> None:
@@ -97,6 +100,7 @@ class BipedWalker(Walker):
         super().reset()
         self.footsteps: tuple[Footstep, ...] = ()
         self._stance = -1  # side of the stance foot
+        self._stopping = 0  # touchdowns since the command to stand
         self._step: Step | None = None
         self._dcm_wanted = 0j
         self._blend = 0j  # reference of the DCM at the start of the phase; in a step, minus the step's reference
@@ -372,6 +376,7 @@ class BipedWalker(Walker):
         if abs(cycle.dcm - self._touchdown[0]) > _ASTRAY:
             self._double_support = _SHORTEST_DOUBLE
         self._stance = -self._stance
+        self._stopping = self._stopping + 1 if self.command is None else 0
         if step.planned and not self.footsteps:
             self.command = None
 
@@ -385,8 +390,9 @@ class BipedWalker(Walker):
         else:
             self._dcm_wanted = transferred(begin, old, new, duration, cycle.omega, elapsed)
             pressure = old + (new - old) * (elapsed / duration)
-        beside = abs(((new - old) * cmath.rect(1.0, -heading)).real) < _BESIDE
-        if self.command is None and beside and abs(self.velocity.linear) < _SLOW:
+        beside = abs(((new - old) * cmath.rect(1.0, -heading)).real)
+        enough = _BESIDE if self._stopping < _AT_LAST else _NEAR
+        if self.command is None and beside < enough and abs(self.velocity.linear) < _SLOW:
             self._enter(Phase.STOP, cycle)
         elif elapsed >= duration:
             self._lift_off(cycle, decision)

@@ -153,7 +153,7 @@ def make_gait(settings: Settings, left: Foot, right: Foot, qp: WholeBodyQP) -> B
         length=value_or(walking.max_step_length, 0.65 * z),
         greatest_width=value_or(walking.max_step_width, 0.8 * z),
         reaction=swing_reaction(dynamics, left, right, z),
-        braking=4.0,  # with 2, a stop from 0.8 m/s takes one more step
+        braking=6.0,  # with 2, a stop from 0.8 m/s takes one more step
         speed=(0.12 * pace, 0.08 * pace, 0.5),
     )
     found = BipedLimits(model, qp.contacts, legs, gait, limits.velocity_scale * model.velocity_limits)
