@@ -76,6 +76,11 @@ class RobotModel:
         """Names of joints with an actuator."""
         return tuple(name for name, driven in zip(self.joints, self.actuation.driven, strict=True) if driven)
 
+    @cached_property
+    def moving_links(self) -> tuple[str, ...]:
+        """Names of the links that a joint moves."""
+        return tuple(f.name for f in self.pinocchio.frames if f.type == pin.BODY and f.parentJoint > 0)
+
     @property
     def moving_joints(self) -> tuple[str, ...]:
         """Names of all moving joints, with mimic joints."""
