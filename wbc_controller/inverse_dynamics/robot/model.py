@@ -183,6 +183,12 @@ class RobotModel:
             force[self.passive.v_index] = self.passive.torques(q, v)
         return force
 
+    def joint_beyond_limits(self, position: Array, margin: float) -> str:
+        """Return the first joint beyond its position limits less a margin, or ""; the nominal posture is within."""
+        low = position < np.minimum(self.position_lower + margin, self.posture)
+        high = position > np.maximum(self.position_upper - margin, self.posture)
+        return next((name for name, beyond in zip(self.joints, low | high, strict=True) if beyond), "")
+
     def joint_forces(self, force: Array) -> Array:
         """Return the joint components (nj,) of a generalized force (nv,), with mimic joints added to leaders."""
         if self.followers is not None:
