@@ -328,11 +328,12 @@ class Plant:
         if not duration > 0.0:
             raise InputRefused("the duration of a push must be positive, got 0")
         pinocchio = self._robot.pinocchio
-        moving = [f.name for f in pinocchio.frames if f.type == pin.BODY and f.parentJoint > 0]
         known = isinstance(frame, str) and frame.isprintable() and pinocchio.existFrame(frame)
         known = known and pinocchio.frames[self._robot.frame_id(frame, "push")].parentJoint > 0
         if not known:
-            raise InputRefused(f"a push on {frame!r}: unknown moving link; {valid_choices(str_of(frame), moving)}")
+            raise InputRefused(
+                f"a push on {frame!r}: unknown moving link; {valid_choices(str_of(frame), self._robot.moving_links)}"
+            )
         steps = max(1, round(duration / self.step_seconds))
         at = self._body_of(frame_on_joint(self._robot, frame))
         self._pushes.append(_Push(at, values, self._count + steps))

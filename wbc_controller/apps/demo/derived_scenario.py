@@ -73,8 +73,6 @@ class Hand:
     def feasible_part(self, motion: Array, margin: float) -> Array:
         """Return the feasible part of a straight `motion`, (3,) in m, with joints `margin` rad off the limits."""
         model, posture = self._model, np.array(self._model.posture)
-        lower = np.minimum(model.position_lower + margin, posture)
-        upper = np.maximum(model.position_upper - margin, posture)
         effort, reached = max(_MAX_EFFORT, self._effort(np.array(model.posture))), 0.0
         for step in range(1, _STEPS + 1):
             goal = self.position + step / _STEPS * motion
@@ -86,7 +84,7 @@ class Hand:
                 rows = np.vstack([J, _MOTION_WEIGHT * np.eye(len(self._joint_indices))])
                 right_side = np.concatenate([error[: len(J)], np.zeros(len(self._joint_indices))])
                 posture[self._joint_indices] += np.linalg.lstsq(rows, right_side, rcond=None)[0]
-            within = np.all((lower <= posture) & (posture <= upper))
+            within = not model.joint_beyond_limits(posture, margin)
             if not (within and np.abs(error).max() <= _MAX_ERROR and self._effort(posture) <= effort):
                 break
             reached = step / _STEPS

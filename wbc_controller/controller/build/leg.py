@@ -57,8 +57,7 @@ class Leg:
         self._frame, self._sole = frame, pin.SE3.Identity() if sole is None else sole
         self._rows = 3 if sole is None else 6  # controlled directions
         self._model, self._data = model, model.pinocchio.createData()
-        self._lower = np.minimum(model.position_lower + margin, model.posture)
-        self._upper = np.maximum(model.position_upper - margin, model.posture)
+        self._margin = margin
         self._start = pin.SE3(self._kinematics(np.array(model.posture))[0])
         self.place: Array = self._start.translation
 
@@ -79,8 +78,8 @@ class Leg:
             posture[self.joints] += np.linalg.lstsq(rows, np.concatenate([error, none]), rcond=None)[0]
         else:
             return posture, "length of the leg"
-        beyond = np.flatnonzero((posture < self._lower) | (posture > self._upper))
-        return posture, f"position of {self._model.joints[beyond[0]]}" if beyond.size else ""
+        beyond = self._model.joint_beyond_limits(posture, self._margin)
+        return posture, f"position of {beyond}" if beyond else ""
 
     def lift(self, most: float) -> float:
         """Return the height, at most `most` in m, to which the flat sole can be raised under the hip."""

@@ -119,10 +119,7 @@ def _largest_multiple(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequ
 
 class _MotionWithContacts:
     def __init__(self, qp: WholeBodyQP, bearing: Sequence[AnchoredContact], margin: float) -> None:
-        self.qp, self.bearing = qp, bearing
-        model = qp.model
-        self._lower = np.minimum(model.position_lower + margin, model.posture)
-        self._upper = np.maximum(model.position_upper - margin, model.posture)
+        self.qp, self.bearing, self._margin = qp, bearing, margin
         dynamics = qp.dynamics
         self._base = qp.model.frame_id(qp.model.base_link, "base")
         self.com = dynamics.com.copy()
@@ -154,11 +151,10 @@ class _MotionWithContacts:
             error = np.concatenate([gap, off, np.zeros(len(C) + model.nv)])
             step = np.linalg.lstsq(rows, error, rcond=None)[0]
             at = np.asarray(pin.integrate(model.pinocchio, at, step))
-        joints = at[model.q_index]
-        beyond = np.flatnonzero((joints < self._lower) | (joints > self._upper))
         if np.abs(off[weights == 1.0]).max() > _REACHED or np.abs(gap).max(initial=0.0) > _HELD:
             return at, "reach"
-        return at, f"position of {model.joints[beyond[0]]}" if beyond.size else ""
+        beyond = model.joint_beyond_limits(at[model.q_index], self._margin)
+        return at, f"position of {beyond}" if beyond else ""
 
 
 def _find_sway(

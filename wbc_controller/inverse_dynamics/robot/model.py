@@ -76,6 +76,11 @@ class RobotModel:
         """Names of joints with an actuator."""
         return tuple(name for name, driven in zip(self.joints, self.actuation.driven, strict=True) if driven)
 
+    @cached_property
+    def moving_links(self) -> tuple[str, ...]:
+        """Names of the links that a joint moves."""
+        return tuple(f.name for f in self.pinocchio.frames if f.type == pin.BODY and f.parentJoint > 0)
+
     @property
     def moving_joints(self) -> tuple[str, ...]:
         """Names of all moving joints, with mimic joints."""
@@ -177,6 +182,12 @@ class RobotModel:
         if self.passive is not None:
             force[self.passive.v_index] = self.passive.torques(q, v)
         return force
+
+    def joint_beyond_limits(self, position: Array, margin: float) -> str:
+        """Return the first joint beyond its position limits less a margin, or ""; the nominal posture is within."""
+        low = position < np.minimum(self.position_lower + margin, self.posture)
+        high = position > np.maximum(self.position_upper - margin, self.posture)
+        return next((name for name, beyond in zip(self.joints, low | high, strict=True) if beyond), "")
 
     def joint_forces(self, force: Array) -> Array:
         """Return the joint components (nj,) of a generalized force (nv,), with mimic joints added to leaders."""

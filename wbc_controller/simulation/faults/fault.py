@@ -7,7 +7,6 @@ from functools import cached_property
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-import pinocchio as pin
 from pydantic import Field
 
 from wbc_controller.errors import InputRefused, require_known
@@ -109,7 +108,7 @@ class NamedFault(Fault):
 
     def check(self, robot: RobotModel, contacts: Sequence[str]) -> None:
         """Check the names."""
-        names = {"joint": robot.joints, "actuator": robot.actuators, "contact": contacts, "link": moving_links(robot)}
+        names = {"joint": robot.joints, "actuator": robot.actuators, "contact": contacts, "link": robot.moving_links}
         for kind in names.keys() & type(self).model_fields.keys():
             name = getattr(self, kind)
             require_known(name or (), names[kind], f"unknown {kind}", error=InputRefused)
@@ -171,11 +170,6 @@ def restoring(*parts: tuple[Array, Any]) -> Effect:
             array[index] = values
 
     return Effect(ended=end)
-
-
-def moving_links(robot: RobotModel) -> tuple[str, ...]:
-    """Return the names of moving links."""
-    return tuple(f.name for f in robot.pinocchio.frames if f.type == pin.BODY and f.parentJoint > 0)
 
 
 def ramp_share(elapsed: float, ramp: float) -> float:
