@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 import pytest
 
@@ -118,3 +120,21 @@ def test_only_finite_torques_after_the_last_command_count(bench, make, caplog):
     assert torques(np.nan) is None
     (said,) = caplog.messages
     assert said.startswith("/guard/joint_commands refused: effort of 'FL_hip_joint' is nan N·m")
+
+
+def test_a_replay_of_the_inputs_has_the_same_torques(rig, monkeypatch):
+    controller, cycles = rig.bench.loop.controller, []
+    other = Controller(rig.bench.settings, preflight=False, model=rig.bench.model)
+    other.recall(copy.deepcopy(controller.memory()), controller.live.settings)
+    computed = controller.cycle
+
+    def recorded(inputs):
+        cycles.append((inputs, computed(inputs)))
+        return cycles[-1][1]
+
+    monkeypatch.setattr(controller, "cycle", recorded)
+    rig.run(25, commands=False)
+    rig.run(20)
+    for inputs, result in cycles:
+        assert np.array_equal(other.cycle(inputs).command.tau, result.command.tau)
+    assert sum(inputs.torques_sent is not None for inputs, _ in cycles) == 1

@@ -180,12 +180,11 @@ class ControlLoop:
         return report
 
     def _after_takeover(self, result: CycleResult, now: float) -> CycleResult:
-        """Continue from the torques of the guard if it took over since the last command; `now` is wall time, s."""
+        """Continue from the guard's torques after a takeover; `now` is wall time, s."""
         self._torques_sent, command = None, result.command
-        if command is None or result.mode not in _RATE_LIMITED:
-            return result
-        torques = self._takeover.torques(now)
-        if torques is None:
+        limited = command is not None and result.mode in _RATE_LIMITED
+        torques = self._takeover.torques(now) if limited else None
+        if command is None or torques is None:
             return result
         command = self.controller.supervisor.continue_from(torques, command)
         self._torques_sent = command.tau

@@ -5,6 +5,7 @@ from typing import Any, TypeVar, get_args
 
 import click
 
+from wbc_controller.nodes.processes import end_with_parent
 from wbc_controller.settings.service import SensorQuality
 
 T = TypeVar("T")
@@ -28,7 +29,8 @@ def run_parallel(function: Callable[..., T], calls: Iterable[Sequence[Any]], job
     """Return the results of a function for several arguments."""
     import joblib
 
-    found: list[T] = joblib.Parallel(n_jobs=jobs)(joblib.delayed(function)(*call) for call in calls)
+    parallel = joblib.Parallel(jobs, "loky", initializer=end_with_parent)
+    found: list[T] = parallel(joblib.delayed(function)(*call) for call in calls)
     return found
 
 

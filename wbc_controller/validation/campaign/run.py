@@ -13,6 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from wbc_controller.errors import ConfigurationError, require_known
 from wbc_controller.extras import optional_libraries
+from wbc_controller.nodes.processes import end_with_parent
 from wbc_controller.settings.files import find_configuration
 from wbc_controller.validation.campaign import campaign_report
 from wbc_controller.validation.campaign.results import Outcome, Results, TrialKey
@@ -106,7 +107,8 @@ def _parallel(jobs: int, backend: str, address: str | None, trial: Callable[...,
         raise ConfigurationError(
             f"--address {address!r}: not valid for the backend loky (this machine); valid: dask, ray"
         )
-    with _cluster(backend, address), joblib.parallel_config(backend, n_jobs=jobs):
+    options = {"initializer": end_with_parent} if backend == "loky" else {}
+    with _cluster(backend, address), joblib.parallel_config(backend, n_jobs=jobs, **options):
 
         def run(keys: Sequence[TrialKey]) -> Iterator[Outcome]:
             # Single trials, so that each outcome is stored at once.

@@ -28,6 +28,7 @@ from wbc_controller.controller.build.robot_description import describe, read_urd
 from wbc_controller.controller.check.preflight import check
 from wbc_controller.controller.controller import Controller
 from wbc_controller.errors import ConfigurationError, InputRefused, WbcError
+from wbc_controller.nodes.processes import end_with_parent
 from wbc_controller.recording.mcap_file import write_messages
 from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.simulation.plant import Plant
@@ -131,6 +132,7 @@ def _work(
     end: int,
     folder: Path,
 ) -> None:
+    end_with_parent()
     resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
     warnings.simplefilter("ignore")
     logging.disable(logging.CRITICAL)  # replays log the faults of a controller

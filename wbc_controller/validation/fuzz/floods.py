@@ -16,6 +16,7 @@ from wbc_controller.middleware.codec import encode, message
 from wbc_controller.middleware.setpoints import com_trajectory
 from wbc_controller.middleware.topics import Endpoint, counterpart
 from wbc_controller.middleware.transports.dds import DdsTransport
+from wbc_controller.nodes.processes import end_with_parent
 from wbc_controller.recording.recording_file import Recording
 from wbc_controller.validation.fuzz import DOMAIN
 from wbc_controller.validation.fuzz.examples import valid_message
@@ -108,6 +109,7 @@ class StopTrial:
 
 def flood(kind: str, topic: Endpoint, payload: bytes, domain: int, running: Any, count: Any) -> None:
     """Send a message while an event is set; a negative count ends the process."""
+    end_with_parent()
     rate = _SLOW_RATE if kind == "large" else _RATE
     count.value = 0
     while count.value >= 0:

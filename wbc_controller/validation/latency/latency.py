@@ -21,7 +21,7 @@ from wbc_controller.errors import ConfigurationError, WbcError
 from wbc_controller.middleware.codec import decode, encode, message
 from wbc_controller.middleware.topics import MOCK_TOPICS, Endpoint, counterpart, endpoints
 from wbc_controller.middleware.transports.transport import Transport
-from wbc_controller.nodes.processes import Processes, memory, processor_time, until, waiting_time
+from wbc_controller.nodes.processes import Processes, end_with_parent, memory, processor_time, until, waiting_time
 from wbc_controller.nodes.realtime import apply_realtime, describe_scheduling, lower_thread_priority, processors
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.settings import RealtimeSettings
@@ -143,7 +143,7 @@ class _Bench:
         context = multiprocessing.get_context("spawn")
         stop = context.Event()
         process = context.Process(
-            target=echo, args=(self._kind, self._domain, self._echo_topics, self._size, stop, self._echo_realtime)
+            target=_echo, args=(self._kind, self._domain, self._echo_topics, self._size, stop, self._echo_realtime)
         )
         process.start()
         try:
@@ -258,6 +258,11 @@ def _running(robot: MockRobot | StandingRobot) -> Iterator[None]:
         finally:
             stop.set()
         running.result()
+
+
+def _echo(*arguments: Any) -> None:
+    end_with_parent()
+    echo(*arguments)
 
 
 def figures(found: Latency) -> dict[str, Any]:
