@@ -32,12 +32,9 @@ def _velocity(link: Array, point: Vector3) -> Vector3:
 
 @compiled
 def motion_of_points(joints: Matrix, links: Matrix, on: Indices, offsets: Matrix, out: OutMatrix) -> None:
-    """Write position and velocity of points in world axes, (n, 6).
+    """Write position and velocity of points with offsets on links, (n, 3), in world axes, (n, 6).
 
-    Args:
-        joints, links: of `Dynamics`.
-        on: index of the link of each point, (n,).
-        offsets: of the points on their links, (n, 3) in m.
+    `on` contains the index of the link of each point; `joints` and `links` are those of `Dynamics`.
     """
     if len(joints) != len(links) or offsets.shape != (len(on), 3) or out.shape != (len(on), 6) or max(on) >= len(links):
         raise ValueError("motion_of_points: wrong sizes")

@@ -14,13 +14,12 @@ from wbc_controller.records import Array, Reference
 from wbc_controller.walking.feet_kernels import motion_of_points
 from wbc_controller.walking.footsteps import Velocity
 from wbc_controller.walking.gait import Phase, QuadrupedGait
-from wbc_controller.walking.pendulum_kernels import natural_frequency
 from wbc_controller.walking.plan import WalkingPlan, margin
 from wbc_controller.walking.references_kernels import smooth_step
 from wbc_controller.walking.swing_kernels import Landing, at_rest, move_axis, moved
 from wbc_controller.walking.terrain import Ground
 from wbc_controller.walking.touchdown import COUNTS, lands, rebounds
-from wbc_controller.walking.trot_kernels import dcm_of_body, next_pair
+from wbc_controller.walking.trot_kernels import motion_of_body, next_pair
 from wbc_controller.walking.walker import STILL, Decision, TaskSets, Walker
 
 #: Time before touchdown in which the target of the step is constant, s.
@@ -131,12 +130,11 @@ class QuadrupedWalker(Walker):
         if self.command is None or self.phase in (Phase.SINGLE, Phase.DOUBLE):
             self.velocity = self.velocity.towards(self.command or Velocity(), self.gait, dt)
         self._heading += self.velocity.turning * dt
-        omega, com = natural_frequency(self._clearance, self._gravity), dynamics.com
-        ahead, place = cmath.rect(1.0, self._heading), complex(com[0], com[1])
-        dcm = dcm_of_body(
-            com, dynamics.com_velocity, dynamics.centroidal_matrix.T, dynamics.v, omega, self._mass * self._clearance
-        )
-        cycle = _Cycle(time, dt, place, dcm, omega, ahead, feet, touching)
+        com, dcm, omega = motion_of_body(
+            dynamics.com, dynamics.com_velocity, dynamics.centroidal_matrix.T, dynamics.v, self._mass, self._clearance,
+            self._gravity,
+        )  # fmt: skip
+        cycle = _Cycle(time, dt, com, dcm, omega, cmath.rect(1.0, self._heading), feet, touching)
         if self.phase is Phase.STAND:
             self._enter(Phase.SHIFT, cycle)
         ground = Ground.below(self._places)
@@ -252,9 +250,9 @@ class QuadrupedWalker(Walker):
         turn = cmath.rect(1.0, self._heading + walk.turning * (left + 0.5 * stance))
         velocity, later = walk.linear * cmath.rect(1.0, self._heading + walk.turning * left), walk.linear * turn
         if trots:
-            a, b = map(self._place, gait.groups[1 - self._group])
-            body, middle = next_pair(cycle.dcm, a, b, velocity, later, cycle.omega, left, stance)
-            origin = 0.5 * (self._feet[group[0]].nominal + self._feet[group[1]].nominal)
+            a, b = (self._feet[name] for name in gait.groups[1 - self._group])
+            body, middle = next_pair(cycle.dcm, self._places, a.row, b.row, velocity, later, cycle.omega, left, stance)
+            origin = -0.5 * (a.nominal + b.nominal)  # of all feet it is 0
         else:
             body = self._body + velocity * left
             middle, origin = body + 0.5 * stance * later, 0j

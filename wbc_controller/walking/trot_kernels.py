@@ -13,20 +13,20 @@ from wbc_controller.walking.pendulum_kernels import periodic_offset
 
 
 @compiled
-def dcm_of_body(com: Vector, velocity: Vector, centroidal: Matrix, v: Vector, omega: float, inertia: float) -> complex:
-    """Return ξ = c + (ċ + (L_y, -L_x) / (m z)) / ω, without the angular momentum L of the swinging legs.
+def motion_of_body(
+    com: Vector, velocity: Vector, centroidal: Matrix, v: Vector, mass: float, height: float, gravity: float
+) -> tuple[complex, complex, float]:
+    """Return c, ξ = c + (ċ + (L_y, -L_x) / (m z)) / ω, and ω, with the angular momentum L of the swinging legs.
 
-    Args:
-        com, velocity: c and ċ, (3,).
-        centroidal: A_Gᵀ, (nv, 6).
-        inertia: m z, kg·m.
+    The arguments are c and ċ, (3,), A_Gᵀ, (nv, 6), v, m, the height z, and g.
     """
     if len(com) != 3 or len(velocity) != 3 or centroidal.shape != (len(v), 6):
-        raise ValueError("dcm_of_body: wrong sizes")
+        raise ValueError("motion_of_body: wrong sizes")
     Lx = Ly = 0.0
     for i in range(len(v)):
         Lx, Ly = Lx + centroidal[i, 3] * v[i], Ly + centroidal[i, 4] * v[i]
-    return complex(com[0], com[1]) + (complex(velocity[0], velocity[1]) + complex(Ly, -Lx) / inertia) / omega
+    place, omega = complex(com[0], com[1]), math.sqrt(gravity / height)
+    return place, place + (complex(velocity[0], velocity[1]) + complex(Ly, -Lx) / (mass * height)) / omega, omega
 
 
 @compiled
@@ -57,21 +57,17 @@ def middle_of_pair(dcm: complex, velocity: complex, omega: float, duration: floa
 
 @compiled
 def next_pair(
-    dcm: complex,
-    a: complex,
-    b: complex,
-    velocity: complex,
-    following: complex,
-    omega: float,
-    left: float,
+    dcm: complex, places: Matrix, a: int, b: int, velocity: complex, following: complex, omega: float, left: float,
     stance: float,
-) -> tuple[complex, complex]:
+) -> tuple[complex, complex]:  # fmt: skip
     """Return the body at touchdown, ξ - v / ω, and the middle of the new pair.
 
     Args:
-        a, b: places of the feet on the ground.
+        places: of all feet, (n, 3) in m.
+        a, b: rows of the feet on the ground.
         velocity, following: commanded velocities in the world at touchdown, and in the middle of the next stance, m/s.
         left, stance: time until touchdown, and duration of the next stance, s.
     """
-    dcm = later_on_line(dcm, a, b, velocity, omega, left)
+    first, second = complex(places[a, 0], places[a, 1]), complex(places[b, 0], places[b, 1])
+    dcm = later_on_line(dcm, first, second, velocity, omega, left)
     return dcm - velocity / omega, middle_of_pair(dcm, following, omega, stance)
