@@ -53,7 +53,7 @@ class WalkTrial(EstimationTrial):
     """A robot that walks on its estimate by ``cmd_vel``.
 
     Attributes:
-        fastest: largest velocities forward, sideways and turning, (3,) in m/s and rad/s.
+        fastest: largest velocities forward, sideways and turning, times `scale`, (3,) in m/s and rad/s.
         begun: simulated time of the start of the walk, s.
     """
 
@@ -65,7 +65,7 @@ class WalkTrial(EstimationTrial):
         changes: Mapping[str, Any] = MappingProxyType({}),
         scale: float = 1.0,
     ) -> None:
-        """Build a robot for velocities times a scale; raise `ConfigurationError` if this fails."""
+        """Build a robot; raise `ConfigurationError` if this fails."""
         fastest = np.max([np.abs(each) for each in COMMANDS[robot].values()], axis=0)
         self.fastest = scale * fastest
         own = {"estimation.base_state": "imu", "mock.sensors": sensors, "mock.sensor_seed": seed}
