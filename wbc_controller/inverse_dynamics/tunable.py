@@ -1,7 +1,5 @@
 """Counter of parameter changes."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING, Any
 
 
