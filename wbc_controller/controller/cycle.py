@@ -206,8 +206,7 @@ class ControlCycle:
             )
         if references is not None and supervisor.solving:
             unloaded = self.model_error.unloaded_contacts
-            active = [name for name, on in references.contacts.items() if on > 0.0 and name not in unloaded]
-            self.holding = tuple(active)
+            self.holding = tuple(name for name, on in references.contacts.items() if on > 0.0 and name not in unloaded)
         else:
             self.holding = self._enabled_contacts()
         self._failure = outcome if isinstance(outcome, NoSolution) and was_active else None

@@ -38,6 +38,7 @@ class _Step(NamedTuple):
     """State with the motion predicted from it."""
 
     state: RobotState
+    gap: float  # since the last step, s
     tau: Array  # torques sent, (na,) in N·m
     springs: Array | None  # generalized force of passive joints, (nv,), or None
     com_velocity: Array  # ċ, (3,) in m/s
@@ -88,6 +89,7 @@ class ModelAudit:
         predicts = solution.tau.tobytes() == command.tau.tobytes()
         step = _Step(
             state=state,
+            gap=gap,
             tau=command.tau,
             springs=None if self._model.passive is None else self._model.passive_force(state.q, state.v),
             com_velocity=dynamics.com_velocity.copy(),
@@ -104,35 +106,35 @@ class ModelAudit:
     def _mechanical_energy(self, dynamics: Dynamics) -> float:
         return float(0.5 * dynamics.v @ dynamics.M @ dynamics.v - self._gravity @ dynamics.com)
 
-    def _work(self, steps: Sequence[tuple[_Step, _Step, float]]) -> Array:
-        """Return the work of all known forces over pairs of steps and their gaps, J; contact forces do no work."""
-        force = self._model.actuation.generalized_force(np.array([before.tau for before, _, _ in steps]))
+    def _work(self, pairs: Sequence[tuple[_Step, _Step]]) -> Array:
+        """Return the work of all known forces between pairs of steps, J; contact forces do no work."""
+        force = self._model.actuation.generalized_force(np.array([before.tau for before, _ in pairs]))
         known = []
-        for row, (before, after, gap) in zip(force, steps, strict=True):
+        for row, (before, after) in zip(force, pairs, strict=True):
             if before.solution is not None and before.solution.disturbance is not None:
                 row += before.solution.disturbance.forces
             if before.springs is not None and after.springs is not None:
                 row += 0.5 * (before.springs + after.springs)  # exact for springs
             row *= self._model.difference(before.state.q, after.state.q)
-            known += [0.5 * gap * (start + end) for start, end in zip(before.powers, after.last_powers, strict=True)]
+            powers = zip(before.powers, after.last_powers, strict=True)
+            known += [0.5 * after.gap * (start + end) for start, end in powers]
         return np.append(force, known)
 
     def _finish_span(self, state: RobotState, dynamics: Dynamics) -> AuditReport:
-        limits, chain, self._steps = self._limits, self._steps, self._steps[-1:]
-        gaps = [(after.state.stamp - before.state.stamp) * 1.0e-9 for before, after in pairwise(chain)]
-        steps, lasted = [(*pair, gap) for pair, gap in zip(pairwise(chain), gaps, strict=True)], sum(gaps)
-        work, stored, self._stored = self._work(steps), self._stored, self._mechanical_energy(dynamics)
+        limits, pairs, self._steps = self._limits, list(pairwise(self._steps)), self._steps[-1:]
+        lasted = sum(after.gap for _, after in pairs)
+        work, stored, self._stored = self._work(pairs), self._stored, self._mechanical_energy(dynamics)
         share = lasted / (limits.settings.time_constant + lasted)
         self._energy += share * ((self._stored - stored - work.sum()) / lasted - self._energy)
         self._throughput += share * (np.abs(work).sum() / lasted - self._throughput)
-        predicted = sum(gap for before, _, gap in steps if before.solution is not None)
+        predicted = sum(after.gap for before, after in pairs if before.solution is not None)
         if predicted > 0.0:
             share = predicted / (limits.settings.time_constant + predicted)
             velocity, com_velocity = np.zeros(self._model.nv), np.zeros(3)  # unpredicted changes
-            for before, after, gap in steps:
+            for before, after in pairs:
                 if before.solution is not None:
-                    velocity += after.state.v - before.state.v - gap * before.solution.v_dot
-                    com_velocity += after.com_velocity - before.com_velocity - gap * before.com_acceleration
+                    velocity += after.state.v - before.state.v - after.gap * before.solution.v_dot
+                    com_velocity += after.com_velocity - before.com_velocity - after.gap * before.com_acceleration
             if self._model.floating_base:  # not of a fixed base
                 self._force += share * (self._mass * com_velocity / predicted - self._force)
             self._torques += share * (dynamics.M @ velocity / predicted - self._torques)

@@ -17,15 +17,9 @@ class Program(Struct):
 
 @compiled
 def fill_program(
-    program: Program,
-    q: Vector,
-    v: Vector,
-    h: Vector,
-    tau_before: Vector,
-    share: float,
-    examined: Vector,
+    program: Program, q: Vector, v: Vector, h: Vector, tau_before: Vector, share: float, examined: Vector,
     errors: OutVector,
-) -> tuple[float, float]:
+) -> tuple[float, float]:  # fmt: skip
     """Call `link_terms`, `fill_rows`, `fill_dynamics` and `acceleration_bounds`, with their arguments.
 
     Returns:
