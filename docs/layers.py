@@ -40,7 +40,7 @@ ROOMS = {
     _QP + "tasks": Room(f"{_QP}arrays {_QP}tunable {_QP}method_calls {_QP}robot {_QP}contacts", "numpy pinocchio"),
     _QP + "references": Room(f"{_QP}robot {_QP}contacts {_QP}tasks", "numpy pinocchio"),
     _QP + "formulation": Room(
-        f"{_QP}arrays {_QP}tunable {_QP}method_calls {_QP}robot {_QP}contacts {_QP}limits {_QP}tasks", "numpy scipy"
+        f"{_QP}arrays {_QP}method_calls {_QP}robot {_QP}contacts {_QP}limits {_QP}tasks", "numpy scipy"
     ),
     _QP + "solvers": Room(_QP + "formulation", "numpy scipy qpsolvers daqp osqp proxsuite"),
     _QP + "whole_body_qp": Room(f"{_QP}formulation {_QP}solvers"),

@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 from wbc_controller.inverse_dynamics.contacts import PointContact, SurfaceContact
-from wbc_controller.inverse_dynamics.limits import TorqueLimit
 from wbc_controller.inverse_dynamics.tasks import ComTask, FrameOrientationTask, PostureTask
-from wbc_controller.inverse_dynamics.tunable import ChangeCounter
 from wbc_controller.records import frozen
 
 
@@ -47,25 +45,6 @@ def test_attribute_changes_apply_in_the_next_cycle(bench, name, what):
     np.testing.assert_array_equal(found, numbers(early, state, before))
     assert (found != without).any()
     np.testing.assert_array_equal(numbers(late, state, before), found)
-
-
-def test_changes_of_a_replaced_limit_apply_in_the_next_cycle(bench):
-    robot = bench("go2")
-    formulation, before = robot.controller.formulation, np.zeros(robot.model.na)
-    state = robot.near_stance(np.random.default_rng(3))
-    formulation.torque_limit = TorqueLimit(formulation.torque_limit.effort_limits, 1.0)
-    found = numbers(robot, state, before)
-    formulation.torque_limit.rate = 0.5
-    assert (numbers(robot, state, before) != found).any()
-
-
-def test_each_counter_counts_the_public_changes_of_a_shared_object():
-    limit, counters = TorqueLimit(np.ones(2), 1.0), [ChangeCounter(), ChangeCounter()]
-    for counter in (*counters, *counters):
-        limit.count_changes(counter)
-    limit.rate = 0.5
-    limit._private = 1
-    assert [counter.count for counter in counters] == [1, 1]
 
 
 def plain(thing):

@@ -30,7 +30,6 @@ from wbc_controller.inverse_dynamics.robot.frame_kernels import fill_rows
 from wbc_controller.inverse_dynamics.robot.link_motion_kernels import link_terms
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import Task
-from wbc_controller.inverse_dynamics.tunable import ChangeCounter
 from wbc_controller.records import Array, References, RobotState, Tuning
 
 
@@ -71,7 +70,6 @@ class Formulation:
         self.parameters: Parameters | None = None
         self.redundancy: tuple[tuple[str, ...], bool, Array] | None = None
         self._owners: tuple[Task | Contact, ...] = (*tasks, *contacts)
-        self._changes = ChangeCounter()  # of tasks, contacts and limits
         self._levels = sorted({task.level for task in tasks})
         self._layouts: dict[tuple[str, ...], Layout] = {}
         self._structures: dict[tuple[tuple[str, ...], tuple[str, ...]], Structure] = {}  # by contacts and tasks
@@ -175,24 +173,25 @@ class Formulation:
 
     def _current_structure(self, references: References) -> Structure:
         known, structure = self.parameters, self.structure
+        changes = self.motion_limit.version + self.torque_limit.version
+        for owner in self._owners:
+            changes += owner.version
         if (
             structure is not None
             and known is not None
-            and known.changes == self._changes.count
+            and known.changes == changes
             and known.motion_limit is self.motion_limit
             and known.torque_limit is self.torque_limit
             # fast for the same objects
             and (known.weights, known.activations) == (references.weights, references.contacts)
         ):
             return structure
-        for owner in (*self._owners, self.motion_limit, self.torque_limit):
-            owner.count_changes(self._changes)
         parameters = Parameters(
             weights=_read_only(references.weights),
             activations=_read_only(references.contacts),
             motion_limit=self.motion_limit,
             torque_limit=self.torque_limit,
-            changes=self._changes.count,
+            changes=changes,
             version=0 if known is None else known.version + 1,
         )
         self.parameters = None  # until all are written

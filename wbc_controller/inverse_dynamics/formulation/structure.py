@@ -18,7 +18,7 @@ class Parameters:
     activations: Mapping[str, float]  # of contacts
     motion_limit: JointMotionLimit
     torque_limit: TorqueLimit
-    changes: int  # number of attribute changes (`tunable.ChangeCounter`)
+    changes: int  # number of attribute changes (`Tunable.version`)
     version: int = field(compare=False)  # counter
 
 
