@@ -104,6 +104,7 @@ def put_arm_tasks(model: RobotModel, arms: Sequence[Limb], posture: Array, draft
     shortest = min((_lever(model, hand, posture) for hand in hands), default=math.inf)
     weight = min(_POSTURE, _POSTURE_PER_AREA * shortest**2)
     draft.put("tasks.posture", {"type": "posture", "weight": float(f"{weight:.1g}"), "stiffness": 50.0})
+    draft.put("safety.activation_ramp", 0.0, "Nothing else supports the arm.", "guess")
 
 
 def _lever(model: RobotModel, link: str, posture: Array) -> float:
