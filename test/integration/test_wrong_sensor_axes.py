@@ -68,7 +68,7 @@ def sway(robot, spoil, sensors):
             trial.mock.plant.hold(False)
         if i == round(1.0 * trial.settings.control.rate):
             com = trial.reference_com()
-            trial.follow([0.4, 0.8, 1.2], [com + [0.02, 0.03, 0.0], com - [0.02, 0.03, 0.0], com])
+            trial.follow([0.4, 0.8, 1.2], [com + [0.03, 0.045, 0.0], com - [0.03, 0.045, 0.0], com])
     return None
 
 

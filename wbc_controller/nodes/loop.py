@@ -25,7 +25,7 @@ from wbc_controller.nodes.inputs import Inputs
 from wbc_controller.nodes.outputs import Outputs
 from wbc_controller.nodes.ownership import Ownership
 from wbc_controller.nodes.takeover import Takeover
-from wbc_controller.records import Array, AuditReport, Fault, Mode
+from wbc_controller.records import Array, AuditReport, Fault, JointCommand, Mode
 from wbc_controller.safety.bring_up import BringUpWatch
 from wbc_controller.safety.checks import stale_inputs
 
@@ -148,7 +148,11 @@ class ControlLoop:
             )
             result = controller.cycle(repeated_inputs)
         decided = timer()
-        result = self._after_takeover(result, decided)
+        self._torques_sent = None
+        if result.command is not None and result.mode in _RATE_LIMITED:
+            guard_torques = self._takeover.torques(decided)
+            if guard_torques is not None:
+                result = replace(result, command=self._continue_from(guard_torques, result.command))
         outputs.publish_command(result)
         sent = timer()
         if result.command is not None:
@@ -179,16 +183,11 @@ class ControlLoop:
         self._cycle += 1
         return report
 
-    def _after_takeover(self, result: CycleResult, now: float) -> CycleResult:
-        """Continue from the guard's torques after a takeover; `now` is wall time, s."""
-        self._torques_sent, command = None, result.command
-        limited = command is not None and result.mode in _RATE_LIMITED
-        torques = self._takeover.torques(now) if limited else None
-        if command is None or torques is None:
-            return result
+    def _continue_from(self, torques: Array, command: JointCommand) -> JointCommand:
+        """Continue from the torques of the guard, (na,) in N·m."""
         command = self.controller.supervisor.continue_from(torques, command)
         self._torques_sent = command.tau
-        return replace(result, command=command)
+        return command
 
     def _changed_slips(self) -> tuple[tuple[SetSlippingContacts], ...]:
         """Return a change if the estimate has other slipping contacts than the controller."""
