@@ -55,6 +55,24 @@ def test_a_robot_walks_as_commanded_and_stops(robot, command):
     assert set(results[-1].forces) == {"left_foot", "right_foot"}
 
 
+@pytest.mark.parametrize("robot", ["g1", "go2"])
+def test_a_robot_walks_and_stops_far_from_the_origin(robot):
+    """Setpoints must be near the robot, also in components that a task does not use."""
+    simulation = wbc.Simulation(robot)
+    q, v = simulation.plant.state()
+    simulation.plant.set_state([q[0] + 300.0, q[1] - 200.0, *q[2:]], v)
+    simulation.controller.reset(*simulation.plant.state(), simulation.time)
+    for _ in range(100):  # torque ramp
+        simulation._cycle()
+    simulation.controller.walk(0.2)
+    simulation.run(2.5)
+    assert simulation.controller.walker.steps >= 2
+    simulation.controller.stand()
+    simulation.run(3.0)
+    assert simulation.controller.walker.phase is Phase.STAND
+    assert not simulation.plant.fallen
+
+
 def test_a_fast_robot_stops_within_three_steps():
     """Asked just before a touchdown, which counts as the first step."""
     simulation = wbc.Simulation(wbc.load("g1").replace({"walking.max_speed": 0.8}))

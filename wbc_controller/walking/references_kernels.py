@@ -25,7 +25,7 @@ def body_references(
 ) -> float:  # fmt: skip
     """Write the references of the body, (18 + 4 n,); return its height after one cycle, m.
 
-    They are place, velocity and acceleration on the ground, position and velocity of the height, angular velocity, and
+    They are place, velocity and acceleration on the ground, position and velocity of the body, angular velocity, and
     n quaternions (x, y, z, w).
 
     Args:
@@ -40,7 +40,7 @@ def body_references(
     put(out, 0, (place.real, place.imag, 0.0))
     put(out, 3, (velocity.real, velocity.imag, 0.0))
     put(out, 6, (acceleration.real, acceleration.imag, 0.0))
-    put(out, 9, (0.0, 0.0, height))
+    put(out, 9, (place.real, place.imag, height))  # x and y are masked, but must be near the robot
     put(out, 12, (0.0, 0.0, rise))
     put(out, 15, (0.0, 0.0, turning))
     c, s = math.cos(0.5 * turn), math.sin(0.5 * turn)
