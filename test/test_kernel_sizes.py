@@ -15,6 +15,8 @@ from wbc_controller.estimation import invariant_filter_kernels as invariant_filt
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit
 from wbc_controller.inverse_dynamics.references.board import ReferenceBoard
 from wbc_controller.records import Reference, RobotState
+from wbc_controller.walking import feet_kernels as feet
+from wbc_controller.walking.references_kernels import body_references
 
 N = 3
 
@@ -36,6 +38,14 @@ def corrected(points, places, end):
     invariant_filter.correct(*filter_state(), np.array(points), np.array([end]), places, covariance)
 
 
+PLACEMENT = np.append(np.eye(3).ravel(), np.zeros(3))
+
+
+def moved_sole(rows, mount, written, size):
+    numbers = (0j, 0.0, 0.0, 0.5, 0.05, 0.1, 0.002, 0.06, 0.0, 0j)
+    feet.move_sole(of(rows, 4), *numbers, PLACEMENT[:mount], of(written, 4), of(size))
+
+
 #: A call with consistent sizes, and calls with inconsistent ones.
 CALLS = {
     "propagate": (propagated, (3, 3, 3, 5), [(2, 3, 3, 5), (3, 2, 3, 5), (3, 3, 2, 5), (3, 3, 3, 4)]),
@@ -43,6 +53,24 @@ CALLS = {
         lambda point, places, end: corrected([point], of(places, 3), end),
         (0, 1, 1),
         [(1, 1, 1), (-1, 1, 1), (0, 0, 1), (0, 1, 2)],
+    ),
+    "motion_of_points": (
+        lambda links, on, points, out: feet.motion_of_points(
+            of(2, 12), of(links, 6), np.array([on]), of(points, 3), of(out, 6)
+        ),
+        (2, 1, 1, 1),
+        [(3, 1, 1, 1), (2, 2, 1, 1), (2, 1, 2, 1), (2, 1, 1, 2)],
+    ),
+    "motion_of_sole": (
+        lambda links, i, mount: feet.motion_of_sole(np.array(2 * [PLACEMENT]), of(links, 6), i, PLACEMENT[:mount]),
+        (2, 1, 12),
+        [(3, 1, 12), (2, 2, 12), (2, -1, 12), (2, 1, 7)],
+    ),
+    "move_sole": (moved_sole, (3, 12, 3, 19), [(2, 12, 3, 19), (3, 7, 3, 19), (3, 12, 2, 19), (3, 12, 3, 18)]),
+    "body_references": (
+        lambda size, out: body_references(0j, 0j, 0j, 0.8, 0.8, 0.0, 0.0, 0.002, of(1, size), of(out)),
+        (4, 22),
+        [(3, 22), (4, 21)],
     ),
 }  # fmt: skip
 
