@@ -13,6 +13,7 @@ from wbc_controller.middleware.topics import WALKING_KEYS
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.recording.json_records import from_json, to_json
 from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
+from wbc_controller.walking.feet import Foot
 from wbc_controller.walking.footsteps import Velocity
 from wbc_controller.walking.gait import Phase
 from wbc_controller.walking.goal import Goal
@@ -108,9 +109,25 @@ def test_a_stepping_robot_survives_a_change_of_its_velocity(kick):
     assert np.abs(moved).max() < 0.2  # about 0.1 m of sway
 
 
-def test_a_touchdown_counts_only_near_the_ground(monkeypatch):
-    """A sensor that always reports a touchdown ends a swing in the lower half of the clearance."""
+@pytest.mark.parametrize("on_the_ground", [False, True])
+def test_a_touchdown_counts_only_near_the_ground(monkeypatch, on_the_ground):
+    """A sensor that always reports a touchdown ends a swing in the lower half of the clearance.
+
+    `on_the_ground`: the walker believes that the reference is there; the foot follows the true one.
+    """
     monkeypatch.setattr("wbc_controller.walking.biped.lands", lambda *arguments: True)
+    swung, motions = Foot.swung, []
+
+    def lowered(foot, swing, landing, *others):
+        before = motions[-1][1] if motions and motions[-1][0] is swing else swing
+        motion, *found = swung(foot, before, landing, *others)
+        believed = motion.copy()
+        believed[0, 2] = landing.height
+        motions.append((believed, motion))
+        return believed, *found
+
+    if on_the_ground:
+        monkeypatch.setattr(Foot, "swung", lowered)
     simulation = wbc.Simulation("g1")
     walker, heights = simulation.controller.walker, []
 
