@@ -109,7 +109,7 @@ def test_the_guard_may_be_launched_too(environment, user):
         until(lambda: "watching" in said)
     finally:
         (output,) = end(process)
-    assert said[0] == "idle"
+    assert set(said) <= {"idle", "watching"}  # a busy computer may discover the latched topic after the first change
     assert output.count("process has finished cleanly") == 3, output
 
 
