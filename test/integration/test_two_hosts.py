@@ -4,7 +4,6 @@ import json
 import os
 import queue
 import re
-import signal
 import subprocess
 import sys
 import threading
@@ -85,7 +84,7 @@ class Host:
     def stop(self):
         for process in self._started:
             if process.poll() is None:
-                process.send_signal(signal.SIGINT)
+                process.terminate()  # a background job would ignore SIGINT
         for process in self._started:
             try:
                 process.wait(10)
