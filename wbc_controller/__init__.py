@@ -11,8 +11,6 @@
 See docs/python.md. Names outside `__all__` may change.
 """
 
-from __future__ import annotations
-
 import importlib
 from typing import TYPE_CHECKING, Any
 

@@ -1,7 +1,5 @@
 """Argument checks of public functions."""
 
-from __future__ import annotations
-
 import math
 import numbers
 import reprlib

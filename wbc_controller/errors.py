@@ -10,8 +10,6 @@
     └── TransportError          the middleware cannot start or open a topic
 """
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Callable, Collection, Iterable
 from typing import Any
@@ -57,7 +55,7 @@ class NoSolution(WbcError):
         self.infeasibility = infeasibility
         self._search = search
 
-    def explained(self) -> NoSolution:
+    def explained(self) -> "NoSolution":
         """Return this error with the conflicting constraints. Takes several periods; thread-safe."""
         if self._search is None:
             return self

@@ -1,7 +1,5 @@
 """Optional libraries and their extras."""
 
-from __future__ import annotations
-
 import importlib.util
 from collections.abc import Iterator
 from contextlib import contextmanager

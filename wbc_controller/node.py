@@ -3,8 +3,6 @@
 The exit status is 2 if rclpy is missing, or if two installations of ROS 2 would be mixed.
 """
 
-from __future__ import annotations
-
 import importlib
 import signal
 import sys

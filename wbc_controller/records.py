@@ -6,8 +6,6 @@ floating base ``q = [base position in world, base quaternion, joints]`` and
 (Pinocchio's free flyer; the twist of nav_msgs/Odometry after REP 105).
 """
 
-from __future__ import annotations
-
 import enum
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """In-process transport for tests and simulation."""
 
-from __future__ import annotations
-
 import logging
 import threading
 from collections import defaultdict, deque
@@ -53,7 +51,7 @@ class MemoryTransport:
                 if writer.latched is not None:
                     reader.deliver(writer.endpoint, writer.latched)
 
-    def stream(self, endpoint: Endpoint, depth: int) -> _Stream:
+    def stream(self, endpoint: Endpoint, depth: int) -> "_Stream":
         """See `Transport`."""
         stream = _Stream(endpoint, depth, self)
         self.subscribe(endpoint, stream.put)
