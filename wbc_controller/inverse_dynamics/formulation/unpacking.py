@@ -1,5 +1,8 @@
 """Solution from the minimizer."""
 
+# Properties in place of the fields of `Solution`:
+# mypy: disable-error-code="override"
+
 import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property
@@ -20,30 +23,32 @@ _LARGEST = 1.0e9  # infinite bounds are never binding
 _NONE: Mapping[str, Any] = MappingProxyType({})
 
 
-class _LazyDetails:
-    """`records.Details` from unchanged parts of the layout, computed on first access."""
-
-    _forces: Mapping[str, Array] | None = None
+class _LazySolution(Solution):
+    """Solution from unchanged parts of the layout."""
 
     def __init__(
-        self,
-        layout: Layout,
-        answer: Answer,
-        residuals: Residuals,
-        errors: Sequence[Errors],
-        stages: Mapping[str, float],
-    ) -> None:
+        self, layout: Layout, answer: Answer, residuals: Residuals, errors: Sequence[Errors], nv: int,
+        stages: Mapping[str, float], references: References,
+    ) -> None:  # fmt: skip
+        wrenches = references.external_wrenches
+        super().__init__(
+            residuals.value[:nv],
+            residuals.outputs,
+            answer.relaxed,
+            answer.iterations,
+            MappingProxyType(stages),
+            frozen_mapping(wrenches) if wrenches else _NONE,
+            references.disturbance,
+        )
         self._layout, self._labels, self._levels = layout, layout.labels, layout.levels
-        self._answer, self._residuals, self._errors, self._stages = answer, residuals, errors, stages
+        self._answer, self._residuals, self._errors = answer, residuals, errors
         self._contact_rows = layout.contact_rows
 
-    @property
+    @cached_property
     def forces(self) -> Mapping[str, Array]:
-        if self._forces is None:  # `cached_property` would double the time
-            forces = FORCE_UNIT * self._residuals.value[self._layout.forces]
-            forces.setflags(write=False)
-            self._forces = MappingProxyType({name: forces[own] for name, own in self._layout.forces_of})
-        return self._forces
+        forces = FORCE_UNIT * self._residuals.value[self._layout.forces]
+        forces.setflags(write=False)
+        return MappingProxyType({name: forces[own] for name, own in self._layout.forces_of})
 
     @cached_property
     def residuals(self) -> Mapping[str, float]:
@@ -79,7 +84,9 @@ class _LazyDetails:
         answer = self._answer
         if answer.levels or answer.cost is None:
             return answer.levels
-        return (LevelReport(self._levels[0].tasks, answer.cost, answer.iterations, self._stages.get("solve", 0.0)),)
+        return (
+            LevelReport(self._levels[0].tasks, answer.cost, answer.iterations, self.stage_seconds.get("solve", 0.0)),
+        )
 
 
 def unpack(
@@ -101,16 +108,7 @@ def unpack(
     value.setflags(write=False)
     residuals.outputs.setflags(write=False)
     formulation.add_effort_errors(value[: layout.problem.n])
-    return Solution(
-        value[: formulation.model.nv],
-        residuals.outputs,
-        _LazyDetails(layout, answer, residuals, formulation.task_errors, stages),
-        answer.relaxed,
-        answer.iterations,
-        MappingProxyType(stages),
-        frozen_mapping(references.external_wrenches) if references.external_wrenches else _NONE,
-        references.disturbance,
-    )
+    return _LazySolution(layout, answer, residuals, formulation.task_errors, formulation.model.nv, stages, references)
 
 
 def _binding(labels: Sequence[tuple[str, str, float]], residuals: Residuals, multipliers: Array) -> dict[str, float]:
