@@ -116,7 +116,7 @@ class LevelReport(NamedTuple):
     seconds: float  # solve time, s
 
 
-@dataclass(eq=False)  # not frozen: faster construction
+@dataclass(frozen=True, eq=False)
 class Solution:
     """Solution of the quadratic program; `formulation.unpacking` computes fields without `init` on first access."""
 

@@ -1,8 +1,5 @@
 """Solution from the minimizer."""
 
-# Properties in place of the fields of `Solution`:
-# mypy: disable-error-code="override"
-
 import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property
@@ -15,7 +12,7 @@ from wbc_controller.inverse_dynamics.formulation.answer import Answer
 from wbc_controller.inverse_dynamics.formulation.cost import Errors
 from wbc_controller.inverse_dynamics.formulation.formulation import Formulation
 from wbc_controller.inverse_dynamics.formulation.layout import Layout
-from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT, Residuals
+from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT, Level, Residuals
 from wbc_controller.records import Array, LevelReport, References, Solution, frozen_mapping
 
 _BINDING = 1.0e-5  # relative distance from a bound
@@ -26,23 +23,35 @@ _NONE: Mapping[str, Any] = MappingProxyType({})
 class _LazySolution(Solution):
     """Solution from unchanged parts of the layout."""
 
+    _layout: Layout
+    _labels: Sequence[tuple[str, str, float]]
+    _levels: Sequence[Level]
+    _contact_rows: Array | None
+    _answer: Answer
+    _residuals: Residuals
+    _errors: Sequence[Errors]
+
     def __init__(
         self, layout: Layout, answer: Answer, residuals: Residuals, errors: Sequence[Errors], nv: int,
         stages: Mapping[str, float], references: References,
     ) -> None:  # fmt: skip
         wrenches = references.external_wrenches
-        super().__init__(
-            residuals.value[:nv],
-            residuals.outputs,
-            answer.relaxed,
-            answer.iterations,
-            MappingProxyType(stages),
-            frozen_mapping(wrenches) if wrenches else _NONE,
-            references.disturbance,
+        vars(self).update(  # faster than the constructor of a frozen record
+            v_dot=residuals.value[:nv],
+            tau=residuals.outputs,
+            relaxed=answer.relaxed,
+            iterations=answer.iterations,
+            stage_seconds=MappingProxyType(stages),
+            external_wrenches=frozen_mapping(wrenches) if wrenches else _NONE,
+            disturbance=references.disturbance,
+            _layout=layout,
+            _labels=layout.labels,
+            _levels=layout.levels,
+            _contact_rows=layout.contact_rows,
+            _answer=answer,
+            _residuals=residuals,
+            _errors=errors,
         )
-        self._layout, self._labels, self._levels = layout, layout.labels, layout.levels
-        self._answer, self._residuals, self._errors = answer, residuals, errors
-        self._contact_rows = layout.contact_rows
 
     @cached_property
     def forces(self) -> Mapping[str, Array]:

@@ -41,7 +41,7 @@ class JointMotionLimit(Tunable):
     time constant `RETURN_TIME` / 2. Position limits precede velocity limits.
 
     Attributes:
-        position_lower, position_upper: (nj,) in rad, or None.
+        position: smallest and largest positions, (nj,) in rad, or None.
         velocity: largest speed, (nj,) in rad/s, or None.
         acceleration: q̈_max, rad/s².
         horizon: lower bound of T, s; docs/limits.md has its effect on measurement noise.
@@ -50,10 +50,7 @@ class JointMotionLimit(Tunable):
     def __init__(
         self, position: tuple[Array, Array] | None, velocity: Array | None, *, acceleration: float, horizon: float = 0.0
     ) -> None:
-        self.position_lower: Array | None = None
-        self.position_upper: Array | None = None
-        if position is not None:
-            self.position_lower, self.position_upper = position
+        self.position = position
         self.velocity = velocity
         self.acceleration = acceleration
         self.horizon = horizon
@@ -123,7 +120,7 @@ class JointMotionLimit(Tunable):
 
         q̈ ≤ -q̇² / (2 (q_max + STOPPING_DISTANCE - q)); `limits` are without the margin.
         """
-        if self.position_lower is None:
+        if self.position is None:
             return np.repeat([[-np.inf], [np.inf]], len(q), axis=1)
         lower, upper = limits
         speed = np.multiply(_SIDES, v)

@@ -221,13 +221,11 @@ class _Stream:
         self._woken = self._closed = False
 
     def take(self) -> list[bytes]:
-        """See `Stream`."""
         self._require_open()
         with _translated(f"cannot read {self._endpoint.name}"):
             return dds_raw.take(self._reader, self._endpoint.qos.depth)
 
     def wait(self, seconds: float) -> bool:
-        """See `Stream`."""
         self._require_open()
         with _translated(f"cannot wait for {self._endpoint.name}"):
             triggered = self._triggers.wait(seconds)
@@ -237,7 +235,6 @@ class _Stream:
             return triggered
 
     def wake(self) -> None:
-        """See `Stream`."""
         if not self._closed:
             self._guard.set(True)
             self._woken = True  # after the guard, so that a set guard is always reset

@@ -104,7 +104,6 @@ class _Stream:
             self._changed.notify()
 
     def take(self) -> list[bytes]:
-        """See `Stream`."""
         self._owner.require_open("read", self._endpoint)
         with self._lock:
             newest = list(self._newest)
@@ -112,7 +111,6 @@ class _Stream:
         return newest
 
     def wait(self, seconds: float) -> bool:
-        """See `Stream`."""
         self._owner.require_open("read", self._endpoint)
         with self._lock:
             triggered = self._changed.wait_for(lambda: self._newest or self._woken, seconds)
@@ -120,7 +118,6 @@ class _Stream:
         return bool(triggered)
 
     def wake(self) -> None:
-        """See `Stream`."""
         with self._lock:
             self._woken = True
             self._changed.notify()
