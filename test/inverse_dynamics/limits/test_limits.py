@@ -9,7 +9,7 @@ from wbc_controller.inverse_dynamics.limits import JointMotionLimit, TorqueLimit
 from wbc_controller.inverse_dynamics.limits.joint_motion import STOPPING_DISTANCE
 from wbc_controller.inverse_dynamics.robot.dynamics_kernels import DynamicsRows, fill_dynamics
 from wbc_controller.records import Tuning
-from wbc_controller.settings import ActuatorTorqueSpeed, TorqueSpeedSettings
+from wbc_controller.settings.limits import ActuatorTorqueSpeed, TorqueSpeedSettings
 
 PERIOD = 0.002
 

@@ -22,7 +22,7 @@ from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.tasks import PostureTask
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.records import Reference, References, RobotState
-from wbc_controller.settings import SelfCollisionSettings
+from wbc_controller.settings.limits import SelfCollisionSettings
 from wbc_controller.settings.resources import share_folder
 
 SRDF = {"g1": "", "talos": "package://example-robot-data/robots/talos_data/srdf/talos.srdf"}

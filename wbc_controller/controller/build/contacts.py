@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from wbc_controller import settings as schema
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics import contacts
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.settings import contacts as schema
 
 
 def make_contact(name: str, contact: schema.ContactSettings, model: RobotModel) -> contacts.Contact:
