@@ -260,8 +260,8 @@ def test_contradicting_position_limits_are_refused():
         JointMotionLimit.of(gripper(0.0), tuning)
     with pytest.raises(ConfigurationError, match="finger"):
         JointMotionLimit.of(gripper(np.nan), tuning)
-    assert JointMotionLimit.of(gripper(-0.3), tuning).position_upper == pytest.approx([0.8, 0.1])
-    assert JointMotionLimit.of(gripper(0.0), tuning, position=False).position_upper is None
+    assert JointMotionLimit.of(gripper(-0.3), tuning).position[1] == pytest.approx([0.8, 0.1])
+    assert JointMotionLimit.of(gripper(0.0), tuning, position=False).position is None
 
 
 def test_position_precedes_velocity():

@@ -114,7 +114,7 @@ class Formulation:
         layout, costs, program = structure.layout, structure.costs, structure.program
         layout.set_friction(references.friction)
         if self.torque_limit.curve is not None:
-            layout.available[:2] = self.torque_limit.available(self.model.actuation.speeds(v))
+            layout.available[:2] = self.torque_limit.available(self.model.actuation.rates(v[self.model.v_places]))
         before, share = layout.available[2], -1.0
         if tau_before is not None:
             before, share = tau_before, self.torque_limit.rate * self.period
@@ -288,7 +288,7 @@ class Formulation:
     def effort_bounds(self, references: References) -> tuple[Array, Array]:
         """Return the torque bounds without the rate limit."""
         actuation = self.model.actuation
-        lower, upper = self.torque_limit.available(actuation.speeds(self.dynamics.v))
+        lower, upper = self.torque_limit.available(actuation.rates(self.dynamics.v[self.model.v_places]))
         h = actuation.torques(bias_forces(self.dynamics, references))
         return lower - h, upper - h
 
