@@ -11,8 +11,6 @@
 See docs/python.md. Names outside `__all__` may change.
 """
 
-from __future__ import annotations
-
 import importlib
 from typing import TYPE_CHECKING, Any
 
@@ -38,38 +36,25 @@ if TYPE_CHECKING:
 #: Version of the package, its wheel and its recordings; package.xml and CITATION.cff repeat it.
 __version__ = "0.1.0"
 
-#: Module of each public name, imported on first use: MuJoCo is optional.
-_PUBLIC = {
-    "AnchoredContact": "inverse_dynamics.contacts",
-    "Config": "settings.config",
-    "ConfigurationError": "errors",
-    "Contact": "inverse_dynamics.contacts",
-    "Controller": "controller.controller",
-    "CycleResult": "controller.result",
-    "Dynamics": "inverse_dynamics.robot.dynamics",
-    "EffortTask": "inverse_dynamics.tasks",
-    "Fault": "records",
-    "Finding": "controller.check.finding",
-    "InputRefused": "errors",
-    "JointCommand": "records",
-    "Mode": "records",
-    "MotionTask": "inverse_dynamics.tasks",
-    "MujocoInterface": "simulation.bridges.mujoco",
-    "NoSolution": "errors",
-    "RateTask": "inverse_dynamics.tasks",
-    "Reference": "records",
-    "RobotModel": "inverse_dynamics.robot.model",
-    "RowLimit": "inverse_dynamics.limits",
-    "Simulation": "simulation.simulation",
-    "Solution": "records",
-    "Task": "inverse_dynamics.tasks",
-    "UnilateralContact": "inverse_dynamics.contacts",
-    "WbcError": "errors",
-    "check": "controller.check.preflight",
-    "load": "settings.config",
-    "plot": "controller.result",
-    "state_from_joints": "simulation.bridges.joints",
+#: Public names by module, imported on first use: MuJoCo is optional.
+_NAMES = {
+    "controller.check.finding": "Finding",
+    "controller.check.preflight": "check",
+    "controller.controller": "Controller",
+    "controller.result": "CycleResult plot",
+    "errors": "ConfigurationError InputRefused NoSolution WbcError",
+    "inverse_dynamics.contacts": "AnchoredContact Contact UnilateralContact",
+    "inverse_dynamics.limits": "RowLimit",
+    "inverse_dynamics.robot.dynamics": "Dynamics",
+    "inverse_dynamics.robot.model": "RobotModel",
+    "inverse_dynamics.tasks": "EffortTask MotionTask RateTask Task",
+    "records": "Fault JointCommand Mode Reference Solution",
+    "settings.config": "Config load",
+    "simulation.bridges.joints": "state_from_joints",
+    "simulation.bridges.mujoco": "MujocoInterface",
+    "simulation.simulation": "Simulation",
 }
+_PUBLIC = {name: module for module, names in _NAMES.items() for name in names.split()}
 
 __all__ = [
     "AnchoredContact",

@@ -1,16 +1,14 @@
 """Argument checks of public functions."""
 
-from __future__ import annotations
-
 import math
 import numbers
 import reprlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from wbc_controller.errors import InputRefused, valid_choices
+from wbc_controller.errors import InputRefused
 from wbc_controller.records import Array
 
 
@@ -56,14 +54,6 @@ def number(value: Any, subject: str, lower: float = -math.inf, upper: float = ma
         valid = "a finite number" if lower == -math.inf else f"from {lower:g} to {upper:g}"
         raise InputRefused(f"{subject} must be {valid}, not {reprlib.repr(value)}")
     return result
-
-
-def require_choice(value: Any, choices: Iterable[str], subject: str) -> str:
-    """Return a name among the choices; `subject` is its kind, such as ``task``."""
-    names = tuple(choices)
-    if not isinstance(value, str) or value not in names:
-        raise InputRefused(f"unknown {subject} {reprlib.repr(value)}; {valid_choices(str_of(value), names)}")
-    return value
 
 
 def str_of(value: Any) -> str:

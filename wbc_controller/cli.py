@@ -1,7 +1,5 @@
 """Command line `wbc`: table of commands."""
 
-from __future__ import annotations
-
 import importlib
 import sys
 from typing import Any

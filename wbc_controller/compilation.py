@@ -19,8 +19,6 @@ bounds checks. ``NUMBA_CACHE_DIR`` is the cache folder; default: the package's `
 folder if the package is read-only.
 """
 
-from __future__ import annotations
-
 import contextlib
 import inspect
 import logging

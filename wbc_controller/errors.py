@@ -10,9 +10,8 @@
     └── TransportError          the middleware cannot start or open a topic
 """
 
-from __future__ import annotations
-
 import difflib
+import reprlib
 from collections.abc import Callable, Collection, Iterable
 from typing import Any
 
@@ -57,7 +56,7 @@ class NoSolution(WbcError):
         self.infeasibility = infeasibility
         self._search = search
 
-    def explained(self) -> NoSolution:
+    def explained(self) -> "NoSolution":
         """Return this error with the conflicting constraints. Takes several periods; thread-safe."""
         if self._search is None:
             return self
@@ -71,7 +70,7 @@ class TransportError(WbcError):
 
 
 def require_known(
-    names: str | Iterable[str],
+    names: str | Iterable[Any],
     choices: Collection[str],
     before: str,
     after: str = "",
@@ -79,6 +78,8 @@ def require_known(
 ) -> None:
     """Raise an error for the first unknown name: ``<before> 'cmo'<after>; did you mean 'com'? Valid: com, posture``."""
     for name in (names,) if isinstance(names, str) else names:
+        if not isinstance(name, str):
+            raise error(f"{before} {reprlib.repr(name)}{after}; {valid_choices('', choices)}")
         if name not in choices:
             raise error(f"{before} {name!r}{after}; {valid_choices(name, choices)}")
 

@@ -3,37 +3,16 @@
 The exit status is 2 if rclpy is missing, or if two installations of ROS 2 would be mixed.
 """
 
-from __future__ import annotations
-
 import importlib
 import signal
 import sys
+from functools import partial
 from typing import NoReturn
 
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.extras import optional_libraries
 from wbc_controller.nodes.ros2.installation import refuse_mixed_installations
 from wbc_controller.pinocchio_libraries import two_installations
-
-
-def main() -> None:
-    """Run the executable `wbc_controller`: the controller's node."""
-    _run("controller_node", "serve", "wbc run g1")
-
-
-def mock_main() -> None:
-    """Run the executable `mock_robot`: the mock robot's node."""
-    _run("plain_nodes", "serve_mock", "wbc mock g1")
-
-
-def guard_main() -> None:
-    """Run the executable `guard`: the guard's node."""
-    _run("plain_nodes", "serve_guard", "wbc guard g1")
-
-
-def estimator_main() -> None:
-    """Run the executable `base_estimator`: the base estimator's node."""
-    _run("plain_nodes", "serve_estimator", "wbc estimate g1")
 
 
 def _run(module: str, function: str, instead: str) -> NoReturn:
@@ -53,6 +32,13 @@ def _run(module: str, function: str, instead: str) -> NoReturn:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
     sys.exit(status)
+
+
+#: Executables `wbc_controller`, `mock_robot`, `guard` and `base_estimator`.
+main = partial(_run, "controller_node", "serve", "wbc run g1")
+mock_main = partial(_run, "plain_nodes", "serve_mock", "wbc mock g1")
+guard_main = partial(_run, "plain_nodes", "serve_guard", "wbc guard g1")
+estimator_main = partial(_run, "plain_nodes", "serve_estimator", "wbc estimate g1")
 
 
 def _report_missing_ros2(instead: str, error: ImportError) -> int:

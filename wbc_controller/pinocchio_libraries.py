@@ -1,7 +1,5 @@
 """Detection of two Pinocchio installations in one process."""
 
-from __future__ import annotations
-
 import functools
 import logging
 import os

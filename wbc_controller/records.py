@@ -6,13 +6,11 @@ floating base ``q = [base position in world, base quaternion, joints]`` and
 (Pinocchio's free flyer; the twist of nav_msgs/Odometry after REP 105).
 """
 
-from __future__ import annotations
-
 import enum
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -118,71 +116,26 @@ class LevelReport(NamedTuple):
     seconds: float  # solve time, s
 
 
-class Details(Protocol):
-    """Details of a solution, possibly computed on first access.
-
-    Attributes:
-        forces: force (3,) or wrench (6,) of each active contact in the contact frame, N and N·m.
-        residuals: largest absolute violation of each group of constraints.
-        task_errors: norm of each task error, in the unit of the reference.
-        binding: multiplier of each binding constraint, such as ``torque:left_knee_joint:upper``: decrease of the cost
-            per unit of relaxation, in N⁻¹, (N·m)⁻¹ or (rad/s²)⁻¹.
-        levels: solved quadratic programs, highest priority first.
-    """
-
-    @property
-    def forces(self) -> Mapping[str, Array]: ...  # noqa: D102
-
-    @property
-    def residuals(self) -> Mapping[str, float]: ...  # noqa: D102
-
-    @property
-    def task_errors(self) -> Mapping[str, float]: ...  # noqa: D102
-
-    @property
-    def binding(self) -> Mapping[str, float]: ...  # noqa: D102
-
-    @property
-    def levels(self) -> Sequence[LevelReport]: ...  # noqa: D102
-
-
-class Solution(NamedTuple):
-    """Solution of the quadratic program."""
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Solution of the quadratic program; `formulation.unpacking` computes fields without `init` on first access."""
 
     v_dot: Array  # generalized acceleration, (nv,)
     tau: Array  # in the order of the command, (na,) in N·m
-    details: Details  # also available as attributes of the solution
     #: relaxed groups of constraints, and lower priority levels without a solution; normally empty
     relaxed: tuple[str, ...] = ()
     iterations: int = 0  # iterations of the solver
-    stage_seconds: Mapping[str, float] = MappingProxyType({})  # time of each stage, s
-    external_wrenches: Mapping[str, Array] = MappingProxyType({})  # known external wrenches, as in `References`
+    stage_seconds: Mapping[str, float] = field(default_factory=dict)  # time of each stage, s
+    external_wrenches: Mapping[str, Array] = field(default_factory=dict)  # known external wrenches, as in `References`
     disturbance: Disturbance | None = None  # disturbance, as in `References`
-
-    @property
-    def forces(self) -> Mapping[str, Array]:
-        """Same as in `details`."""
-        return self.details.forces
-
-    @property
-    def residuals(self) -> Mapping[str, float]:
-        """Same as in `details`."""
-        return self.details.residuals
-
-    @property
-    def task_errors(self) -> Mapping[str, float]:
-        """Same as in `details`."""
-        return self.details.task_errors
-
-    @property
-    def binding(self) -> Mapping[str, float]:
-        """Same as in `details`."""
-        return self.details.binding
-
-    @property
-    def levels(self) -> Sequence[LevelReport]:
-        """Same as in `details`."""
-        return self.details.levels
+    #: force (3,) or wrench (6,) of each active contact in the contact frame, N and N·m
+    forces: Mapping[str, Array] = field(init=False)
+    residuals: Mapping[str, float] = field(init=False)  # largest absolute violation of each group of constraints
+    task_errors: Mapping[str, float] = field(init=False)  # norm of each task error, in the unit of the reference
+    #: multiplier of each binding constraint, such as ``torque:left_knee_joint:upper``: decrease of the cost per unit of
+    #: relaxation, in N⁻¹, (N·m)⁻¹ or (rad/s²)⁻¹
+    binding: Mapping[str, float] = field(init=False)
+    levels: Sequence[LevelReport] = field(init=False)  # solved quadratic programs, highest priority first
 
 
 @dataclass(frozen=True, slots=True)

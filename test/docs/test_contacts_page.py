@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from wbc_controller.controller.check.preflight import check
-from wbc_controller.settings import ContactSettings
+from wbc_controller.settings.contacts import ContactSettings
 from wbc_controller.settings.files import types_of
 
 PAGE = (Path(__file__).parents[2] / "docs" / "contacts.md").read_text(encoding="utf-8")

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from wbc_controller.settings import LimitSettings
+from wbc_controller.settings.limits import LimitSettings
 
 PAGE = (Path(__file__).parents[2] / "docs" / "limits.md").read_text(encoding="utf-8")
 BLOCKS = [yaml.safe_load(block) for block in re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)]

@@ -179,7 +179,7 @@ def test_friction_compensation_at_rest_and_in_motion(robot_of):
 def test_friction_of_an_unknown_joint_is_refused(robot_of, changed):
     config, model = robot_of("go2")
     with pytest.raises(
-        ConfigurationError, match=r"robot.friction.FL_calf: unknown joint; did you mean 'FL_calf_joint'"
+        ConfigurationError, match=r"robot.friction: unknown joint 'FL_calf'; did you mean 'FL_calf_joint'"
     ):
         make_model_error(changed(config, {"robot": {"friction": {"FL_calf": {"dry": 1.0}}}}), model, {})
 

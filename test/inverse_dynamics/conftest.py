@@ -14,7 +14,8 @@ from wbc_controller.controller.check.preflight import stance
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.records import Array, References, RobotState, frozen
-from wbc_controller.settings import Settings, TaskSettings
+from wbc_controller.settings import Settings
+from wbc_controller.settings.tasks import TaskSettings
 from wbc_controller.validation.fuzz.problems import random_problem, rest
 
 

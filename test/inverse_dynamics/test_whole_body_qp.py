@@ -14,7 +14,7 @@ from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.solvers import make_solver
 from wbc_controller.recording.json_records import to_json
 from wbc_controller.records import Reference, frozen_mapping
-from wbc_controller.settings import PostureTask
+from wbc_controller.settings.tasks import PostureTask
 from wbc_controller.validation.fuzz.problems import feasibility_margin
 
 ROBOTS = ("g1", "talos", "go2")

@@ -21,7 +21,7 @@ from wbc_controller.mechanics import (
     forward_dynamics,
     simulate,
 )
-from wbc_controller.settings import SurfaceContact as SurfaceSettings
+from wbc_controller.settings.contacts import SurfaceContact as SurfaceSettings
 from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.simulation.plant import Plant
 

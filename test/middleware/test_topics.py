@@ -20,8 +20,8 @@ from wbc_controller.middleware.topics import (
     parse_remapping,
     resolve,
 )
-from wbc_controller.settings import TaskSettings
 from wbc_controller.settings.files import types_of
+from wbc_controller.settings.tasks import TaskSettings
 
 KINDS = {"com": "com", "hand": "frame_pose", "posture": "posture"}
 

@@ -20,8 +20,8 @@ from wbc_controller.nodes import guard_service
 from wbc_controller.nodes.clock import ManualClock
 from wbc_controller.nodes.guard_service import GuardService, run_guard
 from wbc_controller.safety.guard import GuardMode
-from wbc_controller.settings import RobotSettings
 from wbc_controller.settings.files import shipped_configurations
+from wbc_controller.settings.robot import RobotSettings
 
 TABLE = list(endpoints(GUARD_TOPICS, GUARD_NODE))
 

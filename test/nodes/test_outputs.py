@@ -1,7 +1,5 @@
 """Outgoing messages: commands, forces, the mode, diagnostics."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from composed import whole
@@ -24,13 +22,14 @@ def report(**changes):
 
 
 def solution(**changes):
-    """With details, and changes of details and others."""
-    details = {
+    """With all values, and changes."""
+    values = {
         "forces": {}, "residuals": {"contact_motion": 1e-9}, "task_errors": {"com": 0.01},
         "binding": {"torque:knee:upper": 0.25}, "levels": (LevelReport(("com",), 0.5, 7, 5e-5),),
     }  # fmt: skip
-    details |= {key: changes.pop(key) for key in details.keys() & changes.keys()}
-    return Solution(np.zeros(18), np.zeros(12), SimpleNamespace(**details), **{"iterations": 7, **changes})
+    made = Solution(np.zeros(18), np.zeros(12), iterations=7)
+    vars(made).update(values | changes)
+    return made
 
 
 def test_both_command_topics_say_the_same(bench):

@@ -20,8 +20,8 @@ from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTranspo
 from wbc_controller.nodes import realtime
 from wbc_controller.nodes.controller_service import run_controller
 from wbc_controller.nodes.realtime import apply_realtime, describe_scheduling, lower_thread_priority
-from wbc_controller.settings import RealtimeSettings
 from wbc_controller.settings.config import load
+from wbc_controller.settings.service import RealtimeSettings
 
 THERE = sorted(os.sched_getaffinity(0))
 ONE = THERE[-1]
@@ -169,7 +169,7 @@ def test_a_refused_wakeup_latency_has_the_remedy(waking, monkeypatch):
 def test_it_applies_for_real_or_is_refused(setting, held, refused):
     script = (
         "from wbc_controller.nodes.realtime import apply_realtime, describe_scheduling\n"
-        "from wbc_controller.settings import RealtimeSettings\n"
+        "from wbc_controller.settings.service import RealtimeSettings\n"
         f"apply_realtime(RealtimeSettings({setting}))\n"
         "print(describe_scheduling())"
     )

@@ -4,7 +4,6 @@ The energy residual stays below 2 % of the mechanical power. A wrong mass, a tor
 push are detected within a second.
 """
 
-import dataclasses
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, field
 
@@ -12,7 +11,6 @@ import numpy as np
 import pytest
 
 from wbc_controller.controller.build.robot import make_model
-from wbc_controller.controller.build.safety import make_audit
 from wbc_controller.controller.report import CycleReport
 from wbc_controller.inverse_dynamics.references.changes import SetExternalWrench, SetSetpoint, SetTrajectory
 from wbc_controller.inverse_dynamics.references.trajectories import Knot
@@ -113,9 +111,8 @@ def test_the_residuals_are_those_of_the_laws_of_motion(robot):
     """Without its filter, against the functions of `mechanics` (S5, S6), with a wrong link and a known wrench."""
     simulation = Simulation(robot)
     controller, plant = simulation.controller, simulation.plant
-    limits = make_audit(controller.config.settings, controller.model)._limits
-    unfiltered = limits.settings.model_copy(update={"time_constant": 1.0e-15})
-    audit = ModelAudit(controller.model, dataclasses.replace(limits, settings=unfiltered))
+    unfiltered = controller.config.settings.audit.model_copy(update={"time_constant": 1.0e-15})
+    audit = ModelAudit(controller.model, unfiltered, controller.period)
     base, known = controller.model.base_link, np.array([5.0, 12.0, -3.0, 0.5, -0.3, 0.2])
     controller.board.apply([SetExternalWrench(base, known)], controller.dynamics, simulation.time)
     plant.push(base, known + [9.0, 0.0, 4.0, 0.0, 0.0, 0.0], 1.0)  # exceeds the known wrench
@@ -215,5 +212,5 @@ def test_short_pushes_with_rests_between_them_do_not_add_up():
     for i in range(3):
         run.mock.plant.push(run.model.base_link, np.array([0.0, 5.0, 0.0, 0.0, 0.0, 0.0]), 0.1)
         run.until(CALM + 1.5 * (i + 1))
-        assert max(np.linalg.norm(audit.force) for audit in run.audits(CALM + 1.5 * i)) > run.loop._audit._limits.force
+        assert max(np.linalg.norm(audit.force) for audit in run.audits(CALM + 1.5 * i)) > run.loop._audit._largest_force
     assert not run.warned(CALM, 5.0)

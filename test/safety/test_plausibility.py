@@ -53,7 +53,7 @@ class Body:
 
     def solution(self):
         return Solution(
-            v_dot=np.zeros(self.model.nv), tau=self.tau, details=None, relaxed=self.relaxed, iterations=1,
+            v_dot=np.zeros(self.model.nv), tau=self.tau, relaxed=self.relaxed, iterations=1,
         )  # fmt: skip
 
     def step(self, count=1, *, outcome=None, sensed=lambda q, v: (q, v), dt=PERIOD, velocity=None):

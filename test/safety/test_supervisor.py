@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -35,7 +36,7 @@ def limits(**changes):
 
 def solution(model, tau):
     return Solution(
-        v_dot=np.zeros(model.nv), tau=np.asarray(tau, dtype=float), details=None, relaxed=(), iterations=1,
+        v_dot=np.zeros(model.nv), tau=np.asarray(tau, dtype=float), iterations=1,
     )  # fmt: skip
 
 
@@ -289,7 +290,7 @@ def test_a_command_carries_the_stamp_it_answers_and_where_its_torques_lead(rig):
     bench = rig().bring("active")
     answer = solution(bench.model, bench.tau)
     v_dot = np.arange(bench.model.nv, dtype=float)
-    answer = answer._replace(v_dot=v_dot)
+    answer = replace(answer, v_dot=v_dot)
     command = bench.step(answer)
     joints = v_dot[bench.model.v_index]
     assert command.stamp == 7

@@ -5,7 +5,8 @@ import pinocchio as pin
 import pytest
 
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.settings import Settings, SurfaceContact
+from wbc_controller.settings import Settings
+from wbc_controller.settings.contacts import SurfaceContact
 from wbc_controller.simulation.mechanism import contact_frame
 from wbc_controller.simulation.plant import Plant
 

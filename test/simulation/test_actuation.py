@@ -9,11 +9,11 @@ from stepping import simulate
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.references import make_board
 from wbc_controller.controller.build.robot import make_model
-from wbc_controller.controller.build.safety import joint_efforts, make_audit
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.references.changes import SetSetpoint
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.records import JointCommand, RobotState, frozen
+from wbc_controller.safety.model_audit import ModelAudit, joint_efforts
 from wbc_controller.simulation.plant import Plant
 
 #: Tolerance of accelerations for MuJoCo's soft coupling of a follower.
@@ -135,7 +135,8 @@ def test_the_audit_accounts_for_springs_transmissions_and_followers():
     board = make_board(settings, controller)
     board.reset(controller.dynamics, 0.0)
     board.apply([SetSetpoint("posture", np.array([-0.3, 0.5, -0.6, 0.4, -0.2]))], controller.dynamics, 0.0)
-    audit, limits = make_audit(settings, model), settings.audit.torque * joint_efforts(model)
+    audit = ModelAudit(model, settings.audit, 1.0 / settings.control.rate)
+    limits = settings.audit.torque * joint_efforts(model)
     nothing = frozen(np.full(model.nj, np.nan))
     energies, torques = [], []
     for _ in range(500):

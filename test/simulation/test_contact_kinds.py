@@ -12,8 +12,9 @@ from wbc_controller.controller.check.preflight import stance
 from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.records import JointCommand, RobotState, frozen
-from wbc_controller.settings import LoopSettings, Settings
+from wbc_controller.settings import Settings
 from wbc_controller.settings.config import load
+from wbc_controller.settings.contacts import LoopSettings
 from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.simulation.attachments import HINGE_LENGTH, closures_of, points_of
 from wbc_controller.simulation.plant import Plant

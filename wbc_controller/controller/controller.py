@@ -8,12 +8,12 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from wbc_controller.arguments import finite, number, require_choice, shortened, sized, str_of
+from wbc_controller.arguments import finite, number, shortened, sized, str_of
 from wbc_controller.controller.check.preflight import stance
 from wbc_controller.controller.cycle import ControlCycle, seconds
 from wbc_controller.controller.report import CycleInputs
 from wbc_controller.controller.result import CycleResult
-from wbc_controller.errors import ConfigurationError, InputRefused, valid_choices
+from wbc_controller.errors import ConfigurationError, InputRefused, require_known, valid_choices
 from wbc_controller.inverse_dynamics.references import changes
 from wbc_controller.inverse_dynamics.references.ranges import LONGEST, check_change, check_rates
 from wbc_controller.inverse_dynamics.references.trajectories import Knot
@@ -324,17 +324,14 @@ class Controller(ControlCycle):
         return form.position(position, subject)
 
     def _task(self, name: str) -> Task:
-        return self.qp.tasks[require_choice(name, self.qp.tasks, "task")]
+        require_known((name,), self.qp.tasks, "unknown task", error=InputRefused)
+        return self.qp.tasks[name]
 
     def _joint_positions(self, task: str, given: Mapping[str, float]) -> Array:
         joints: tuple[str, ...] | None = getattr(self.qp.tasks[task], "joints", None)
         if joints is None:
             raise InputRefused(f"task {task!r} has no joints; its position must be an array")
-        for name in given:
-            if name not in joints:
-                raise InputRefused(
-                    f"{reprlib.repr(name)} is not a joint of task {task!r}; {valid_choices(str_of(name), joints)}"
-                )
+        require_known(given, joints, "position:", f" is not a joint of task {task!r}", InputRefused)
         present = self.board.present(task, self._now()).position
         for change in self._commands:
             if isinstance(change, changes.SetSetpoint) and change.task == task:

@@ -45,10 +45,7 @@ class LiveSettings:
         self._prepared: tuple[Any, Settings, Any] = (None, settings, None)
 
     def check(self, change: Mapping[str, Any], source: str) -> None:
-        """Check a change: part of a configuration, nested as in the file.
-
-        Raises: ConfigurationError: with the source.
-        """
+        """Check a change: part of a configuration, nested as in the file; errors name its source."""
         self._validated(change, source)
 
     def prepare(self, change: Mapping[str, Any], source: str) -> None:

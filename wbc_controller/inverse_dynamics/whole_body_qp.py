@@ -22,7 +22,7 @@ from wbc_controller.inverse_dynamics.formulation.unpacking import unpack
 from wbc_controller.inverse_dynamics.solvers import Solver, make_solver
 from wbc_controller.inverse_dynamics.solvers.daqp import INFEASIBLE, solve_carefully
 from wbc_controller.inverse_dynamics.solvers.hierarchy import Hierarchy
-from wbc_controller.records import Array, Infeasibility, References, RobotState, Solution
+from wbc_controller.records import Array, References, RobotState, Solution
 
 _CLEARANCE = 1.0e-6  # clearance of strict priorities to relaxed bounds against rounding, in the problem's units
 _WORTHWHILE_SHARE = 0.5  # contacts are released if at most this share of the missing stopping acceleration remains
@@ -272,15 +272,3 @@ class WholeBodyQP:
             answer.relaxed = (*relaxed, *answer.relaxed)
             return answer
         return Answer(None, answer.status, answer.iterations)
-
-    def explain(
-        self, state: RobotState, references: References, tau_before: Array | None = None
-    ) -> Infeasibility | None:
-        """Find the conflicting constraints, including limits that `solve` would relax; takes several periods.
-
-        Returns None for a feasible problem, or a value that is not finite.
-        """
-        layout = self.formulation.build(state, references, tau_before)
-        if not layout.problem.is_finite:
-            return None
-        return explain(layout, self.model, self.formulation.effort_bounds(references))

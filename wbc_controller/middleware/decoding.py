@@ -13,7 +13,7 @@ import numpy as np
 import yaml
 
 from wbc_controller.arguments import finite, shortened
-from wbc_controller.errors import ConfigurationError, InputRefused, valid_choices
+from wbc_controller.errors import ConfigurationError, InputRefused, require_known
 from wbc_controller.inverse_dynamics import tasks
 from wbc_controller.inverse_dynamics.references import changes
 from wbc_controller.inverse_dynamics.references.relative import own_frames
@@ -154,9 +154,7 @@ def _joint_values(joints: Sequence[str], names: Sequence[str], values: Any, what
 
 
 def _require_joints(joints: Sequence[str], names: Sequence[str], what: str, *, partial: bool = False) -> None:
-    for name in names:
-        if name not in joints:
-            raise InputRefused(f"{name!r} is not a joint of this task; {valid_choices(name, joints)}")
+    require_known(names, joints, f"{what}:", " is not a joint of this task", InputRefused)
     require_unique(names)
     missing = [] if partial else [name for name in joints if name not in names]
     if missing:
@@ -306,15 +304,12 @@ def _read_update(vocabulary: Vocabulary, subject: str, content: Any) -> tuple[ch
         if section in _UPDATE_SETTINGS and isinstance(entries, dict):
             settings[section] = entries
             continue
-        if section not in _UPDATE_KEYS:
-            choices = (*_UPDATE_KEYS, *_UPDATE_SETTINGS)
-            raise InputRefused(f"unknown key {section!r}; {valid_choices(str(section), choices)}")
+        require_known((section,), (*_UPDATE_KEYS, *_UPDATE_SETTINGS), "unknown key", error=InputRefused)
         known = vocabulary.kinds if section == "tasks" else vocabulary.contacts
         if not isinstance(entries, dict):
             raise InputRefused(f"{section} is not a mapping; {_UPDATE_FORM}")
         for name, fields in entries.items():
-            if name not in known:
-                raise InputRefused(f"unknown {section[:-1]} {name!r}; {valid_choices(str(name), known)}")
+            require_known((name,), known, f"unknown {section[:-1]}", error=InputRefused)
             if not isinstance(fields, dict):
                 raise InputRefused(f"{section}.{name} is not a mapping; {_UPDATE_FORM}")
             if "frame" in fields and "setpoint" not in fields:
@@ -332,9 +327,7 @@ def _read_update(vocabulary: Vocabulary, subject: str, content: Any) -> tuple[ch
 
 
 def _update_field(vocabulary: Vocabulary, section: str, name: str, key: Any, value: Any, frame: Any) -> changes.Change:
-    keys, settings = _UPDATE_KEYS[section]
-    if key not in keys:
-        raise InputRefused(f"{section}.{name}: unknown key {key!r}; {valid_choices(str(key), (*keys, *settings))}")
+    require_known((key,), sum(_UPDATE_KEYS[section], ()), f"{section}.{name}: unknown key", error=InputRefused)
     if key == "weight":
         return changes.SetWeight(name, _weight(value))
     if key == "setpoint":

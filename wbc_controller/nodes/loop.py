@@ -13,7 +13,6 @@ from functools import partial
 
 import numpy as np
 
-from wbc_controller.controller.build.safety import make_audit
 from wbc_controller.controller.controller import Controller
 from wbc_controller.controller.report import CycleInputs, CycleReport, LatchedInputs
 from wbc_controller.controller.result import CycleResult
@@ -25,9 +24,10 @@ from wbc_controller.nodes.inputs import Inputs
 from wbc_controller.nodes.outputs import Outputs
 from wbc_controller.nodes.ownership import Ownership
 from wbc_controller.nodes.takeover import Takeover
-from wbc_controller.records import Array, AuditReport, Fault, JointCommand, Mode
+from wbc_controller.records import Array, AuditReport, Fault, Mode
 from wbc_controller.safety.bring_up import BringUpWatch
 from wbc_controller.safety.checks import stale_inputs
+from wbc_controller.safety.model_audit import ModelAudit
 
 _log = logging.getLogger(__name__)
 
@@ -64,7 +64,7 @@ class ControlLoop:
         self._takeover = takeover
         self._torques_sent: Array | None = None  # (na,) in N·m, if not those of the last result
         settings, model = controller.config.settings, controller.model
-        self._audit = make_audit(settings, model)
+        self._audit = ModelAudit(model, settings.audit, controller.period)
         self._bring_up = BringUpWatch(
             model, settings.safety.bring_up_time, settings.safety.bring_up_speed, controller.period
         )
@@ -152,7 +152,8 @@ class ControlLoop:
         if result.command is not None and result.mode in _RATE_LIMITED:
             guard_torques = self._takeover.torques(decided)
             if guard_torques is not None:
-                result = replace(result, command=self._continue_from(guard_torques, result.command))
+                command = controller.supervisor.continue_from(guard_torques, result.command)
+                result, self._torques_sent = replace(result, command=command), command.tau
         outputs.publish_command(result)
         sent = timer()
         if result.command is not None:
@@ -182,12 +183,6 @@ class ControlLoop:
             observer(report)
         self._cycle += 1
         return report
-
-    def _continue_from(self, torques: Array, command: JointCommand) -> JointCommand:
-        """Continue from the torques of the guard, (na,) in N·m."""
-        command = self.controller.supervisor.continue_from(torques, command)
-        self._torques_sent = command.tau
-        return command
 
     def _changed_slips(self) -> tuple[tuple[SetSlippingContacts], ...]:
         """Return a change if the estimate has other slipping contacts than the controller."""

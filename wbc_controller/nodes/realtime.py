@@ -14,7 +14,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.settings import RealtimeSettings
+from wbc_controller.settings.service import RealtimeSettings
 
 _KEY = "control.realtime"
 _HELP = "see docs/real_time.md"

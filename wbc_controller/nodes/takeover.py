@@ -1,7 +1,5 @@
 """Torques of the guard after a takeover."""
 
-from __future__ import annotations
-
 import logging
 import math
 from collections.abc import Iterable

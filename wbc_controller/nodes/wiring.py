@@ -2,11 +2,12 @@
 
 from collections.abc import Mapping
 
-from wbc_controller import settings as schema
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.decoding import Vocabulary
 from wbc_controller.middleware.topics import CONTROLLER_TOPICS, NODES, WALKING_KEYS, Endpoint, endpoints
 from wbc_controller.settings import NODE_NAME, Settings
+from wbc_controller.settings import tasks as schema
+from wbc_controller.settings.contacts import FixedContact, SurfaceContact
 
 
 def make_vocabulary(settings: Settings, model: RobotModel) -> Vocabulary:
@@ -23,7 +24,7 @@ def make_vocabulary(settings: Settings, model: RobotModel) -> Vocabulary:
     for name, task in settings.tasks.items():
         if isinstance(task, schema.ContactWrenchTask):
             contact = settings.contacts[task.contact]
-            whole = isinstance(contact, schema.SurfaceContact | schema.FixedContact)
+            whole = isinstance(contact, SurfaceContact | FixedContact)
             frame = contact.frame if whole else contact.against  # None: world axes, for a point or wheel on the world
             if frame is not None:
                 reference_frames[name] = frame

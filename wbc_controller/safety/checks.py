@@ -37,23 +37,3 @@ def unusable_torques(
     bound = np.where(tau < 0.0, -lower, upper)
     worst = [f"{actuators[i]}: {tau[i]:.3g} N·m (limit {bound[i]:.3g})" for i in map(int, np.flatnonzero(~good))]
     return Fault("BAD_TORQUE", "the solution's torques are not usable: " + ", ".join(worst))
-
-
-def no_solution_for_too_long(reason: Fault, held: float, limit: float, window: float) -> Fault:
-    """Return the fault of holding for `held`, s, in total within a window."""
-    sentence = (
-        f"held the last torques for {1e3 * held:.0f} ms within {window:g} s (limit {1e3 * limit:.0f} ms, "
-        f"safety.hold_time): {reason.sentence}"
-    )
-    return Fault(reason.code, sentence, reason.infeasibility)
-
-
-def relaxed_for_too_long(groups: Sequence[str], spent: float, limit: float, window: float) -> Fault | None:
-    """Check the time with relaxed constraints within a window, `spent`, s; `groups` names the relaxed ones."""
-    if spent <= limit:
-        return None
-    return Fault(
-        "RELAXED",
-        f"{', '.join(groups)}: relaxed for {1e3 * spent:.0f} ms within {window:g} s "
-        f"(limit {1e3 * limit:.0f} ms, safety.relax_time)",
-    )

@@ -7,7 +7,6 @@ indicates a wrong model, torques not applied as sent, or an unknown force. Sums 
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -22,16 +21,6 @@ from wbc_controller.settings.service import AuditSettings
 _LARGEST_GAP = 3.5
 #: Duration of a span, as a share of the filter's time constant.
 _SPAN = 0.05
-
-
-@dataclass(frozen=True, slots=True)
-class AuditLimits:
-    """Limits of the residuals."""
-
-    settings: AuditSettings
-    force: float  # largest unexplained force on the centre of mass, N
-    torques: Array  # largest unexplained torque of each joint, (nj,) in N·m
-    period: float  # control period, s
 
 
 class _Step(NamedTuple):
@@ -51,14 +40,17 @@ class _Step(NamedTuple):
 class ModelAudit:
     """Comparison of each state with the motion predicted from the previous state and its torques."""
 
-    def __init__(self, model: RobotModel, limits: AuditLimits) -> None:
+    def __init__(self, model: RobotModel, settings: AuditSettings, period: float) -> None:
+        """Start with the thresholds of the settings and a control period, s."""
         self._model = model
-        self._limits = limits
+        self._settings = settings
         self._mass = model.mass  # kg
         self._gravity = self._mass * np.array(model.pinocchio.gravity.linear)  # N
         self._weight = self._mass * model.gravity
-        self._span = _SPAN * limits.settings.time_constant - 0.5 * limits.period  # rounds to periods
-        self._largest_gap = _LARGEST_GAP * limits.period
+        self._largest_force = settings.force * self._weight  # N
+        self._largest_torques = settings.torque * joint_efforts(model)  # (nj,) in N·m
+        self._span = _SPAN * settings.time_constant - 0.5 * period  # rounds to periods
+        self._largest_gap = _LARGEST_GAP * period
         #: Joint components of a generalized force, (nj, nv).
         self._to_joints = np.column_stack([model.joint_forces(component) for component in np.eye(model.nv)])
         self._forget()
@@ -121,15 +113,15 @@ class ModelAudit:
         return np.append(force, known)
 
     def _finish_span(self, state: RobotState, dynamics: Dynamics) -> AuditReport:
-        limits, pairs, self._steps = self._limits, list(pairwise(self._steps)), self._steps[-1:]
+        settings, pairs, self._steps = self._settings, list(pairwise(self._steps)), self._steps[-1:]
         lasted = sum(after.gap for _, after in pairs)
         work, stored, self._stored = self._work(pairs), self._stored, self._mechanical_energy(dynamics)
-        share = lasted / (limits.settings.time_constant + lasted)
+        share = lasted / (settings.time_constant + lasted)
         self._energy += share * ((self._stored - stored - work.sum()) / lasted - self._energy)
         self._throughput += share * (np.abs(work).sum() / lasted - self._throughput)
         predicted = sum(after.gap for before, after in pairs if before.solution is not None)
         if predicted > 0.0:
-            share = predicted / (limits.settings.time_constant + predicted)
+            share = predicted / (settings.time_constant + predicted)
             velocity, com_velocity = np.zeros(self._model.nv), np.zeros(3)  # unpredicted changes
             for before, after in pairs:
                 if before.solution is not None:
@@ -140,16 +132,15 @@ class ModelAudit:
             self._torques += share * (dynamics.M @ velocity / predicted - self._torques)
         force, torques = frozen(self._force), freeze(self._to_joints @ self._torques)
         too_large = {
-            "UNMODELLED_FORCE": float(np.linalg.norm(force)) > limits.force,
-            "UNMODELLED_TORQUE": bool((np.abs(torques) > limits.torques).any()),
-            "ENERGY_RESIDUAL": abs(self._energy)
-            > limits.settings.energy * max(self._throughput, limits.settings.power),
+            "UNMODELLED_FORCE": float(np.linalg.norm(force)) > self._largest_force,
+            "UNMODELLED_TORQUE": bool((np.abs(torques) > self._largest_torques).any()),
+            "ENERGY_RESIDUAL": abs(self._energy) > settings.energy * max(self._throughput, settings.power),
         }
         now, warnings = state.stamp * 1.0e-9, []
         for name, is_too_large in too_large.items():
             if not is_too_large:
                 self._since.pop(name, None)
-            elif now - self._since.setdefault(name, now - lasted) >= limits.settings.patience:
+            elif now - self._since.setdefault(name, now - lasted) >= settings.patience:
                 warnings.append(f"{name}: {self._describe(name, force, torques)}")
         return AuditReport(self._energy, self._throughput, force, torques, tuple(warnings))
 
@@ -162,12 +153,19 @@ class ModelAudit:
                 "weight: a push, a wrong mass, or a wrong contact"
             )
         if finding == "UNMODELLED_TORQUE":
-            worst = int((np.abs(torques) / self._limits.torques).argmax())
+            worst = int((np.abs(torques) / self._largest_torques).argmax())
             return (
                 f"{torques.item(worst):.3g} N·m at {self._model.joints[worst]}: torque not applied as sent, friction, "
                 "or a wrong inertia"
             )
         return f"{self._energy:.3g} W of {self._throughput:.3g} W: a wrong torque, friction, or a wrong mass"
+
+
+def joint_efforts(model: RobotModel) -> Array:
+    """Return the largest torque of each joint, (nj,) in N·m; of undriven joints the median."""
+    efforts = np.asarray(model.effort_limits @ np.abs(model.actuation.ratios))
+    driven = efforts > 0.0
+    return np.where(driven, efforts, np.median(efforts[driven]))
 
 
 def _powers(solution: Solution, dynamics: Dynamics) -> list[float]:

@@ -46,18 +46,15 @@ class StateWatch:
 
     def __init__(self, model: RobotModel, settings: SafetySettings) -> None:
         self.fault: Fault | None = None
-        self._magnitude = settings.max_magnitude
         self._speed_limits = joint_speed_limits(model, settings.max_joint_speed)
         self._joints = frozenset(model.v_index.tolist())
         names = dict(enumerate(AXES if model.floating_base else ()))
         names |= {int(i): f"joint {name!r}" for i, name in zip(model.v_index, model.joints, strict=True)}
         self._names = [names.get(i, f"generalized velocity {i}") for i in range(model.nv)]
-        # Largest |v|, |x| and |u| (`StateMemory`).
-        self._bounds = np.full((3, model.nv), np.inf)
-        self._fastest, self._tolerance, self._stuck = self._bounds
-        self._fastest[model.v_index] = self._speed_limits
-        self._tolerance[model.v_index] = settings.joint_mismatch
-        self._stuck[model.v_index] = settings.frozen_motion
+        fastest, tolerance, stuck_limit = np.full((3, model.nv), np.inf)
+        fastest[model.v_index] = self._speed_limits
+        tolerance[model.v_index] = settings.joint_mismatch
+        stuck_limit[model.v_index] = settings.frozen_motion
         # Odometry may repeat until it is stale.
         frozen_time = max(settings.frozen_time, settings.state_timeout)
         self._joint_values = _ValueGroup("the joint states", model.v_places, frozen_time)
@@ -65,8 +62,8 @@ class StateWatch:
             _ValueGroup("the base's pose and twist", slice(0, 6), frozen_time) if model.floating_base else None
         )
         if model.floating_base:
-            self._fastest[:6] = np.repeat([settings.max_base_speed, settings.max_base_turn], 3)
-            self._tolerance[:6] = np.repeat([settings.base_mismatch, settings.base_turn_mismatch], 3)
+            fastest[:6] = np.repeat([settings.max_base_speed, settings.max_base_turn], 3)
+            tolerance[:6] = np.repeat([settings.base_mismatch, settings.base_turn_mismatch], 3)
         self._state: RobotState | None = None
         self._before, self._v_before = np.zeros(model.nq), np.zeros(model.nv)
         self._mismatch = np.zeros(model.nv)  # x
@@ -78,9 +75,9 @@ class StateWatch:
             base_q=np.arange(7 if model.floating_base else 0),
             base_v=np.arange(6 if model.floating_base else 0),
             magnitude=settings.max_magnitude,
-            fastest=self._fastest,
-            tolerance=self._tolerance,
-            stuck_limit=self._stuck,
+            fastest=fastest,
+            tolerance=tolerance,
+            stuck_limit=stuck_limit,
             before=self._before,
             v_before=self._v_before,
             mismatch=self._mismatch,
@@ -123,30 +120,30 @@ class StateWatch:
         return np.where(speeds <= self._speed_limits, joint_velocity, 0.0)
 
     def _out_of_range(self, state: RobotState) -> Fault | None:
-        magnitudes = np.abs(state.q)
-        if not (largest(magnitudes) <= self._magnitude):
+        magnitudes, limits = np.abs(state.q), self._memory
+        if not (largest(magnitudes) <= limits.magnitude):
             i = int(magnitudes.argmax())
             return _fault(
-                f"the configuration's value {i} is {state.q[i]:.3g} (limit {self._magnitude:g} rad or m, "
+                f"the configuration's value {i} is {state.q[i]:.3g} (limit {limits.magnitude:g} rad or m, "
                 "safety.max_magnitude)"
             )
-        good = np.abs(state.v) <= self._fastest
+        good = np.abs(state.v) <= limits.fastest
         if all_true(good):
             return None
         i = int((~good).argmax())
         key = "max_joint_speed" if i in self._joints else "max_base_speed" if i < 3 else "max_base_turn"
         return _fault(
             f"{self._names[i]} has the velocity {state.v[i]:.3g} {'m/s' if key == 'max_base_speed' else 'rad/s'} "
-            f"(limit {self._fastest[i]:.3g}, safety.{key})"
+            f"(limit {limits.fastest[i]:.3g}, safety.{key})"
         )
 
     def _to_fault(self, found: int, state: RobotState) -> Fault | None:
         self.any_stuck_motion = bool(found & STUCK_MOTION)
         fault = None
         if found & JUMPED:
-            fault = self._limit_fault(_JUMP, self._mismatch, self._tolerance)
+            fault = self._limit_fault(_JUMP, self._mismatch, self._memory.tolerance)
         elif found & STUCK:
-            fault = self._limit_fault(_STUCK, self._stuck_motion, self._stuck)
+            fault = self._limit_fault(_STUCK, self._stuck_motion, self._memory.stuck_limit)
             self._stuck_motion[:] = 0.0
         if fault is not None:
             self._mismatch[:] = 0.0

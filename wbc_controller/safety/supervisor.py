@@ -13,7 +13,7 @@ unexplained motion (`bring_up`). Damping without velocities is a ramp to zero. A
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,12 +24,7 @@ from wbc_controller.inverse_dynamics.references.trajectories import Ramp
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import REQUESTS, Array, Fault, JointCommand, Mode, RobotState, Solution, freeze, frozen
 from wbc_controller.safety.bring_up import UNEXPLAINED_MOTION
-from wbc_controller.safety.checks import (
-    TORQUE_TOLERANCE,
-    no_solution_for_too_long,
-    relaxed_for_too_long,
-    unusable_torques,
-)
+from wbc_controller.safety.checks import TORQUE_TOLERANCE, unusable_torques
 from wbc_controller.safety.damping import damping_matrix, stable_damping
 from wbc_controller.safety.plausibility import Budget, FallWatch, StateWatch
 from wbc_controller.safety.supervisor_kernels import CommandLimits, follow
@@ -268,7 +263,13 @@ class Supervisor:
             self._relaxed = {}
         self._relaxed |= dict.fromkeys(solution.relaxed)
         self._was_relaxed = True
-        return relaxed_for_too_long(tuple(self._relaxed), spent, limits.relax_time, limits.relax_window)
+        if spent <= limits.relax_time:
+            return None
+        return Fault(
+            "RELAXED",
+            f"{', '.join(self._relaxed)}: relaxed for {1e3 * spent:.0f} ms within {limits.relax_window:g} s "
+            f"(limit {1e3 * limits.relax_time:.0f} ms, safety.relax_time)",
+        )
 
     def _hold(self, now: float, reason: Fault) -> None:
         if self.mode is Mode.ACTIVE:
@@ -279,7 +280,11 @@ class Supervisor:
         if lasted <= limits.hold_time and held <= limits.hold_time:
             return
         if lasted <= limits.hold_time:
-            reason = no_solution_for_too_long(reason, held, limits.hold_time, limits.hold_window)
+            sentence = (
+                f"held the last torques for {1e3 * held:.0f} ms within {limits.hold_window:g} s (limit "
+                f"{1e3 * limits.hold_time:.0f} ms, safety.hold_time): {reason.sentence}"
+            )
+            reason = replace(reason, sentence=sentence)
         # Keep the explanation of the first failure.
         explained = self.fault is not None and self.fault.infeasibility is not None
         self._enter(Mode.DAMPING, now, self.fault if explained else reason)

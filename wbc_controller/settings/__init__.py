@@ -5,41 +5,20 @@ The file is a ROS 2 parameter file. Unknown keys are errors.
 
 from pydantic import Field, model_validator
 
-from wbc_controller.settings.contacts import (
-    ContactSettings,
-    FixedContact,
-    LoopSettings,
-    PointContact,
-    RollingContact,
-    SurfaceContact,
-)
+from wbc_controller.settings.contacts import ContactSettings, LoopSettings
 from wbc_controller.settings.estimation import EstimationSettings
-from wbc_controller.settings.limits import (
-    ActuatorTorqueSpeed,
-    LimitSettings,
-    SelfCollisionSettings,
-    TorqueSpeedSettings,
-)
+from wbc_controller.settings.limits import LimitSettings
 from wbc_controller.settings.robot import RobotSettings
 from wbc_controller.settings.service import (
     AuditSettings,
     ControlSettings,
     GuardSettings,
     MockSettings,
-    RealtimeSettings,
     RecorderSettings,
     SafetySettings,
     SolverSettings,
 )
-from wbc_controller.settings.tasks import (
-    ComTask,
-    ContactWrenchTask,
-    FramePoseTask,
-    PostureTask,
-    RelativePoseTask,
-    TaskSettings,
-    TorqueTask,
-)
+from wbc_controller.settings.tasks import TaskSettings
 from wbc_controller.settings.values import Name, Section
 from wbc_controller.settings.walking import WalkingSettings
 
@@ -70,30 +49,3 @@ class Settings(Section):
         if both:
             raise ValueError(f"loops: {', '.join(map(repr, both))} is also the name of a contact; use different names")
         return self
-
-
-__all__ = [
-    "NODE_NAME",
-    "ActuatorTorqueSpeed",
-    "ComTask",
-    "ContactSettings",
-    "ContactWrenchTask",
-    "FixedContact",
-    "FramePoseTask",
-    "LimitSettings",
-    "LoopSettings",
-    "MockSettings",
-    "PointContact",
-    "PostureTask",
-    "RealtimeSettings",
-    "RelativePoseTask",
-    "RobotSettings",
-    "RollingContact",
-    "SelfCollisionSettings",
-    "Settings",
-    "SurfaceContact",
-    "TaskSettings",
-    "TorqueSpeedSettings",
-    "TorqueTask",
-    "WalkingSettings",
-]

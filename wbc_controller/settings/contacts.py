@@ -28,9 +28,9 @@ class _Contact(Section):
 
 
 class _PushingContact(_Contact):
-    friction: Annotated[Positive, Field(le=2.0)] = Field(0.7, description="Assumed Coulomb friction coefficient.")
+    friction: Positive = Field(0.7, le=2.0, description="Assumed Coulomb friction coefficient.")
     min_normal_force: NonNegative = Field(0.0, le=1.0e4, description="Smallest normal force, N.")
-    max_normal_force: Annotated[Positive, Field(le=1.0e5)] = Field(description="Largest normal force, N.")
+    max_normal_force: Positive = Field(le=1.0e5, description="Largest normal force, N.")
 
 
 _NORMAL = Field(
@@ -60,8 +60,8 @@ class SurfaceContact(_PushingContact):
     vertices: Corners | None = Field(
         None, description="In place of the rectangle: up to 12 corners [x, y] of a convex polygon, m, in any order."
     )
-    max_yaw_moment: Annotated[Positive, Field(le=1.0e4)] | None = Field(
-        None, description="Largest moment about the normal, N·m; by default limited by the wrench cone only."
+    max_yaw_moment: Positive | None = Field(
+        None, le=1.0e4, description="Largest moment about the normal, N·m; by default limited by the wrench cone only."
     )
 
     @property
@@ -117,9 +117,9 @@ class FixedContact(_Contact):
     type: Literal["fixed"]
     rpy: Vector3 = Field([0.0, 0.0, 0.0], description="Orientation in `frame`: roll, pitch, yaw, rad.")
     mask: _Mask = _MASK
-    max_force: Annotated[Positive, Field(le=1.0e5)] = Field(description="Largest force along each axis, N.")
-    max_moment: Annotated[Positive, Field(le=1.0e5)] | None = Field(
-        None, description="Largest moment about each axis, N·m; required if `mask` contains a rotation."
+    max_force: Positive = Field(le=1.0e5, description="Largest force along each axis, N.")
+    max_moment: Positive | None = Field(
+        None, le=1.0e5, description="Largest moment about each axis, N·m; required if `mask` contains a rotation."
     )
 
     @model_validator(mode="after")

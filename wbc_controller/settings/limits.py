@@ -1,6 +1,6 @@
 """Settings of the limits."""
 
-from typing import Annotated, TypeVar
+from typing import TypeVar
 
 from pydantic import Field, model_validator
 
@@ -29,9 +29,7 @@ class TorqueSpeedSettings(Section):
 
     enabled: bool = Field(False, description="Enforce the torque-speed curve.")
     corner: Positive = Field(
-        0.5,
-        le=10.0,
-        description="Highest speed with the full effort limit, as a share of the URDF's velocity limit.",
+        0.5, le=10.0, description="Highest speed with the full effort limit, as a share of the URDF's velocity limit."
     )
     no_load: Positive = Field(
         1.0, le=10.0, description="Speed of zero torque, as a share of the URDF's velocity limit."
@@ -47,9 +45,10 @@ class SelfCollisionSettings(Section):
     """Self-collision avoidance (docs/limits.md)."""
 
     enabled: bool = Field(False, description="Keep a distance between links.")
-    margin: Annotated[Positive, Field(le=0.5)] = Field(0.02, description="Smallest distance, m.")
-    acceleration: Annotated[Positive, Field(le=1.0e3)] = Field(
+    margin: Positive = Field(0.02, le=0.5, description="Smallest distance, m.")
+    acceleration: Positive = Field(
         20.0,
+        le=1.0e3,
         description="Deceleration of approaching links, m/s². The motors must reach it with a stretched arm.",
     )
     horizon: NonNegative = Field(0.02, le=1.0, description="Look-ahead time, s, as `position_horizon`.")
@@ -85,7 +84,7 @@ class LimitSettings(Section):
         "earlier and are less sensitive to noise.",
     )
     velocity: bool = Field(True, description="Enforce the URDF's joint velocity limits.")
-    velocity_scale: Annotated[Positive, Field(le=1.0)] = Field(1.0, description="Usable share of the velocity limits.")
+    velocity_scale: Positive = Field(1.0, le=1.0, description="Usable share of the velocity limits.")
     acceleration: Positive = Field(
         200.0,
         le=1.0e5,

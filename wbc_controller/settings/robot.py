@@ -83,8 +83,7 @@ class RobotSettings(Section):
     )
     base: Literal["floating", "fixed"] = Field("floating", description="Attachment of the root link to the world.")
     joints: list[str] = Field(
-        min_length=1,
-        description="Moving, measured joints. Mimic joints follow them; all others are locked.",
+        min_length=1, description="Moving, measured joints. Mimic joints follow them; all others are locked."
     )
     actuators: list[str] = Field(
         default_factory=list,
@@ -113,9 +112,7 @@ class RobotSettings(Section):
         default_factory=dict, description="Friction to be compensated, by joint; identified by `wbc identify`."
     )
     posture: list[Finite] = Field(description="Nominal position of each joint, rad.")
-    effort_limit_scale: Annotated[Positive, Field(le=1.0)] = Field(
-        1.0, description="Usable share of all effort limits."
-    )
+    effort_limit_scale: Positive = Field(1.0, le=1.0, description="Usable share of all effort limits.")
     armature: NonNegative = Field(
         0.0, le=10.0, description="Reflected rotor inertia of each joint with its own motor, kg·m²."
     )

@@ -25,18 +25,17 @@ class RealtimeSettings(Section):
     """Real-time scheduling on Linux (docs/real_time.md). The node does not start without the permissions."""
 
     scheduling: Literal["other", "fifo", "rr"] = Field(
-        "other",
-        description="Scheduling class of all threads; `other`: unchanged.",
+        "other", description="Scheduling class of all threads; `other`: unchanged."
     )
-    priority: Annotated[int, Field(ge=1, le=99)] = Field(
-        50, description="Priority for `fifo` and `rr`; larger numbers are more urgent."
-    )
+    priority: int = Field(50, ge=1, le=99, description="Priority for `fifo` and `rr`; larger numbers are more urgent.")
     affinity: list[Processor] = Field(
         default_factory=list, description="Processors of all threads; empty for no change."
     )
     lock_memory: bool = Field(False, description="Lock present and future memory in RAM (mlockall).")
-    cpu_dma_latency: Annotated[int, Field(ge=0, le=100_000)] | None = Field(
+    cpu_dma_latency: int | None = Field(
         None,
+        ge=0,
+        le=100_000,
         description="Longest wake-up latency of processors, µs (PM QoS); 0 disables idle states.",
     )
 
@@ -46,13 +45,13 @@ class ControlSettings(Section):
 
     live = ("weight_ramp",)
 
-    rate: Annotated[Positive, Field(ge=10.0, le=10000.0)] = Field(500.0, description="Cycles per second.")
+    rate: Positive = Field(500.0, ge=10.0, le=10000.0, description="Cycles per second.")
     trigger: Literal["timer", "joint_states"] = Field(
         "joint_states", description="timer: absolute deadlines at `rate`. joint_states: one cycle per joint state."
     )
     weight_ramp: NonNegative = Field(0.5, le=60.0, description="Ramp time of weights, gains and limits, s.")
-    diagnostics_rate: Annotated[Positive, Field(le=1000.0)] = Field(
-        10.0, description="Messages per second on /diagnostics; without subscribers at most one."
+    diagnostics_rate: Positive = Field(
+        10.0, le=1000.0, description="Messages per second on /diagnostics; without subscribers at most one."
     )
     markers_rate: NonNegative = Field(
         10.0, le=100.0, description="Messages per second on ~/markers, if subscribed; 0 for none."
@@ -73,32 +72,27 @@ class SolverSettings(Section):
         "(m/s²)⁻².",
     )
     regularization_force: Positive = Field(
-        1.0e-6,
-        le=1.0,
-        description="Weight of ½‖f‖², N⁻²; moments of a sole are converted to forces at its corners.",
+        1.0e-6, le=1.0, description="Weight of ½‖f‖², N⁻²; moments of a sole are converted to forces at its corners."
     )
 
 
 class SafetySettings(Section):
     """Freshness and plausibility of inputs, activation, holding and damping (docs/safety.md)."""
 
-    state_timeout: Annotated[Positive, Field(le=1.0)] = Field(
-        0.05, description="Largest age of a joint state or base state, s."
-    )
+    state_timeout: Positive = Field(0.05, le=1.0, description="Largest age of a joint state or base state, s.")
     synchronized_clocks: bool = Field(
         False,
         description="True if robot and computer have synchronized clocks (PTP, chrony) or a simulator's clock "
         "(`use_sim_time`): ages then include a constant latency.",
     )
-    clock_tolerance: Annotated[Positive, Field(le=0.5)] = Field(
+    clock_tolerance: Positive = Field(
         0.01,
+        le=0.5,
         description="With `synchronized_clocks`: largest lead of a timestamp over the computer's clock, s; with a "
         "simulator at least the interval of its clock messages.",
     )
     activation_ramp: NonNegative = Field(
-        0.2,
-        le=60.0,
-        description="Ramp time of the torques, s; an unsupported robot falls meanwhile.",
+        0.2, le=60.0, description="Ramp time of the torques, s; an unsupported robot falls meanwhile."
     )
     hold_time: NonNegative = Field(
         0.1, le=1.0, description="Longest time without a solution within `hold_window`, s; then damping mode."
@@ -109,9 +103,7 @@ class SafetySettings(Section):
     relax_time: NonNegative = Field(
         0.5, le=60.0, description="Longest time with relaxed constraints within `relax_window`, s; then damping mode."
     )
-    relax_window: Annotated[Positive, Field(le=600.0)] = Field(
-        2.0, description="Window for `relax_time`, s; longer than `relax_time`."
-    )
+    relax_window: Positive = Field(2.0, le=600.0, description="Window for `relax_time`, s; longer than `relax_time`.")
     damping_time: NonNegative = Field(5.0, le=60.0, description="Duration of damping before zero torque, s.")
     damping: Damping = Field(
         2.0,
@@ -123,13 +115,16 @@ class SafetySettings(Section):
         le=3600.0,
         description="First active time in which unexplained motion stops the robot without damping, s; 0 for never.",
     )
-    bring_up_speed: Annotated[Positive, Field(le=1.0e3)] = Field(
+    bring_up_speed: Positive = Field(
         5.0,
+        le=1.0e3,
         description="Largest unexplained joint speed during `bring_up_time`, rad/s; times 3 for joints with an active "
         "contact, times 1/5 in m/s for prismatic joints.",
     )
-    max_tilt: Annotated[Positive, Field(le=3.2)] = Field(
-        1.0, description="Tilt of a floating base relative to activation that counts as a fall, rad; 3.2 for none."
+    max_tilt: Positive = Field(
+        1.0,
+        le=3.2,
+        description="Tilt of a floating base relative to activation that counts as a fall, rad; 3.2 for none.",
     )
     min_height: NonNegative = Field(
         0.4,
@@ -137,34 +132,41 @@ class SafetySettings(Section):
         description="Height of a floating base above the lowest limb end that counts as a fall, as a share of that "
         "at activation; 0 for none.",
     )
-    max_magnitude: Annotated[Positive, Field(le=1.0e9)] = Field(
-        1.0e6, description="Largest plausible joint position or base coordinate, rad or m."
+    max_magnitude: Positive = Field(
+        1.0e6, le=1.0e9, description="Largest plausible joint position or base coordinate, rad or m."
     )
-    max_joint_speed: Annotated[Positive, Field(ge=1.0, le=100.0)] = Field(
-        5.0, description="Largest plausible joint velocity, in multiples of the URDF's velocity limit."
+    max_joint_speed: Positive = Field(
+        5.0,
+        ge=1.0,
+        le=100.0,
+        description="Largest plausible joint velocity, in multiples of the URDF's velocity limit.",
     )
-    max_base_speed: Annotated[Positive, Field(le=1.0e3)] = Field(
-        20.0, description="Largest plausible base velocity along an axis, m/s."
+    max_base_speed: Positive = Field(20.0, le=1.0e3, description="Largest plausible base velocity along an axis, m/s.")
+    max_base_turn: Positive = Field(
+        50.0, le=1.0e3, description="Largest plausible angular base velocity about an axis, rad/s."
     )
-    max_base_turn: Annotated[Positive, Field(le=1.0e3)] = Field(
-        50.0, description="Largest plausible angular base velocity about an axis, rad/s."
-    )
-    joint_mismatch: Annotated[Positive, Field(le=100.0)] = Field(
+    joint_mismatch: Positive = Field(
         0.2,
+        le=100.0,
         description="Largest plausible difference between joint displacement and integrated joint velocity over 0.2 s, "
         "rad.",
     )
-    base_mismatch: Annotated[Positive, Field(le=100.0)] = Field(
-        0.1, description="The same for the base position along an axis, m; larger jumps of the odometry are a fault."
-    )
-    base_turn_mismatch: Annotated[Positive, Field(le=10.0)] = Field(
-        0.2, description="The same for the base orientation about an axis, rad."
-    )
-    frozen_motion: Annotated[Positive, Field(le=100.0)] = Field(
-        0.03, description="Largest integrated velocity over 0.2 s of a joint with bitwise constant position, rad."
-    )
-    frozen_time: Annotated[Positive, Field(le=60.0)] = Field(
+    base_mismatch: Positive = Field(
         0.1,
+        le=100.0,
+        description="The same for the base position along an axis, m; larger jumps of the odometry are a fault.",
+    )
+    base_turn_mismatch: Positive = Field(
+        0.2, le=10.0, description="The same for the base orientation about an axis, rad."
+    )
+    frozen_motion: Positive = Field(
+        0.03,
+        le=100.0,
+        description="Largest integrated velocity over 0.2 s of a joint with bitwise constant position, rad.",
+    )
+    frozen_time: Positive = Field(
+        0.1,
+        le=60.0,
         description="Longest repetition of equal joint or base states at non-zero velocity, s; at least "
         "`state_timeout`.",
     )
@@ -188,8 +190,7 @@ class RecorderSettings(Section):
         10.0, le=600.0, description="Length of the buffer, s; 0 for none: only `wbc run --record` records."
     )
     folder: str = Field(
-        "",
-        description="Folder; empty for `wbc_controller` in `$XDG_STATE_HOME`, by default ~/.local/state.",
+        "", description="Folder; empty for `wbc_controller` in `$XDG_STATE_HOME`, by default ~/.local/state."
     )
     files: int = Field(10, ge=1, le=1000, description="Number of files kept per robot; the oldest are removed.")
 
@@ -197,13 +198,14 @@ class RecorderSettings(Section):
 class GuardSettings(Section):
     """Guard: separate process that damps the robot when the controller's commands stop (docs/safety.md)."""
 
-    patience: Annotated[Positive, Field(le=1.0)] = Field(
-        0.012, description="Delay of a command, in wall time, after which the guard takes over, s."
+    patience: Positive = Field(
+        0.012, le=1.0, description="Delay of a command, in wall time, after which the guard takes over, s."
     )
     damping: Damping = Field(2.0, description="Joint damping, N·m·s/rad; reduced at light joints, as `safety.damping`.")
     damping_time: NonNegative = Field(5.0, le=60.0, description="Duration of damping before zero torque, s.")
-    torque: Annotated[Positive, Field(le=1.0)] = Field(
+    torque: Positive = Field(
         0.2,
+        le=1.0,
         description="Largest damping torque, and torque at the return of a controller, as a share of the effort limit.",
     )
 
@@ -235,15 +237,13 @@ class TerrainSettings(Section):
         description="Along x, along y, and thickness, m."
     )
     rpy: Vector3 = Field([0.0, 0.0, 0.0], description="Roll, pitch (above 0: descends along x) and yaw, rad.")
-    friction: Annotated[NonNegative, Field(le=2.0)] | None = Field(
-        None, description="Coulomb friction coefficient; default `mock.friction`."
+    friction: NonNegative | None = Field(
+        None, le=2.0, description="Coulomb friction coefficient; default `mock.friction`."
     )
-    stiffness: Annotated[Positive, Field(le=1.0e7)] | None = Field(
-        None, description="Stiffness at each contact point, N/m; rigid by default."
+    stiffness: Positive | None = Field(
+        None, le=1.0e7, description="Stiffness at each contact point, N/m; rigid by default."
     )
-    damping: Annotated[Positive, Field(le=1.0e6)] = Field(
-        500.0, description="Damping of soft ground, also per point, N·s/m."
-    )
+    damping: Positive = Field(500.0, le=1.0e6, description="Damping of soft ground, also per point, N·s/m.")
     unevenness: NonNegative = Field(0.0, le=1.0, description="Largest random change of a cell's height, m.")
     cell: Positive = Field(0.3, description="Side of a square cell, m.")
     seed: int = Field(0, ge=0, le=2**31 - 1, description="Random seed of the heights.")
@@ -266,29 +266,23 @@ class TerrainSettings(Section):
 class MockSettings(Section):
     """Mock robot."""
 
-    step: Annotated[Positive, Field(le=0.01)] = Field(0.001, description="Time step of the simulation, s.")
+    step: Positive = Field(0.001, le=0.01, description="Time step of the simulation, s.")
     floor_normal: Direction = Field([0.0, 0.0, 1.0], description="Normal of the floor; any length.")
-    friction: Annotated[NonNegative, Field(le=2.0)] = Field(
-        0.7, description="Coulomb friction coefficient of the floor."
-    )
+    friction: NonNegative = Field(0.7, le=2.0, description="Coulomb friction coefficient of the floor.")
     terrain: dict[Name, TerrainSettings] = Field(default_factory=dict, description="Blocks of ground.")
-    push_duration: Annotated[Positive, Field(le=10.0)] = Field(0.1, description="Duration of a push, s.")
-    command_timeout: Annotated[Positive, Field(le=10.0)] = Field(
-        0.1, description="Age of the torques after which the joints are damped, s."
+    push_duration: Positive = Field(0.1, le=10.0, description="Duration of a push, s.")
+    command_timeout: Positive = Field(
+        0.1, le=10.0, description="Age of the torques after which the joints are damped, s."
     )
     damping: Damping = Field(2.0, description="Joint damping without torque commands, N·m·s/rad.")
     joint_friction: NonNegative = Field(0.0, le=1.0e3, description="Dry friction of each joint in the simulation, N·m.")
     joint_viscosity: NonNegative = Field(0.0, le=1.0e3, description="Viscous friction, N·m·s/rad.")
     sensors: SensorQuality = Field(
-        "ideal",
-        description="Quality of IMU, encoders and motors (docs/estimation.md). Odometry is exact.",
+        "ideal", description="Quality of IMU, encoders and motors (docs/estimation.md). Odometry is exact."
     )
     sensor_seed: int = Field(0, ge=0, le=2**31 - 1, description="Random seed of the sensors.")
     pose_rate: NonNegative = Field(0.0, le=1.0e3, description="Rate of the topic `pose`, Hz; 0 for none.")
     pose_delay: NonNegative = Field(0.0, le=10.0, description="Latency of these poses, s.")
     pose_noise: NonNegative = Field(0.0, le=10.0, description="Standard deviation of their position, m.")
     pose_turn_noise: NonNegative = Field(0.0, le=3.0, description="Standard deviation of their orientation, rad.")
-    joint_velocity: bool = Field(
-        True,
-        description="Joint states contain velocities.",
-    )
+    joint_velocity: bool = Field(True, description="Joint states contain velocities.")

@@ -15,7 +15,7 @@ from wbc_controller.inverse_dynamics.contacts import placement_of
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
-from wbc_controller.settings import ContactSettings, FixedContact, LoopSettings
+from wbc_controller.settings.contacts import ContactSettings, FixedContact, LoopSettings
 from wbc_controller.simulation.shapes import wxyz
 
 #: Distance between the two points of a hinge, m.

@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from wbc_controller.inverse_dynamics.arrays import cross
 from wbc_controller.records import Array
-from wbc_controller.settings import ContactSettings
+from wbc_controller.settings.contacts import ContactSettings
 from wbc_controller.simulation.mechanism import ON_THE_FLOOR, geom_names
 
 #: Distance beyond any geom, m.

@@ -11,7 +11,6 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller import settings as schema
 from wbc_controller.controller.build.robot_description import are_possible_moments, inertia_tensor
 from wbc_controller.controller.check.model_plausibility import massless_links
 from wbc_controller.errors import ConfigurationError
@@ -20,6 +19,8 @@ from wbc_controller.inverse_dynamics.robot.bare_mechanism import bare_mechanism
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.urdf_structure import mass_of, vector_of
 from wbc_controller.records import Array
+from wbc_controller.settings import contacts as schema
+from wbc_controller.settings.service import MockSettings
 from wbc_controller.simulation.attachments import Attachment, add_attachment, add_equality, frame_on_joint
 from wbc_controller.simulation.joint_models import add_mimic_joints, add_rotors, add_springs
 from wbc_controller.simulation.shapes import CORNER_RADIUS, RIM_RADIUS, Shape, add_shape, wxyz
@@ -192,7 +193,7 @@ def compile_mechanism(
     model: RobotModel,
     contacts: Mapping[str, schema.ContactSettings],
     step: float,
-    mock: schema.MockSettings,
+    mock: MockSettings,
     shapes: Mapping[int, Sequence[Shape]] = MappingProxyType({}),
     attachments: Mapping[str, Attachment] = MappingProxyType({}),
 ) -> Any:

@@ -24,7 +24,8 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
 from wbc_controller.records import Array
 from wbc_controller.safety.damping import damping_matrix, stable_damping
-from wbc_controller.settings import FixedContact, PointContact, RollingContact, Settings, SurfaceContact
+from wbc_controller.settings import Settings
+from wbc_controller.settings.contacts import FixedContact, PointContact, RollingContact, SurfaceContact
 from wbc_controller.settings.resources import folder_of
 from wbc_controller.simulation.attachments import closures_of, frame_on_joint, grips_of, place, wrench
 from wbc_controller.simulation.contact_forces import ContactForces

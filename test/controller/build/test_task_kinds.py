@@ -12,8 +12,8 @@ import yaml
 from wbc_controller.controller.build.tasks import make_task
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.middleware.topics import TASK_TYPES
-from wbc_controller.settings import TaskSettings
 from wbc_controller.settings.files import types_of
+from wbc_controller.settings.tasks import TaskSettings
 
 TASKS = types_of(TaskSettings)
 

@@ -5,6 +5,7 @@ from dataclasses import FrozenInstanceError, replace
 import numpy as np
 import pytest
 from changed_bounds import change_motion_bounds
+from conflicts import conflict_of
 from scipy.optimize import linprog
 
 from wbc_controller.errors import NoSolution
@@ -59,7 +60,7 @@ def asked(robot, state=None, before=None):
     """Return the explanation with limits that would be relaxed, and the problem."""
     state, references = state or robot.state(), robot.references(state)
     return (
-        robot.controller.explain(state, references, before),
+        conflict_of(robot.controller, state, references, before),
         robot.controller.formulation.build(state, references, before),
         robot.controller.formulation.effort_bounds(references),
     )
@@ -249,13 +250,6 @@ def test_no_explanation_of_a_feasible_problem(bench, name):
     robot = bench(name)
     assert asked(robot)[0] is None
     assert still(robot)[0] is None
-
-
-def test_no_explanation_for_nan(bench):
-    robot = bench("go2")
-    q = np.array(robot.stance)
-    q[robot.model.q_index[0]] = np.nan
-    assert robot.controller.explain(robot.state(q), robot.references()) is None
 
 
 def test_failed_solver_is_named(bench, monkeypatch):

@@ -9,7 +9,7 @@ from wbc_controller.inverse_dynamics.limits import JointMotionLimit, TorqueLimit
 from wbc_controller.inverse_dynamics.limits.joint_motion import STOPPING_DISTANCE
 from wbc_controller.inverse_dynamics.robot.dynamics_kernels import DynamicsRows, fill_dynamics
 from wbc_controller.records import Tuning
-from wbc_controller.settings import ActuatorTorqueSpeed, TorqueSpeedSettings
+from wbc_controller.settings.limits import ActuatorTorqueSpeed, TorqueSpeedSettings
 
 PERIOD = 0.002
 
@@ -260,8 +260,8 @@ def test_contradicting_position_limits_are_refused():
         JointMotionLimit.of(gripper(0.0), tuning)
     with pytest.raises(ConfigurationError, match="finger"):
         JointMotionLimit.of(gripper(np.nan), tuning)
-    assert JointMotionLimit.of(gripper(-0.3), tuning).position_upper == pytest.approx([0.8, 0.1])
-    assert JointMotionLimit.of(gripper(0.0), tuning, position=False).position_upper is None
+    assert JointMotionLimit.of(gripper(-0.3), tuning).position[1] == pytest.approx([0.8, 0.1])
+    assert JointMotionLimit.of(gripper(0.0), tuning, position=False).position is None
 
 
 def test_position_precedes_velocity():

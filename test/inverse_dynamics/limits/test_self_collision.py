@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from changed_bounds import change_motion_bounds
+from conflicts import conflict_of
 from urdf_models import build_model
 
 from wbc_controller.controller.build.collision_model import build_collision_model
@@ -22,7 +23,7 @@ from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.tasks import PostureTask
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.records import Reference, References, RobotState
-from wbc_controller.settings import SelfCollisionSettings
+from wbc_controller.settings.limits import SelfCollisionSettings
 from wbc_controller.settings.resources import share_folder
 
 SRDF = {"g1": "", "talos": "package://example-robot-data/robots/talos_data/srdf/talos.srdf"}
@@ -514,7 +515,7 @@ class TwoArms:
         change_motion_bounds(self.formulation, braked)
 
     def explain(self, before=None):
-        return self.controller.explain(self.state, self.references, before)
+        return conflict_of(self.controller, self.state, self.references, before)
 
 
 def test_two_arms_brake():
@@ -565,7 +566,7 @@ def test_standing_feet_nearer_than_the_margin_are_named(bench, robot):
     stands = bench(robot, limits={"self_collision": SelfCollisionSettings(enabled=True, pairs=[pair], margin=0.01)})
     (limit,) = stands.controller.formulation.row_limits
     limit.margin = 0.3
-    why = stands.controller.explain(stands.state(), stands.references())
+    why = conflict_of(stands.controller, stands.state(), stands.references())
     assert set(why.conflict) == {
         f"self_collision:{pair}",
         *(f"contact_motion:{foot}" for foot in stands.controller.contacts),

@@ -309,7 +309,7 @@ def test_contacts_are_unloaded_from_their_force_and_leave_the_weight(load, dynam
     plans = {}
     for name, largest in most.items():
         foot = PointContact(name, model, "FL_foot", np.zeros(3), 0.0, max_normal_force=largest)
-        plans[name] = ContactPlan(True, CONTACT_RAMP, None, foot, largest)
+        plans[name] = ContactPlan(True, CONTACT_RAMP, foot)
     tuning = Tuning({}, 0.02, 0.02, 1.0, 200.0, 100.0)
     board = ReferenceBoard(BoardPlan({}, plans, WEIGHT_RAMP, tuning, robot_weight=400.0))
     board.reset(dynamics, START)

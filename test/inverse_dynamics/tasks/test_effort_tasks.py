@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.settings import ContactWrenchTask, TorqueTask
+from wbc_controller.settings.tasks import ContactWrenchTask, TorqueTask
 
 VERTICAL = [False, False, True, False, False, False]
 

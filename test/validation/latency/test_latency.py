@@ -13,7 +13,7 @@ from launching import patient
 from wbc_controller.cli import main
 from wbc_controller.errors import ConfigurationError, WbcError
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
-from wbc_controller.settings import RealtimeSettings
+from wbc_controller.settings.service import RealtimeSettings
 from wbc_controller.simulation.mock_robot import MockRobot
 from wbc_controller.validation.latency import latency
 from wbc_controller.validation.latency.latency import Latency, figures, lines, measure_latency

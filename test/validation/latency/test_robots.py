@@ -17,7 +17,7 @@ from wbc_controller.nodes.clock import ManualClock
 from wbc_controller.nodes.controller_service import make_loop
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.records import Mode
-from wbc_controller.settings import RealtimeSettings
+from wbc_controller.settings.service import RealtimeSettings
 from wbc_controller.validation.latency import robots
 from wbc_controller.validation.latency.robots import StandingRobot, echo, open_transport
 

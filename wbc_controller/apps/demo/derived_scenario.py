@@ -15,7 +15,8 @@ from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts import UnilateralContact
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
-from wbc_controller.settings import FramePoseTask, Settings
+from wbc_controller.settings import Settings
+from wbc_controller.settings.tasks import FramePoseTask
 
 #: Amplitude of the sway: share of the distance to the support's edge, and maximum, m.
 _SWAY, _LARGEST_SWAY = 0.4, 0.04

@@ -19,7 +19,7 @@ from wbc_controller.inverse_dynamics.contacts.support import are_corners
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.records import Array
-from wbc_controller.settings import LimitSettings
+from wbc_controller.settings.limits import LimitSettings
 
 #: Stiffness of the centre of mass in units of the squared pendulum frequency g/h, and its range, 1/s².
 _COM, _COM_RANGE = 7.0, (60.0, 250.0)

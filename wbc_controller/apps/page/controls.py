@@ -10,7 +10,8 @@ from wbc_controller.apps.page.request_sender import RequestSender
 from wbc_controller.apps.page.snapshot import Robot, Snapshot
 from wbc_controller.apps.terminal.request_parser import Request
 from wbc_controller.middleware.setpoints import velocity_message
-from wbc_controller.settings import Settings, WalkingSettings
+from wbc_controller.settings import Settings
+from wbc_controller.settings.walking import WalkingSettings
 
 _OVERRIDE_TIME = 2.0  # after user input, without updates from the controller, s
 _SLIDER_RANGE = 4.0  # maximum of a slider, as a multiple of the configured value

@@ -1,15 +1,11 @@
 """Construction of contacts and loop closures."""
 
-import math
-
 import numpy as np
 
-from wbc_controller import settings as schema
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics import contacts
-from wbc_controller.inverse_dynamics.contacts.contact import UnilateralContact
-from wbc_controller.inverse_dynamics.references.board import ContactPlan
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.settings import contacts as schema
 
 
 def make_contact(name: str, contact: schema.ContactSettings, model: RobotModel) -> contacts.Contact:
@@ -40,15 +36,6 @@ def make_contact(name: str, contact: schema.ContactSettings, model: RobotModel) 
         axis = np.array(contact.axis)
         return contacts.RollingContact(*base, translation, contact.radius, axis, normal=normal, **given)
     return contacts.PointContact(*base, translation, contact.radius, normal=normal, **given)
-
-
-def make_contact_plan(contact: contacts.Contact, enabled: bool, ramp: float) -> ContactPlan:
-    """Return the plan of a contact."""
-    anchored = contact if isinstance(contact, contacts.AnchoredContact) and contact.stiffness > 0.0 else None
-    capacity = 0.0 if contact.internal else math.inf
-    if isinstance(contact, UnilateralContact) and not contact.internal:
-        capacity = contact.max_normal_force
-    return ContactPlan(enabled, ramp, anchored, contact, capacity)
 
 
 def make_loop_closure(name: str, loop: schema.LoopSettings, model: RobotModel) -> contacts.LoopClosure:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.errors import ConfigurationError, require_known
 from wbc_controller.estimation.absolute_pose import PoseSensor
 from wbc_controller.estimation.base_estimator import BaseEstimator, Sensors
 from wbc_controller.estimation.contact_detection import ContactSensing
@@ -42,23 +42,20 @@ def pose_frame(settings: Settings, model: RobotModel) -> str:
 def torque_filter(settings: Settings) -> float:
     """Return the time constant of the torque filter, s; 0 without a filter."""
     known = settings.estimation
-    enabled = known.torque_filter == "always" or (known.torque_filter == "imu" and known.base_state == "imu")
-    return known.torque_filter_time if enabled else 0.0
+    return known.torque_filter_time if known.torque_filter in ("always", known.base_state) else 0.0
 
 
 def disturbance_limits(settings: Settings) -> DisturbanceLimits:
     """Return time constant and bound of the disturbance estimate."""
     known = settings.estimation
-    enabled = known.disturbance == "always" or (known.disturbance == "imu" and known.base_state == "imu")
+    enabled = known.disturbance in ("always", known.base_state)
     return DisturbanceLimits(known.disturbance_time, known.disturbance_share, enabled)
 
 
 def make_model_error(settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]) -> ModelErrorCompensation:
     """Build the compensation of friction and disturbance."""
     friction = settings.robot.friction
-    for joint in friction:
-        if joint not in model.joints:
-            raise ConfigurationError(f"robot.friction.{joint}: unknown joint; {valid_choices(joint, model.joints)}")
+    require_known(friction, model.joints, "robot.friction: unknown joint")
     dry = {joint: each.dry for joint, each in friction.items()}
     viscous = {joint: each.viscous for joint, each in friction.items()}
     known = FrictionCompensation(model, dry, viscous) if friction else None

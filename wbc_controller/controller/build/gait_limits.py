@@ -11,7 +11,7 @@ from wbc_controller.inverse_dynamics.contacts import Contact
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
-from wbc_controller.settings import WalkingSettings
+from wbc_controller.settings.walking import WalkingSettings
 from wbc_controller.walking.feet import Foot
 from wbc_controller.walking.footsteps import Velocity
 from wbc_controller.walking.gait import Gait, QuadrupedGait

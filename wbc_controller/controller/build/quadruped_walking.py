@@ -14,7 +14,9 @@ from wbc_controller.inverse_dynamics.robot.instruction import placement_on_link
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import ComTask, FramePositionTask, PostureTask, Task
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
-from wbc_controller.settings import PointContact, Settings, SurfaceContact, WalkingSettings
+from wbc_controller.settings import Settings
+from wbc_controller.settings.contacts import PointContact, SurfaceContact
+from wbc_controller.settings.walking import WalkingSettings
 from wbc_controller.walking.gait import QuadrupedGait
 from wbc_controller.walking.quadruped import PointFoot, QuadrupedWalker
 from wbc_controller.walking.terrain import Ground

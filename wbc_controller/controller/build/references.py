@@ -3,10 +3,9 @@
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from wbc_controller.controller.build.contacts import make_contact_plan
 from wbc_controller.controller.build.tasks import make_task
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit
-from wbc_controller.inverse_dynamics.references.board import BoardPlan, ReferenceBoard, TaskPlan
+from wbc_controller.inverse_dynamics.references.board import BoardPlan, ContactPlan, ReferenceBoard, TaskPlan
 from wbc_controller.inverse_dynamics.tasks import Task
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.records import Tuning
@@ -50,7 +49,7 @@ def make_board_plan(settings: Settings, qp: WholeBodyQP) -> BoardPlan:
             for name, values in tasks.items()
         },
         contacts={
-            name: make_contact_plan(qp.contacts[name], values.enabled, values.ramp) for name, values in contacts.items()
+            name: ContactPlan(values.enabled, values.ramp, qp.contacts[name]) for name, values in contacts.items()
         },
         weight_ramp=settings.control.weight_ramp,
         tuning=tuning,

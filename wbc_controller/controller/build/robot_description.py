@@ -10,8 +10,8 @@ from wbc_controller.inverse_dynamics.robot.transmission import Drive, make_drive
 from wbc_controller.inverse_dynamics.robot.urdf import LARGEST_URDF, read_robot
 from wbc_controller.inverse_dynamics.robot.urdf import inertia_tensor as inertia_tensor
 from wbc_controller.records import Array, frozen
-from wbc_controller.settings import RobotSettings
 from wbc_controller.settings.resources import locate, read_text
+from wbc_controller.settings.robot import RobotSettings
 
 
 def read_urdf(urdf: str) -> str:

@@ -4,11 +4,11 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from wbc_controller import settings as schema
 from wbc_controller.errors import ConfigurationError, require_known
 from wbc_controller.inverse_dynamics import tasks
 from wbc_controller.inverse_dynamics.contacts import Contact
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.settings import tasks as schema
 
 #: Class of each type, and its arguments: keys of the settings, the model, its gravity, and the contact.
 _CLASSES: dict[str, tuple[Callable[..., tasks.Task], str]] = {

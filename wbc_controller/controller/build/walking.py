@@ -22,7 +22,9 @@ from wbc_controller.inverse_dynamics.robot.instruction import placement_numbers,
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import CapturePointTask, ComTask, FramePoseTask, PostureTask, Task
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
-from wbc_controller.settings import Settings, SurfaceContact, WalkingSettings
+from wbc_controller.settings import Settings
+from wbc_controller.settings.contacts import SurfaceContact
+from wbc_controller.settings.walking import WalkingSettings
 from wbc_controller.walking.biped import GAIN, BipedWalker
 from wbc_controller.walking.feet import Foot, about_z
 from wbc_controller.walking.gait import Gait

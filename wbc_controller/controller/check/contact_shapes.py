@@ -15,7 +15,7 @@ from wbc_controller.inverse_dynamics.contacts import PointContact, SurfaceContac
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings
-from wbc_controller.settings import SurfaceContact as SurfaceSettings
+from wbc_controller.settings.contacts import SurfaceContact as SurfaceSettings
 
 #: Largest distance of a contact from the lowest point of its shapes, m.
 _HEIGHT = 0.02

@@ -14,7 +14,8 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.urdf import UNLIMITED
 from wbc_controller.inverse_dynamics.robot.urdf_structure import mass_of, vector_of
 from wbc_controller.records import Array
-from wbc_controller.settings import FixedContact, Settings
+from wbc_controller.settings import Settings
+from wbc_controller.settings.contacts import FixedContact
 
 #: Smallest mass, kg, and principal moment of inertia, kg·m², of a moving body.
 _SMALLEST = 1.0e-15
@@ -53,10 +54,7 @@ def _links(urdf: str) -> Iterator[_Link]:
 
 
 def require_inertia(model: RobotModel) -> None:
-    """Refuse bodies without mass or inertia except `massless_links`, and implausible distances between joints.
-
-    Raises: ConfigurationError: with the bodies or joints.
-    """
+    """Refuse bodies without mass or inertia except `massless_links`, and implausible distances between joints."""
     links = {link.name: link for link in _links(model.urdf)}
     bodies: dict[int, list[_Link]] = {joint: [] for joint in range(1, model.pinocchio.njoints)}
     for frame in model.pinocchio.frames:

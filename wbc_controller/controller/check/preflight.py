@@ -101,7 +101,8 @@ def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str 
         findings += _posture(settings, qp, active, normal)
         findings += model_plausibility.locked_joints(model)
         findings += [*_uncontrolled_joints(settings, qp, active), *_redundant(qp, active)]
-        findings += model_plausibility.limits(settings, model, _placements(qp))
+        frames = [qp.dynamics.placement(i).translation for i in range(1, len(model.pinocchio.frames))]
+        findings += model_plausibility.limits(settings, model, np.array(frames))
         findings += model_plausibility.motors_without_effort(settings, config.urdf or read_urdf(settings.robot.urdf))
         if model.floating_base:
             findings += reserves(
@@ -182,10 +183,6 @@ def _posture(settings: Settings, qp: WholeBodyQP, active: Sequence[str], normal:
 
 def _point(position: Array) -> str:
     return "[" + ", ".join(f"{value:.3f}" for value in position + 0.0) + "]"
-
-
-def _placements(qp: WholeBodyQP) -> Array:
-    return np.array([qp.dynamics.placement(i).translation for i in range(1, len(qp.model.pinocchio.frames))])
 
 
 def _uncontrolled_joints(settings: Settings, qp: WholeBodyQP, active: Sequence[str]) -> list[Finding]:

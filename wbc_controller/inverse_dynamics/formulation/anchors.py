@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from wbc_controller.errors import ConfigurationError, MethodError
+from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts import AnchoredContact
-from wbc_controller.inverse_dynamics.method_calls import checked, is_finite, raised, require_finite_result
+from wbc_controller.inverse_dynamics.method_calls import call, checked, is_finite, require_finite_result
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.records import Array
 
@@ -17,9 +17,6 @@ def anchor_feedback(
     """Return K e, (nf,) in m/s² and rad/s²; 0 for contacts without an anchor.
 
     `rows` is nf; `anchored`: contacts with a stiffness, and their rows of J.
-
-    Raises:
-        ConfigurationError: for a contact with a stiffness and without an anchor.
     """
     wanted = np.zeros(rows)
     for contact, own in anchored:
@@ -34,10 +31,7 @@ def anchor_feedback(
 
 
 def _displacement(contact: AnchoredContact, dynamics: Dynamics, anchor: Array) -> Array:
-    try:
-        displacement = checked(contact, "displacement", contact.displacement(dynamics, anchor), (contact.size,))
-    except Exception as error:
-        raise error if isinstance(error, MethodError) else raised(contact, "displacement", error) from error
+    displacement = checked(contact, "displacement", call(contact, "displacement", dynamics, anchor), (contact.size,))
     if not is_finite(displacement) and is_finite(anchor):
         require_finite_result(contact, "displacement", displacement)
     return displacement

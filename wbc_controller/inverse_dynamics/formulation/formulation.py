@@ -24,7 +24,7 @@ from wbc_controller.inverse_dynamics.formulation.redundancy import (
 )
 from wbc_controller.inverse_dynamics.formulation.structure import Parameters, Structure
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit, RowLimit, TorqueLimit
-from wbc_controller.inverse_dynamics.method_calls import bounds_of, call, raised, require_finite
+from wbc_controller.inverse_dynamics.method_calls import bounds_of, call, require_finite
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.frame_kernels import fill_rows
 from wbc_controller.inverse_dynamics.robot.link_motion_kernels import link_terms
@@ -114,14 +114,16 @@ class Formulation:
         layout, costs, program = structure.layout, structure.costs, structure.program
         layout.set_friction(references.friction)
         if self.torque_limit.curve is not None:
-            layout.available[:2] = self.torque_limit.available(self.model.actuation.speeds(v))
+            layout.available[:2] = self.torque_limit.available(self.model.actuation.rates(v[self.model.v_places]))
         before, share = layout.available[2], -1.0
         if tau_before is not None:
             before, share = tau_before, self.torque_limit.rate * self.period
         first, errors = costs[0], costs[0].set_references(references)
         if layout.python_contacts:
             link_terms(dynamics.motion, v)
-            self._fill_contacts(layout, references)
+        for place in layout.python_contacts:
+            place.J[:], place.acceleration[:] = motion_of(place.contact, dynamics)
+            self._bound_force(place, references.contacts)
         known = self.redundancy
         examined = q if known is None or known[0] != layout.key else known[2]
         h = bias_forces(dynamics, references)
@@ -251,7 +253,7 @@ class Formulation:
                 setattr(self.tasks[name], key, value)
         motion = self.motion_limit
         self.motion_limit = JointMotionLimit.of(
-            self.model, tuning, position=motion.position_lower is not None, velocity=motion.velocity is not None
+            self.model, tuning, position=motion.position is not None, velocity=motion.velocity is not None
         )
         torque = self.torque_limit
         self.torque_limit = TorqueLimit(torque.effort_limits, tuning.torque_rate, torque.curve)
@@ -263,17 +265,9 @@ class Formulation:
         np.divide(lower, FORCE_UNIT, out=place.lower)
         np.divide(upper, FORCE_UNIT, out=place.upper)
 
-    def _fill_contacts(self, layout: Layout, references: References) -> None:
-        for place in layout.python_contacts:
-            place.J[:], place.acceleration[:] = motion_of(place.contact, self.dynamics)
-            self._bound_force(place, references.contacts)
-
     def _fill_row_limits(self, layout: Layout) -> None:
         for limit, rows, parts in zip(self.row_limits, layout.limits, layout.limit_parts, strict=True):
-            try:
-                limit.fill(self.dynamics, self.period, *parts)
-            except Exception as error:
-                raise error if isinstance(error, MethodError) else raised(limit, "fill", error) from error
+            call(limit, "fill", self.dynamics, self.period, *parts)
             if len(limit.names) != len(parts[1]):
                 raise MethodError(
                     f"{limit.full_name}: {type(limit).__name__}.fill() changed the number of names to "
@@ -294,7 +288,7 @@ class Formulation:
     def effort_bounds(self, references: References) -> tuple[Array, Array]:
         """Return the torque bounds without the rate limit."""
         actuation = self.model.actuation
-        lower, upper = self.torque_limit.available(actuation.speeds(self.dynamics.v))
+        lower, upper = self.torque_limit.available(actuation.rates(self.dynamics.v[self.model.v_places]))
         h = actuation.torques(bias_forces(self.dynamics, references))
         return lower - h, upper - h
 

@@ -142,7 +142,7 @@ def plain_qp(
     # Limits: joint motion, τ, and other combinations G v̇.
     joints = dynamics.q[model.q_index], dynamics.v[model.v_index]
     x_lower[model.v_index], x_upper[model.v_index] = limits.motion.bounds(*joints, period)
-    tau_lower, tau_upper = torque_bounds(limits, actuation.speeds(dynamics.v), tau_before)
+    tau_lower, tau_upper = torque_bounds(limits, actuation.rates(joints[1]), tau_before)
     C = [torque_map[0], cone]
     C_lower = [tau_lower - torque_map[1], np.full(len(cone), -np.inf)]
     C_upper = [tau_upper - torque_map[1], np.zeros(len(cone))]

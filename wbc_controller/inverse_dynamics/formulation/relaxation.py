@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wbc_controller.inverse_dynamics.formulation.formulation import Formulation
-from wbc_controller.inverse_dynamics.formulation.layout import ContactPlace, Layout
+from wbc_controller.inverse_dynamics.formulation.layout import Layout
 from wbc_controller.inverse_dynamics.formulation.problem import SoftConstraints
 from wbc_controller.records import Array, References
 
@@ -106,14 +106,13 @@ def slipping_contacts(formulation: Formulation, layout: Layout) -> tuple[str, ..
 
 def _moving_contacts(formulation: Formulation, layout: Layout, speeds: tuple[float, float]) -> tuple[str, ...]:
     """Return the releasable contacts above one of two speeds, m/s and rad/s."""
-    velocity = layout.J @ formulation.dynamics.v
-    places = [place for place in layout.places if not place.contact.permanent]
-    return tuple(place.contact.name for place in places if _faster(place, velocity[place.motion], speeds))
-
-
-def _faster(place: ContactPlace, velocity: Array, speeds: tuple[float, float]) -> bool:
-    turns = place.contact.moments
-    return float(np.linalg.norm(velocity[~turns])) > speeds[0] or float(np.linalg.norm(velocity[turns])) > speeds[1]
+    velocity, names = layout.J @ formulation.dynamics.v, []
+    for place in layout.places:
+        own, turns = velocity[place.motion], place.contact.moments
+        moves = np.linalg.norm(own[~turns]) > speeds[0] or np.linalg.norm(own[turns]) > speeds[1]
+        if moves and not place.contact.permanent:
+            names.append(place.contact.name)
+    return tuple(names)
 
 
 def _stopping_bounds(formulation: Formulation, bounds: Array) -> Array:

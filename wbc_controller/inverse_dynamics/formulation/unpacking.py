@@ -12,7 +12,7 @@ from wbc_controller.inverse_dynamics.formulation.answer import Answer
 from wbc_controller.inverse_dynamics.formulation.cost import Errors
 from wbc_controller.inverse_dynamics.formulation.formulation import Formulation
 from wbc_controller.inverse_dynamics.formulation.layout import Layout
-from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT, Residuals
+from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT, Level, Residuals
 from wbc_controller.records import Array, LevelReport, References, Solution, frozen_mapping
 
 _BINDING = 1.0e-5  # relative distance from a bound
@@ -20,30 +20,44 @@ _LARGEST = 1.0e9  # infinite bounds are never binding
 _NONE: Mapping[str, Any] = MappingProxyType({})
 
 
-class _LazyDetails:
-    """`records.Details` from unchanged parts of the layout, computed on first access."""
+class _LazySolution(Solution):
+    """Solution from unchanged parts of the layout."""
 
-    _forces: Mapping[str, Array] | None = None
+    _layout: Layout
+    _labels: Sequence[tuple[str, str, float]]
+    _levels: Sequence[Level]
+    _contact_rows: Array | None
+    _answer: Answer
+    _residuals: Residuals
+    _errors: Sequence[Errors]
 
     def __init__(
-        self,
-        layout: Layout,
-        answer: Answer,
-        residuals: Residuals,
-        errors: Sequence[Errors],
-        stages: Mapping[str, float],
-    ) -> None:
-        self._layout, self._labels, self._levels = layout, layout.labels, layout.levels
-        self._answer, self._residuals, self._errors, self._stages = answer, residuals, errors, stages
-        self._contact_rows = layout.contact_rows
+        self, layout: Layout, answer: Answer, residuals: Residuals, errors: Sequence[Errors], nv: int,
+        stages: Mapping[str, float], references: References,
+    ) -> None:  # fmt: skip
+        wrenches = references.external_wrenches
+        vars(self).update(  # faster than the constructor of a frozen record
+            v_dot=residuals.value[:nv],
+            tau=residuals.outputs,
+            relaxed=answer.relaxed,
+            iterations=answer.iterations,
+            stage_seconds=MappingProxyType(stages),
+            external_wrenches=frozen_mapping(wrenches) if wrenches else _NONE,
+            disturbance=references.disturbance,
+            _layout=layout,
+            _labels=layout.labels,
+            _levels=layout.levels,
+            _contact_rows=layout.contact_rows,
+            _answer=answer,
+            _residuals=residuals,
+            _errors=errors,
+        )
 
-    @property
+    @cached_property
     def forces(self) -> Mapping[str, Array]:
-        if self._forces is None:  # `cached_property` would double the time
-            forces = FORCE_UNIT * self._residuals.value[self._layout.forces]
-            forces.setflags(write=False)
-            self._forces = MappingProxyType({name: forces[own] for name, own in self._layout.forces_of})
-        return self._forces
+        forces = FORCE_UNIT * self._residuals.value[self._layout.forces]
+        forces.setflags(write=False)
+        return MappingProxyType({name: forces[own] for name, own in self._layout.forces_of})
 
     @cached_property
     def residuals(self) -> Mapping[str, float]:
@@ -79,7 +93,9 @@ class _LazyDetails:
         answer = self._answer
         if answer.levels or answer.cost is None:
             return answer.levels
-        return (LevelReport(self._levels[0].tasks, answer.cost, answer.iterations, self._stages.get("solve", 0.0)),)
+        return (
+            LevelReport(self._levels[0].tasks, answer.cost, answer.iterations, self.stage_seconds.get("solve", 0.0)),
+        )
 
 
 def unpack(
@@ -89,11 +105,7 @@ def unpack(
     references: References,
     stages: Mapping[str, float] = _NONE,
 ) -> Solution:
-    """Make the solution of an answer; `stages` are durations in s.
-
-    Raises:
-        ValueError: for an answer without residuals.
-    """
+    """Make the solution of an answer; `stages` are durations in s."""
     residuals = answer.residuals
     if residuals is None:
         raise ValueError(f"the answer {answer.status!r} has no residuals")
@@ -101,16 +113,7 @@ def unpack(
     value.setflags(write=False)
     residuals.outputs.setflags(write=False)
     formulation.add_effort_errors(value[: layout.problem.n])
-    return Solution(
-        value[: formulation.model.nv],
-        residuals.outputs,
-        _LazyDetails(layout, answer, residuals, formulation.task_errors, stages),
-        answer.relaxed,
-        answer.iterations,
-        MappingProxyType(stages),
-        frozen_mapping(references.external_wrenches) if references.external_wrenches else _NONE,
-        references.disturbance,
-    )
+    return _LazySolution(layout, answer, residuals, formulation.task_errors, formulation.model.nv, stages, references)
 
 
 def _binding(labels: Sequence[tuple[str, str, float]], residuals: Residuals, multipliers: Array) -> dict[str, float]:

@@ -41,7 +41,7 @@ class JointMotionLimit(Tunable):
     time constant `RETURN_TIME` / 2. Position limits precede velocity limits.
 
     Attributes:
-        position_lower, position_upper: (nj,) in rad, or None.
+        position: smallest and largest positions, (nj,) in rad, or None.
         velocity: largest speed, (nj,) in rad/s, or None.
         acceleration: q̈_max, rad/s².
         horizon: lower bound of T, s; docs/limits.md has its effect on measurement noise.
@@ -50,10 +50,7 @@ class JointMotionLimit(Tunable):
     def __init__(
         self, position: tuple[Array, Array] | None, velocity: Array | None, *, acceleration: float, horizon: float = 0.0
     ) -> None:
-        self.position_lower: Array | None = None
-        self.position_upper: Array | None = None
-        if position is not None:
-            self.position_lower, self.position_upper = position
+        self.position = position
         self.velocity = velocity
         self.acceleration = acceleration
         self.horizon = horizon
@@ -66,11 +63,7 @@ class JointMotionLimit(Tunable):
     def of(
         cls, model: RobotModel, tuning: Tuning, *, position: bool = True, velocity: bool = True
     ) -> "JointMotionLimit":
-        """Make the limit from URDF and tuning.
-
-        Raises:
-            ConfigurationError: if the margin leaves no range for a joint.
-        """
+        """Make the limit from URDF and tuning."""
         margin = tuning.position_margin
         lower, upper = model.position_lower + margin, model.position_upper - margin
         for name, low, high, unit in zip(model.joints, lower, upper, model.units, strict=True) if position else ():
@@ -94,11 +87,7 @@ class JointMotionLimit(Tunable):
         return lower, upper
 
     def bind(self, q_index: np.ndarray, v_index: np.ndarray, period: float, lower: Array, upper: Array) -> JointMotion:
-        """Return the table for `acceleration_bounds`, with joint indices (nj,) in q, and in v and the bounds.
-
-        Raises:
-            ValueError: for different sizes.
-        """
+        """Return the table for `acceleration_bounds`, with joint indices (nj,) in q, and in v and the bounds."""
         sizes = {len(v_index), self._limits.shape[1] or len(q_index), len(self._fastest) or len(q_index)}
         if sizes != {len(q_index)}:
             raise ValueError(f"expected indices and limits of {len(q_index)} joints, got sizes {sorted(sizes)}")
@@ -123,7 +112,7 @@ class JointMotionLimit(Tunable):
 
         q̈ ≤ -q̇² / (2 (q_max + STOPPING_DISTANCE - q)); `limits` are without the margin.
         """
-        if self.position_lower is None:
+        if self.position is None:
             return np.repeat([[-np.inf], [np.inf]], len(q), axis=1)
         lower, upper = limits
         speed = np.multiply(_SIDES, v)

@@ -1,7 +1,5 @@
 """Kernel of `limits.joint_motion`."""
 
-from __future__ import annotations
-
 import math
 
 from wbc_controller.compilation import Indices, Matrix, OutVector, Struct, Vector, compiled, part

@@ -1,7 +1,5 @@
 """Kernels of `limits.self_collision`."""
 
-from __future__ import annotations
-
 import math
 
 from wbc_controller.compilation import (

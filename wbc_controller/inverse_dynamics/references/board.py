@@ -8,7 +8,8 @@ from types import MappingProxyType
 import numpy as np
 
 from wbc_controller.errors import InputRefused
-from wbc_controller.inverse_dynamics.contacts.contact import AnchoredContact, Contact, anchor_of, needed_activation
+from wbc_controller.inverse_dynamics.contacts import AnchoredContact, Contact, UnilateralContact
+from wbc_controller.inverse_dynamics.contacts.contact import anchor_of, needed_activation
 from wbc_controller.inverse_dynamics.references.changes import (
     Change,
     EnableContact,
@@ -50,9 +51,14 @@ class ContactPlan:
 
     enabled: bool  # at activation
     ramp: float  # duration of loading or unloading, s
-    anchored: AnchoredContact | None = None
     contact: Contact | None = None  # None: unloading begins at the largest force
-    capacity: float = math.inf  # largest normal force on the robot, N
+
+    @property
+    def capacity(self) -> float:
+        """Largest normal force on the robot, N."""
+        if self.contact is not None and self.contact.internal:
+            return 0.0
+        return self.contact.max_normal_force if isinstance(self.contact, UnilateralContact) else math.inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,10 +150,7 @@ class ReferenceBoard:
                 self._apply(EnableContact(name, contact.enabled), dynamics, time)
 
     def apply(self, changes: Iterable[Change], dynamics: Dynamics, time: float) -> None:
-        """Apply a set of changes at a time, s.
-
-        Raises: InputRefused: as `check`, without any change.
-        """
+        """Apply a set of changes at a time, s; all of them or, with the error of `check`, none."""
         changes = tuple(changes)
         for change in changes:
             self.check(change, dynamics, time)
@@ -155,11 +158,7 @@ class ReferenceBoard:
             self._apply(change, dynamics, time)
 
     def check(self, change: Change, dynamics: Dynamics, time: float) -> None:
-        """Check a change; arguments as `apply`.
-
-        Raises:
-            InputRefused: for a trajectory in the past, or a setpoint or first point out of range.
-        """
+        """Refuse a trajectory in the past, and a setpoint or first point out of range."""
         if isinstance(change, SetSetpoint):
             self._range_of(change.task, dynamics).check(self._in_task_frame(change, dynamics, time).position, dynamics)
         elif isinstance(change, SetTrajectory):
@@ -235,8 +234,8 @@ class ReferenceBoard:
             self._anchor(name, dynamics)
 
     def _anchor(self, name: str, dynamics: Dynamics) -> None:
-        contact = self.contact_plans[name].anchored
-        if contact is not None:
+        contact = self.contact_plans[name].contact
+        if isinstance(contact, AnchoredContact) and contact.stiffness > 0.0:
             self._anchors = frozen_mapping({**self._anchors, name: anchor_of(contact, dynamics)})
 
     def _in_task_frame(self, change: SetSetpoint, dynamics: Dynamics, time: float) -> SetSetpoint:
@@ -296,7 +295,8 @@ class ReferenceBoard:
         if isinstance(goal, SetSetpoint):
             return self._towards(goal.task, goal.position, time, goal.duration)
         present = self.present(goal.task, time)
-        ahead = [knot for knot in _knots(goal, time) if knot.time > time]
+        start = time if goal.start is None else goal.start
+        ahead = [replace(point, time=start + point.time) for point in goal.points if start + point.time > time]
         while ahead and ahead[0].time - time < _SHORTEST_JOIN and _deviates(present, ahead[0]):
             ahead.pop(0)
         if not ahead:
@@ -347,11 +347,6 @@ def _deviates(present: Knot, knot: Knot) -> bool:
     n = min(len(present.position), len(present.velocity))
     there = present.position[:n] + (knot.time - present.time) * present.velocity[:n]
     return bool(np.abs(knot.position[:n] - there).max() > _LARGEST_DEVIATION)
-
-
-def _knots(change: SetTrajectory, time: float) -> list[Knot]:
-    start = time if change.start is None else change.start
-    return [Knot(start + point.time, point.position, point.velocity, point.acceleration) for point in change.points]
 
 
 def _hold(reference: Reference, time: float) -> Trajectory:

@@ -53,7 +53,6 @@ class Actuation(Drive):
         starts = np.searchsorted(rows, np.arange(len(self._N_T) + 1)).astype(np.int64)
         self.projection = (starts, columns.astype(np.int64), self._N_T[rows, columns])
         self.direct = self.motors is not None and not len(coupling)
-        self._rows = as_slice(v_index[self.motors]) if self.direct else None
         self._all_rows = as_slice(np.concatenate([untouched, v_index[self.motors]])) if self.direct else None
 
     def split(self, force: Array) -> Array:
@@ -67,7 +66,3 @@ class Actuation(Drive):
     def generalized_force(self, tau: Array) -> Array:
         """Return Sᵀτ, (na,) to (nv,)."""
         return np.asarray(tau @ self.S)
-
-    def speeds(self, v: Array) -> Array:
-        """Return the actuator speeds S v, (nv,) to (na,)."""
-        return np.asarray(v[self._rows] if self._rows is not None else self.S @ v)

@@ -1,7 +1,5 @@
 """Kernel for equations of motion and torque bounds."""
 
-from __future__ import annotations
-
 from wbc_controller.compilation import Indices, Matrix, OutMatrix, OutVector, Struct, Vector, compiled, part
 from wbc_controller.records import Array
 

@@ -1,7 +1,5 @@
 """Kernels for contact and task rows J v̇ = b."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

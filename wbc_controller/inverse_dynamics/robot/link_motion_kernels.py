@@ -4,8 +4,6 @@ Twists [linear, angular] are at the world origin in world axes; at a point p, th
 holds for spatial accelerations; the classical acceleration of p adds ω × v(p). Jacobian columns are twists.
 """
 
-from __future__ import annotations
-
 from wbc_controller.compilation import Indices, Matrix, OutMatrix, OutVector, Signs, Struct, Vector, compiled, part
 from wbc_controller.inverse_dynamics.robot.placement_kernels import (
     add,

@@ -4,8 +4,6 @@ A vector is a tuple of three numbers; a placement an array (12,) of the columns 
 a motion [linear, angular] a pair of vectors or an array (6,).
 """
 
-from __future__ import annotations
-
 import math
 from typing import TypeAlias
 

@@ -202,11 +202,8 @@ def _require_numbers(text: str, count: int, where: str) -> None:
     ):
         what = "a number, such as 0.5" if count == 1 else f"{count} numbers, such as '0 0 0.5'"
         hint = "; expand the file with xacro first" if "${" in text or "$(" in text else ""
-        raise ConfigurationError(f"{where}{_shortened(text)}> is not {what}, at most {_LARGEST_NUMBER:g}{hint}")
-
-
-def _shortened(text: str) -> str:
-    return repr(text if len(text) <= 80 else text[:80] + "…")
+        shown = text if len(text) <= 80 else text[:80] + "…"
+        raise ConfigurationError(f"{where}{shown!r}> is not {what}, at most {_LARGEST_NUMBER:g}{hint}")
 
 
 def _check_inertial(link: ElementTree.Element, subject: str) -> None:

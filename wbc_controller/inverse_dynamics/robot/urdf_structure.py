@@ -53,7 +53,9 @@ def check_structure(tree: ElementTree.Element) -> None:
     parents: dict[str, str] = {}  # joint above each link
     above: dict[str, str] = {}  # parent of each link
     for name, joint in joints.items():
-        _check_joint(name, joint)
+        require_known(joint.get("type", ""), JOINT_TYPES, f"robot.urdf: joint {name!r} has the unknown type")
+        if name == _PINOCCHIO_WORLD:
+            raise ConfigurationError(f"robot.urdf: invalid joint name {name!r}: Pinocchio reserves it for the world")
         parent, child = (_end(name, joint, key, links) for key in ("parent", "child"))
         if child in parents:
             raise ConfigurationError(
@@ -64,7 +66,8 @@ def check_structure(tree: ElementTree.Element) -> None:
     _check_tree(links, above)
     for name, link in links.items():
         for element in link.findall("collision"):
-            _check_shape(name, element)
+            if (problem := shape_problem(element)) is not None:
+                raise ConfigurationError(f"robot.urdf: link {name!r}: its <{element.tag}> {problem}")
 
 
 def _check_expanded(tree: ElementTree.Element) -> None:
@@ -86,13 +89,6 @@ def _unique_names(tree: ElementTree.Element, kind: str) -> dict[str, ElementTree
             raise ConfigurationError(f"robot.urdf: duplicate {kind} {name!r}; {kind} names must be unique")
         found[name] = element
     return found
-
-
-def _check_joint(name: str, joint: ElementTree.Element) -> None:
-    kind = joint.get("type", "")
-    require_known(kind, JOINT_TYPES, f"robot.urdf: joint {name!r} has the unknown type")
-    if name == _PINOCCHIO_WORLD:
-        raise ConfigurationError(f"robot.urdf: invalid joint name {name!r}: Pinocchio reserves it for the world")
 
 
 def _end(name: str, joint: ElementTree.Element, key: str, links: Mapping[str, object]) -> str:
@@ -134,11 +130,6 @@ def _check_tree(links: Collection[str], above: Mapping[str, str]) -> None:
 def _listed(names: list[str]) -> str:
     more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
     return ", ".join(map(repr, names[:_NAMED])) + more
-
-
-def _check_shape(link: str, element: ElementTree.Element) -> None:
-    if (problem := shape_problem(element)) is not None:
-        raise ConfigurationError(f"robot.urdf: link {link!r}: its <{element.tag}> {problem}")
 
 
 def shape_problem(element: ElementTree.Element) -> str | None:

@@ -1,7 +1,5 @@
 """Warm start with the previous active set."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

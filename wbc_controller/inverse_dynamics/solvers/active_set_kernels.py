@@ -1,7 +1,5 @@
 """Kernel of `solvers.active_set`."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,6 @@
 """DAQP, a dual active-set solver."""
 
 from collections.abc import Mapping
-from typing import Any
 
 import daqp
 import numpy as np
@@ -60,14 +59,6 @@ class DaqpSolver(Solver):
         self._sense = np.zeros(n + rows, dtype=np.int32)
         self._sense[n + inequalities :] = _EQUALITY
         self.active_set: ActiveSet = ActiveSet(n, equalities, inequalities)
-
-    def memory(self) -> dict[str, Any] | None:
-        """Return the active set."""
-        return self.active_set.memory()
-
-    def recall(self, memory: Mapping[str, Any]) -> None:
-        """Restore the result of `memory`."""
-        self.active_set.recall(memory)
 
     def _search(self, problem: QuadraticProgram) -> Answer:
         m = self._inequalities

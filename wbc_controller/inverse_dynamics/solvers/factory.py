@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import qpsolvers
 
-from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.errors import require_known
 from wbc_controller.inverse_dynamics.formulation.problem import QuadraticProgram
 from wbc_controller.inverse_dynamics.solvers.daqp import DaqpSolver
 from wbc_controller.inverse_dynamics.solvers.osqp import OsqpSolver
@@ -25,11 +25,7 @@ def available_solvers() -> list[str]:
 
 
 def make_solver(name: str, problem: QuadraticProgram) -> Solver:
-    """Make a solver for problems of the same size.
-
-    Raises:
-        ConfigurationError: if the solver is not installed.
-    """
+    """Make an installed solver for problems of the same size."""
     if name in _PERSISTENT:
         return _PERSISTENT[name](problem.n, len(problem.b), len(problem.upper))
     require_solver(name)
@@ -38,7 +34,4 @@ def make_solver(name: str, problem: QuadraticProgram) -> Solver:
 
 def require_solver(name: str) -> None:
     """Raise `ConfigurationError` if a solver is not installed."""
-    if name not in available_solvers():
-        raise ConfigurationError(
-            f"solver.name = {name!r}: the solver is not installed; {valid_choices(name, available_solvers())}"
-        )
+    require_known(name, available_solvers(), "solver.name =", ": the solver is not installed")

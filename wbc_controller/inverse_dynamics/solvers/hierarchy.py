@@ -163,7 +163,8 @@ class Hierarchy:
             cost = level.cost.value(x) + 0.5 * float(slack @ slack)
             reports += (LevelReport(level.tasks, cost, answer.iterations, self._timer() - started),)
             if not last:
-                free = free @ _null_space(level.kept @ free)
+                directions, _, _, rank = _pivoted_qr(level.kept @ free)
+                free = free @ directions[:, rank:]
         solved = Answer(x, "optimal", iterations, multipliers)
         solved.levels, solved.relaxed = reports, unsolved
         return solved
@@ -206,11 +207,6 @@ def _solution_and_null_space(A: Array, b: Array) -> tuple[Array, Array]:
     # A[order] = (Q R)ᵀ: with x = Q[:, :rank] y, the first `rank` rows are R₁ᵀ y = b.
     y = np.linalg.solve(R[:rank, :rank].T, b[order[:rank]]) if rank else np.zeros(0)
     return Q[:, :rank] @ y, Q[:, rank:]
-
-
-def _null_space(A: Array) -> Array:
-    Q, _, _, rank = _pivoted_qr(A)
-    return Q[:, rank:]
 
 
 def _pivoted_qr(A: Array) -> tuple[Array, Array, np.ndarray, int]:

@@ -28,11 +28,13 @@ class Solver(ABC):
 
     def memory(self) -> dict[str, Any] | None:
         """Return the state for the next solve; None if a back end hides it."""
-        return None
+        return None if self.active_set is None else self.active_set.memory()
 
     def recall(self, memory: Mapping[str, Any]) -> None:
         """Restore the result of `memory`; `NotImplementedError` if the state is hidden."""
-        raise NotImplementedError(f"{type(self).__name__} cannot restore its state")
+        if self.active_set is None:
+            raise NotImplementedError(f"{type(self).__name__} cannot restore its state")
+        self.active_set.recall(memory)
 
     @abstractmethod
     def _search(self, problem: QuadraticProgram) -> Answer:

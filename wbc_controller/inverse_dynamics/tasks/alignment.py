@@ -87,11 +87,6 @@ class _AlignmentTask(MotionTask):
     def drift(self, dynamics: Dynamics) -> Array:
         return np.asarray(self._sides @ dynamics.drift_local(self._frame_id)[3:])
 
-    def rest(self, dynamics: Dynamics) -> Reference:
-        """Return a reference at the present value, with velocity (3,)."""
-        still = np.zeros(3)
-        return Reference(self.position(dynamics), still, still)
-
 
 class AxisAlignmentTask(_AlignmentTask):
     """Task that points an axis fixed in a frame in a direction of the world: two rows, rad.

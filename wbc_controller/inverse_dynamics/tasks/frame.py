@@ -24,6 +24,11 @@ def orientation_error(rotation: Array, quaternion: Array) -> Array:
     return error
 
 
+def pose_error(pose: pin.SE3, position: Array) -> Array:
+    """Return displacement and `orientation_error` from a pose to position and quaternion (7,), (6,)."""
+    return np.concatenate([position[:3] - pose.translation, orientation_error(pose.rotation, position[3:])])
+
+
 class _FrameTask(MotionTask):
     part: slice  # of the frame's twist
 
@@ -101,8 +106,4 @@ class FramePoseTask(_FrameTask):
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
         """Return displacement and rotation vector to the reference in world axes, (6,)."""
-        placement = dynamics.placement(self._frame_id)
-        error = np.empty(6)
-        error[:3] = position[:3] - placement.translation
-        error[3:] = orientation_error(placement.rotation, position[3:])
-        return error
+        return pose_error(dynamics.placement(self._frame_id), position)

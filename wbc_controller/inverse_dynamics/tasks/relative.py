@@ -9,7 +9,7 @@ import pinocchio as pin
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks.form import ReferenceForm
-from wbc_controller.inverse_dynamics.tasks.frame import orientation_error
+from wbc_controller.inverse_dynamics.tasks.frame import pose_error
 from wbc_controller.inverse_dynamics.tasks.task import MotionTask
 from wbc_controller.records import Array
 
@@ -64,11 +64,7 @@ class RelativePoseTask(MotionTask):
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
         """Return displacement and rotation vector to the reference, (6,)."""
-        pose = self._pose(dynamics)
-        error = np.empty(6)
-        error[:3] = position[:3] - pose.translation
-        error[3:] = orientation_error(pose.rotation, position[3:])
-        return error
+        return pose_error(self._pose(dynamics), position)
 
     def velocity(self, dynamics: Dynamics) -> Array:
         """Return ṙ and ω, (6,)."""

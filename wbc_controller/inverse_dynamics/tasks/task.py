@@ -28,11 +28,7 @@ Gains = float | Sequence[float]  # one number, or one per axis
 
 
 def gains(values: Gains, size: int, key: str) -> Array:
-    """Read a gain, () or (size,), with values for masked axes.
-
-    Raises:
-        ConfigurationError: for another size; the message begins with the key.
-    """
+    """Read a gain, () or (size,), with values for masked axes; messages begin with the key."""
     array = np.asarray(values, dtype=np.float64)
     if array.shape not in ((), (size,)):
         raise ConfigurationError(
@@ -160,7 +156,7 @@ class AccelerationTask(Task):
 
     def rest(self, dynamics: Dynamics) -> Reference:
         """Return a reference at the present value."""
-        still = frozen(np.zeros(self.size))
+        still = frozen(np.zeros(self.form.rate_size))
         return Reference(frozen(array_from(self, "position", (self.form.size,), dynamics)), still, still)
 
     def equation(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, Array]:
@@ -194,13 +190,10 @@ def motion_of(task: AccelerationTask, dynamics: Dynamics, reference: Reference) 
     except Exception as failure:
         evaluate(task, dynamics, reference)
         raise failure if isinstance(failure, MethodError) else raised(task, "equation", failure) from failure
-    if not (is_finite(J) and is_finite(right)) and _is_finite(reference):
+    wanted = reference.position, reference.velocity, reference.acceleration
+    if not (is_finite(J) and is_finite(right)) and all(map(is_finite, wanted)):
         evaluate(task, dynamics, reference)
     return J, right, error
-
-
-def _is_finite(reference: Reference) -> bool:
-    return all(is_finite(part) for part in (reference.position, reference.velocity, reference.acceleration))
 
 
 class Efforts(Protocol):

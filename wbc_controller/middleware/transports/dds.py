@@ -1,7 +1,5 @@
 """Transport on CycloneDDS, compatible with ROS 2."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import logging
@@ -75,7 +73,7 @@ class DdsTransport:
             self._delete_entities()
             raise TransportError(f"cannot join DDS domain {self._settings.domain_id}: {error}") from error
 
-    def advertise(self, endpoint: Endpoint) -> DdsPublication:
+    def advertise(self, endpoint: Endpoint) -> "DdsPublication":
         """See `Transport`."""
         with self._lock, _translated(f"cannot advertise {endpoint.name}"):
             announcement, _ = self._opened(endpoint)
@@ -96,7 +94,7 @@ class DdsTransport:
             _, dispatcher = self._opened(endpoint)
             dispatcher.add(endpoint, self._reader(endpoint), callback)
 
-    def stream(self, endpoint: Endpoint, depth: int) -> _Stream:
+    def stream(self, endpoint: Endpoint, depth: int) -> "_Stream":
         """See `Transport`."""
         endpoint = dataclasses.replace(endpoint, qos=dataclasses.replace(endpoint.qos, depth=depth))
         with self._lock, _translated(f"cannot subscribe to {endpoint.name}"):
@@ -135,7 +133,7 @@ class DdsTransport:
         if self._closed:
             raise TransportError(f"cannot query {endpoint.name}: the transport is closed")
 
-    def _opened(self, endpoint: Endpoint) -> tuple[NodeAnnouncement, _Dispatcher]:
+    def _opened(self, endpoint: Endpoint) -> "tuple[NodeAnnouncement, _Dispatcher]":
         if self._closed or self._announcement is None or self._dispatcher is None:
             raise TransportError(f"cannot open {endpoint.name}: the transport is closed")
         return self._announcement, self._dispatcher
@@ -223,13 +221,11 @@ class _Stream:
         self._woken = self._closed = False
 
     def take(self) -> list[bytes]:
-        """See `Stream`."""
         self._require_open()
         with _translated(f"cannot read {self._endpoint.name}"):
             return dds_raw.take(self._reader, self._endpoint.qos.depth)
 
     def wait(self, seconds: float) -> bool:
-        """See `Stream`."""
         self._require_open()
         with _translated(f"cannot wait for {self._endpoint.name}"):
             triggered = self._triggers.wait(seconds)
@@ -239,7 +235,6 @@ class _Stream:
             return triggered
 
     def wake(self) -> None:
-        """See `Stream`."""
         if not self._closed:
             self._guard.set(True)
             self._woken = True  # after the guard, so that a set guard is always reset

@@ -17,7 +17,7 @@ from xml.sax.saxutils import quoteattr
 from cyclonedds.core import DDSException
 from cyclonedds.domain import Domain
 
-from wbc_controller.errors import TransportError, valid_choices
+from wbc_controller.errors import TransportError, require_known
 from wbc_controller.middleware.transports import dds_raw
 
 _log = logging.getLogger(__name__)
@@ -83,9 +83,8 @@ def domain_settings(
     if discovery_range is None and environment.get("ROS_LOCALHOST_ONLY") == "1":  # older, has precedence, without peers
         return DomainSettings(domain_id, "LOCALHOST")
     reach = discovery_range if discovery_range is not None else environment.get(variable) or "LOCALHOST"
-    if reach not in DISCOVERY_RANGES:
-        source = variable if discovery_range is None else "discovery range"
-        raise TransportError(f"{source} is {reach!r}: {valid_choices(reach, DISCOVERY_RANGES)}")
+    source = variable if discovery_range is None else "discovery range"
+    require_known(reach, DISCOVERY_RANGES, f"invalid {source}", error=TransportError)
     if reach == "LOCALHOST" and discovery_range is None:
         _log.info("topics stay on this computer; %s=SUBNET opens them to the network", variable)
 

@@ -7,7 +7,7 @@ from cyclonedds.idl import annotations as idl_annotations
 from cyclonedds.idl import make_idl_struct, types
 from rosbags.interfaces import Nodetype
 
-from wbc_controller.errors import TransportError, valid_choices
+from wbc_controller.errors import TransportError, require_known
 from wbc_controller.middleware.codec import TYPES
 
 #: ROS 2's mapping of primitive types to IDL; ``char`` is an unsigned byte.
@@ -35,8 +35,7 @@ def idl_type(type_name: str) -> Any:
 
     Cached, because cyclonedds compares different classes slowly by content.
     """
-    if type_name not in TYPES.fielddefs:
-        raise TransportError(f"unknown message type {type_name!r}: {valid_choices(type_name, TYPES.fielddefs)}")
+    require_known(type_name, TYPES.fielddefs, "unknown message type", error=TransportError)
     _, fields = TYPES.fielddefs[type_name]
     generated = make_idl_struct(
         type_name.rsplit("/", 1)[-1],
@@ -61,6 +60,5 @@ def _field_type(description: Any, where: str) -> Any:
     name, bound = detail
     if name == "string":
         return types.bounded_str[bound] if bound else str
-    if name not in _PRIMITIVES:
-        raise TransportError(f"{where} has the unsupported type {name}: {valid_choices(name, _PRIMITIVES)}")
+    require_known(name, _PRIMITIVES, f"{where} has the unsupported type", error=TransportError)
     return _PRIMITIVES[name]

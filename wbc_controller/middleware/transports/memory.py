@@ -1,7 +1,5 @@
 """In-process transport for tests and simulation."""
 
-from __future__ import annotations
-
 import logging
 import threading
 from collections import defaultdict, deque
@@ -53,7 +51,7 @@ class MemoryTransport:
                 if writer.latched is not None:
                     reader.deliver(writer.endpoint, writer.latched)
 
-    def stream(self, endpoint: Endpoint, depth: int) -> _Stream:
+    def stream(self, endpoint: Endpoint, depth: int) -> "_Stream":
         """See `Transport`."""
         stream = _Stream(endpoint, depth, self)
         self.subscribe(endpoint, stream.put)
@@ -106,7 +104,6 @@ class _Stream:
             self._changed.notify()
 
     def take(self) -> list[bytes]:
-        """See `Stream`."""
         self._owner.require_open("read", self._endpoint)
         with self._lock:
             newest = list(self._newest)
@@ -114,7 +111,6 @@ class _Stream:
         return newest
 
     def wait(self, seconds: float) -> bool:
-        """See `Stream`."""
         self._owner.require_open("read", self._endpoint)
         with self._lock:
             triggered = self._changed.wait_for(lambda: self._newest or self._woken, seconds)
@@ -122,7 +118,6 @@ class _Stream:
         return bool(triggered)
 
     def wake(self) -> None:
-        """See `Stream`."""
         with self._lock:
             self._woken = True
             self._changed.notify()

@@ -102,7 +102,6 @@ class _WrappedStream:
         self.wait, self.wake = stream.wait, stream.wake
 
     def take(self) -> list[bytes]:
-        """See `Stream`."""
         return [payload for payload in self._stream.take() if self._accepts(payload)]
 
 

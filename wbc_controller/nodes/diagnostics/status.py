@@ -20,14 +20,7 @@ _TIMES_PER_PIECE = 500  # sorted times per piece of the message
 _CONTRADICTION = 0.5  # residual of contradictory contacts, m/s² or rad/s²
 #: Units of a binding constraint's multiplier by its kind, as the cost has no unit.
 _COST_UNITS = {"torque": "1/(N·m)", "cone": "1/N", "normal_force": "1/N", "motion": "1/(rad/s²)"}
-_LEVELS = {
-    Mode.INACTIVE: OK,
-    Mode.ACTIVE: OK,
-    Mode.HOLDING: WARN,
-    Mode.DAMPING: WARN,
-    Mode.STOPPED: WARN,
-    Mode.FAULT: ERROR,
-}
+_LEVELS = {**dict.fromkeys(Mode, WARN), Mode.INACTIVE: OK, Mode.ACTIVE: OK, Mode.FAULT: ERROR}
 
 
 class _ReportWindow:

@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from wbc_controller.inverse_dynamics.contacts import placement_of
 from wbc_controller.records import Array, frozen
-from wbc_controller.settings import ContactSettings, SurfaceContact
+from wbc_controller.settings.contacts import ContactSettings, SurfaceContact
 
 
 @dataclass(frozen=True, slots=True)

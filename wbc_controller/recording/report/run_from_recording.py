@@ -20,7 +20,9 @@ from wbc_controller.recording.cycle_layout import cycle_slots, reference_slots
 from wbc_controller.recording.recording_file import Recording
 from wbc_controller.recording.report.run_data import RunData, collect_supports
 from wbc_controller.records import Array, Reference
-from wbc_controller.settings import ComTask, FixedContact, PointContact, RollingContact, Settings
+from wbc_controller.settings import Settings
+from wbc_controller.settings.contacts import FixedContact, PointContact, RollingContact
+from wbc_controller.settings.tasks import ComTask
 
 MAX_SAMPLES = 30_000  # of a report; longer recordings have one sample per two, three, … cycles
 PHASES = "/wbc_demo/phase"  # topic of a demo's phases, std_msgs/msg/String

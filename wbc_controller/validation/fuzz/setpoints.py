@@ -14,8 +14,8 @@ from wbc_controller.controller.controller import Controller
 from wbc_controller.errors import WbcError
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
 from wbc_controller.records import Mode
-from wbc_controller.settings import FramePoseTask
 from wbc_controller.settings.config import load
+from wbc_controller.settings.tasks import FramePoseTask
 from wbc_controller.simulation.simulation import Simulation
 
 DURATION = 2.0  # s

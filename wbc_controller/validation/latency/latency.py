@@ -24,7 +24,7 @@ from wbc_controller.middleware.transports.transport import Transport
 from wbc_controller.nodes.processes import Processes, end_with_parent, memory, processor_time, until, waiting_time
 from wbc_controller.nodes.realtime import apply_realtime, describe_scheduling, lower_thread_priority, processors
 from wbc_controller.nodes.wiring import controller_endpoints
-from wbc_controller.settings import RealtimeSettings
+from wbc_controller.settings.service import RealtimeSettings
 from wbc_controller.simulation.mock_robot import NODE_NAME as MOCK_NODE
 from wbc_controller.simulation.mock_robot import MockRobot
 from wbc_controller.validation.latency import DOMAIN

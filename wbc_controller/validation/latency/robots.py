@@ -20,7 +20,8 @@ from wbc_controller.middleware.topics import Endpoint, counterpart
 from wbc_controller.middleware.transports.transport import Transport
 from wbc_controller.nodes.realtime import apply_realtime
 from wbc_controller.nodes.ros2.installation import refuse_mixed_installations
-from wbc_controller.settings import RealtimeSettings, Settings
+from wbc_controller.settings import Settings
+from wbc_controller.settings.service import RealtimeSettings
 from wbc_controller.simulation.measurement import measure
 from wbc_controller.simulation.plant import Plant
 
