@@ -1,7 +1,5 @@
 """Almost empty compiled functions for `calls.py`."""
 
-from __future__ import annotations
-
 from wbc_controller.compilation import OutVector, Struct, Vector, compiled
 
 

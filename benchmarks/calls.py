@@ -4,8 +4,6 @@ The functions are almost empty. Warm: best of many rounds. Cold: median of singl
 and parsing a text, as in `compare.py`.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 import timeit

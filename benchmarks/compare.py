@@ -7,8 +7,6 @@
 Method and differences of the controllers: docs/benchmarks.md.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

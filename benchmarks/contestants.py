@@ -1,7 +1,5 @@
 """Contestants as processes, with their environments."""
 
-from __future__ import annotations
-
 import io
 import json
 import struct
@@ -126,7 +124,7 @@ class Contestant:
         self.hello: dict[str, Any] = json.loads(line)
         self._places = np.cumsum([*self.hello["sizes"], len(self.hello["parts"])])
 
-    def __enter__(self) -> Contestant:
+    def __enter__(self) -> "Contestant":
         return self
 
     def __exit__(
@@ -164,22 +162,22 @@ class Contestant:
         return Answers(v_dot, tau, forces, parts, seconds[:, 0])
 
 
-def rival(name: str, scene: Mapping[str, Any]) -> Contestant:
+def rival(name: str, scene: Mapping[str, Any]) -> "Contestant":
     """Return a rival of `RIVALS` in its environment."""
     isolated = [str(environment(name)), "-E", "-s"]  # without our PYTHONPATH
     return Contestant(name, isolated, f"{name}_worker.py", scene)
 
 
-def ours(scene: Mapping[str, Any], name: str = "ours", code: Path = ROOT) -> Contestant:
+def ours(scene: Mapping[str, Any], name: str = "ours", code: Path = ROOT) -> "Contestant":
     """Return our cycle, of this commit or of the code in a folder."""
     return Contestant(name, [sys.executable], "our_worker.py", scene, [str(code)])
 
 
-def floor(scene: Mapping[str, Any]) -> Contestant:
+def floor(scene: Mapping[str, Any]) -> "Contestant":
     """Return the lower bound of any controller."""
     return Contestant("floor", [sys.executable], "floor_worker.py", scene)
 
 
-def service(scene: Mapping[str, Any], name: str = "ours", code: Path = ROOT) -> Contestant:
+def service(scene: Mapping[str, Any], name: str = "ours", code: Path = ROOT) -> "Contestant":
     """Return our whole cycle with messages, of this commit or of the code in a folder."""
     return Contestant(name, [sys.executable], "service_worker.py", scene, [str(code)])

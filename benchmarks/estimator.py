@@ -5,8 +5,6 @@ contains the whole cycle with messages, audit and status, on the memory transpor
 [ROBOT ...] [--seconds S]
 """
 
-from __future__ import annotations
-
 import argparse
 import logging
 import time

@@ -3,8 +3,6 @@
 The matrix has the size of accelerations and forces.
 """
 
-from __future__ import annotations
-
 import time
 from typing import Any
 

@@ -9,8 +9,6 @@ The environment is outside of the repository. After an extra has been tried, its
 status is 1 if a command failed. Times depend on the load of the machine; seconds of processor time hardly do.
 """
 
-from __future__ import annotations
-
 import argparse
 import email
 import json

@@ -9,8 +9,6 @@ it walks forward at its largest speed for 8 s, and stops. An arm holds its postu
     python benchmarks/new_robots.py g1 panda        some robots, by a part of the name
 """
 
-from __future__ import annotations
-
 import sys
 from dataclasses import astuple, dataclass
 

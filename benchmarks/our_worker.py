@@ -3,8 +3,6 @@
 `serving.py` contains the protocol. The folder is this repository or another commit.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import sys
 import time

@@ -5,8 +5,6 @@ halted in every other block. The browsers use idle processor time only, as if on
 benchmarks/page.py [ROBOT] [--minutes M] [--browsers N] [--scheduling fifo]
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import os

@@ -1,7 +1,5 @@
 """Worker of placo, in its own environment; `serving.py` contains the protocol."""
 
-from __future__ import annotations
-
 import math
 import time
 from importlib.metadata import version

@@ -13,8 +13,6 @@ Reference: the impulse m ω d that moves a linear inverted pendulum to the edge 
 the distance d from the centre of mass to the edge.
 """
 
-from __future__ import annotations
-
 import math
 import re
 import sys

@@ -1,7 +1,5 @@
 """Scenes of the comparison: robots, active feet, tasks, limits and states."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import xml.etree.ElementTree as ET

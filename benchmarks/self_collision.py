@@ -3,8 +3,6 @@
 The hands move from side to side in front of the robot at given speeds. Run: python benchmarks/self_collision.py
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from dataclasses import replace

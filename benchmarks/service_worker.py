@@ -5,8 +5,6 @@ state's message is made before the cycle, and output messages are not decoded. T
 commit; both contain the test bench that builds the loop. `serving.py` contains the protocol.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import logging
 import sys

@@ -6,8 +6,6 @@ reference of the centre of mass (position, velocity, acceleration). The answer h
 contact forces, seconds of each part, and seconds of the whole cycle.
 """
 
-from __future__ import annotations
-
 import ast
 import gc
 import json

@@ -7,8 +7,6 @@ medians. Requires Matplotlib::
     python benchmarks/sizes.py
 """
 
-from __future__ import annotations
-
 import gc
 import os
 import sys

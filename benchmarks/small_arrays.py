@@ -1,7 +1,5 @@
 """Measure the ratio of NumPy's own calls to `inverse_dynamics.arrays` on the arrays of a cycle."""
 
-from __future__ import annotations
-
 import timeit
 
 import numpy as np

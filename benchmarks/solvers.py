@@ -6,8 +6,6 @@ Every problem is solved by each solver in turn, so that disturbances affect all 
     python benchmarks/solvers.py quadprog   and any other solver of qpsolvers
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Statistics of measured times."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

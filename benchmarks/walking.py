@@ -4,8 +4,6 @@ A cycle includes the base estimate, messages, audit and status, on the memory tr
 of the thread. Run: python benchmarks/walking.py [ROBOT ...] [--walks N]
 """
 
-from __future__ import annotations
-
 import argparse
 import logging
 import time

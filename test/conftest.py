@@ -1,7 +1,5 @@
 """What the tests of the service share: robots built once, messages in one line, and a controller on a bench."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from types import SimpleNamespace
@@ -229,7 +227,7 @@ class Bench:
         self.command("activate")
         return self.cycle()
 
-    def activated(self, cycles: int = 0) -> Bench:
+    def activated(self, cycles: int = 0) -> "Bench":
         """The bench itself, activated some cycles ago."""
         self.activate()
         if cycles:

@@ -1,7 +1,5 @@
 """The warning of two Pinocchio installations, as in a shell with a sourced ROS 2."""
 
-from __future__ import annotations
-
 import logging
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Python API: states to supervised torques, references and settings by name, errors."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from own_classes import Ceiling, Height

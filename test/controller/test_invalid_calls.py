@@ -1,7 +1,5 @@
 """Calls of the Python API with values of any type: they work, or raise errors of the package."""
 
-from __future__ import annotations
-
 import datetime
 import fractions
 from collections.abc import Callable

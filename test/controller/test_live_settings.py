@@ -1,7 +1,5 @@
 """Changes of settings in a running controller."""
 
-from __future__ import annotations
-
 import logging
 
 import numpy as np

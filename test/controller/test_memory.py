@@ -1,7 +1,5 @@
 """Saved state of a controller: a restored controller continues bit for bit."""
 
-from __future__ import annotations
-
 import importlib
 import pkgutil
 

@@ -1,7 +1,5 @@
 """Results of a cycle: values, tables and plots."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -12,8 +12,8 @@ from wbc_controller.controller.visualization.scene import COLORS
 from wbc_controller.middleware.codec import TYPES
 from wbc_controller.middleware.topics import GUARD_NODE as GUARD
 from wbc_controller.middleware.topics import GUARD_TOPICS, MOCK_TOPICS, Direction, endpoints
+from wbc_controller.middleware.topics import MOCK_NODE as MOCK
 from wbc_controller.nodes.wiring import controller_endpoints
-from wbc_controller.simulation.mock_robot import NODE_NAME as MOCK
 from wbc_controller.simulation.mock_robot import WORLD_FRAME
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -26,12 +26,11 @@ from wbc_controller.middleware.codec import decode, encode, message, nanoseconds
 from wbc_controller.middleware.joint_states import JointStateReader
 from wbc_controller.middleware.stamps import header_time
 from wbc_controller.middleware.states import OdometryReader
-from wbc_controller.middleware.topics import MOCK_TOPICS, Direction, Endpoint, counterpart, endpoints
+from wbc_controller.middleware.topics import MOCK_NODE, MOCK_TOPICS, Direction, Endpoint, counterpart, endpoints
 from wbc_controller.middleware.transports.memory import MemoryTransport
 from wbc_controller.nodes.processes import end_with_parent
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.settings.files import find_configuration, load_settings
-from wbc_controller.simulation.mock_robot import NODE_NAME as MOCK_NODE
 from wbc_controller.validation.lockstep import Lockstep
 
 ROBOT = "go2"

@@ -1,7 +1,5 @@
 """Return of the controller after a takeover by the guard."""
 
-from __future__ import annotations
-
 import copy
 
 import numpy as np

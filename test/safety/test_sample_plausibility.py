@@ -1,7 +1,5 @@
 """Rejection of unreachable samples, and the fault of consecutive rejections."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Configurations for Python users: loading, changes, validation."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Relative paths in a configuration start at the folder of its file."""
 
-from __future__ import annotations
-
 import pytest
 import yaml
 

@@ -1,7 +1,5 @@
 """Configuration files: defaults, ranges, error messages."""
 
-from __future__ import annotations
-
 import faulthandler
 import subprocess
 import sys

@@ -9,10 +9,10 @@ from peer import MockPeer
 from stepping import step
 
 from wbc_controller.errors import ConfigurationError, InputRefused
-from wbc_controller.middleware.topics import MOCK_TOPICS, counterpart, endpoints
+from wbc_controller.middleware.topics import MOCK_NODE, MOCK_TOPICS, counterpart, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.simulation.faults.catalogue import read_faults
-from wbc_controller.simulation.mock_robot import NODE_NAME, MockRobot
+from wbc_controller.simulation.mock_robot import MockRobot
 from wbc_controller.simulation.mock_service import run_mock
 
 
@@ -127,7 +127,7 @@ def test_a_script_acts_at_its_times(go2, tmp_path):
         if len(peer.all("joint_states")) >= 6:
             stop.set()
 
-    (joint_states,) = (e for e in endpoints(MOCK_TOPICS, NODE_NAME) if e.key == "joint_states")
+    (joint_states,) = (e for e in endpoints(MOCK_TOPICS, MOCK_NODE) if e.key == "joint_states")
     MemoryTransport(peer.transport._bus).subscribe(counterpart(joint_states), received)
     run_mock(settings, peer.transport, stop, real_time_factor=100.0, faults=script)
     assert [len(content.name) for content in peer.all("joint_states")][:6] == [12, 12, 11, 11, 12, 12]

@@ -1,7 +1,5 @@
 """A reader of files that breaks the process which it runs in."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

@@ -1,7 +1,5 @@
 """A browser without a screen: it speaks viser's own messages over the connection that its page opens."""
 
-from __future__ import annotations
-
 import threading
 from collections import Counter
 from typing import Any

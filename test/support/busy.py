@@ -1,7 +1,5 @@
 """Busy computers: the time that a step may take, and the repetition of live tests that failed there."""
 
-from __future__ import annotations
-
 import os
 import warnings
 

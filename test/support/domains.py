@@ -1,7 +1,5 @@
 """DDS domains that tests have to themselves."""
 
-from __future__ import annotations
-
 import socket
 
 #: Held until the process ends.

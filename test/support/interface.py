@@ -4,8 +4,6 @@
 docs/stability.md for the next one.
 """
 
-from __future__ import annotations
-
 import inspect
 import json
 from collections.abc import Iterator

@@ -3,8 +3,6 @@
 python killed_recording.py RECORDING COUNTER [CYCLES PER SECOND]
 """
 
-from __future__ import annotations
-
 import mmap
 import struct
 import sys

@@ -5,8 +5,6 @@ pulling a plug does; addresses and routes stay. It needs `unshare`, `nsenter` an
 user namespaces.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

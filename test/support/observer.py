@@ -5,8 +5,6 @@ of controller and guard as they change, and fifty times a second the robot's tor
 difference from the damping of the guard, and their power.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import sys

@@ -1,7 +1,5 @@
 """The page on a real server, with a standing robot as a test double, and recorded requests."""
 
-from __future__ import annotations
-
 import threading
 import time
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Groups of transports that can hear each other, and nobody else, on each middleware."""
 
-from __future__ import annotations
-
 import threading
 from importlib.util import find_spec
 from typing import Any

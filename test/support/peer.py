@@ -1,7 +1,5 @@
 """The other end of a node's topics on the memory transport."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from typing import Any
 

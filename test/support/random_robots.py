@@ -1,7 +1,5 @@
 """Random robots written as URDFs: trees, names, limits, mimic joints, bases and shapes, some of them with a mistake."""
 
-from __future__ import annotations
-
 import itertools
 from pathlib import Path
 from xml.sax.saxutils import quoteattr

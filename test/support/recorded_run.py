@@ -1,7 +1,5 @@
 """A controller on a bench whose cycles are recorded."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Robots written as text with one property each that other readers of URDFs drop, refuse or misread."""
 
-from __future__ import annotations
-
 MASS = '<inertial><origin xyz="{at}"/><mass value="{mass}"/><inertia ixx="{i}" ixy="0" ixz="0" iyy="{i}" iyz="0" izz="{i}"/></inertial>'  # noqa: E501
 BOX = '<collision><origin xyz="{at}"/><geometry><box size="{size}"/></geometry></collision>'
 SOLE = BOX.format(at="0.03 0 -0.03", size="0.2 0.1 0.03")

@@ -1,7 +1,5 @@
 """A transport on a computer so busy that the transport's thread gets no processor."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """Workers of campaigns and accuracy trials."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

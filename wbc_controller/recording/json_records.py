@@ -80,9 +80,7 @@ def _has_type(value: Any, kind: Any) -> bool:
     return isinstance(value, NoneType if kind is None else kind)
 
 
-@cache
-def _types_of(record: Callable[..., Any]) -> Mapping[str, Any]:
-    return get_type_hints(record)
+_types_of = cache(get_type_hints)
 
 
 def _to_plain(value: Any) -> Any:

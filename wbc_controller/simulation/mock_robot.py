@@ -36,7 +36,6 @@ from wbc_controller.simulation.plant import Plant
 from wbc_controller.simulation.sensors import PARTS, ImperfectSensors
 from wbc_controller.simulation.speed import Speed
 
-NODE_NAME = MOCK_NODE
 #: Rate of contact wrenches and transform for viewers, Hz of simulated time.
 SLOW_RATE = 100.0
 #: Wall time between repetitions of an unanswered state in lockstep, s.
@@ -120,7 +119,7 @@ class MockRobot:
         self._types: dict[str, str] = {}
         self._publishers: dict[tuple[str, str], Publish] = {}
         opened = list(
-            endpoints(MOCK_TOPICS, NODE_NAME, contacts=settings.contacts, namespace=namespace, remappings=remappings)
+            endpoints(MOCK_TOPICS, MOCK_NODE, contacts=settings.contacts, namespace=namespace, remappings=remappings)
         )
         for endpoint in opened:
             self._open(endpoint, transport)

@@ -8,11 +8,10 @@ from wbc_controller.apps.demo.director import DemoFailed, Director
 from wbc_controller.apps.demo.scenario import SCENARIOS
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.middleware.codec import encode
-from wbc_controller.middleware.topics import MOCK_TOPICS, Direction, endpoints
+from wbc_controller.middleware.topics import MOCK_NODE, MOCK_TOPICS, Direction, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.settings.config import load
-from wbc_controller.simulation.mock_robot import NODE_NAME
 
 
 class Activated(Exception):
@@ -25,7 +24,7 @@ def play(make):
     settings = load("go2").settings
     model, bus = make_model(settings), MemoryBus()
     ours = controller_endpoints(settings, model)
-    mock = list(endpoints(MOCK_TOPICS, NODE_NAME, contacts=settings.contacts))
+    mock = list(endpoints(MOCK_TOPICS, MOCK_NODE, contacts=settings.contacts))
     network = MemoryTransport(bus)
     say = {
         each.key: network.advertise(each)

@@ -1,7 +1,5 @@
 """The service with transmissions, a spring and a mimic joint: joint states in, actuator torques out."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

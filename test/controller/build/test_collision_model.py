@@ -1,7 +1,5 @@
 """Pairs of links from URDF, SRDF and settings, and errors."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np

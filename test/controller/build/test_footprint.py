@@ -1,7 +1,5 @@
 """Footprints of boxes, balls, cylinders and feet of shipped robots on planes."""
 
-from __future__ import annotations
-
 import coal
 import numpy as np
 import pinocchio as pin

@@ -1,7 +1,5 @@
 """Each kind of task from YAML to torques, with the snippets of docs/tasks.md and all topics."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

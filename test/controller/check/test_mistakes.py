@@ -1,7 +1,5 @@
 """Mistakes in configuration and URDF: each is refused by one sentence with location and remedy."""
 
-from __future__ import annotations
-
 import copy
 
 import pytest

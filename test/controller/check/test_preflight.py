@@ -1,7 +1,5 @@
 """Findings and refusals of `wbc check`."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Self-collision: rows by finite differences, the barrier against adversaries, and arms commanded through the torso."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import combinations, product
 

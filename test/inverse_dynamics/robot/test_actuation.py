@@ -1,7 +1,5 @@
 """Actuation: transmissions, passive joints, mimic joints and locked joints."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

@@ -1,7 +1,5 @@
 """Conversion of quaternions and rotation matrices."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

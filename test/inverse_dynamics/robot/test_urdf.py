@@ -1,7 +1,5 @@
 """URDFs that other readers accept silently, or crash on: one sentence each, with link and value."""
 
-from __future__ import annotations
-
 import itertools
 import subprocess
 import sys

@@ -3,8 +3,6 @@
 There is no simulator, so the motion shows the law of the task. The references come from the board, as in the service.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

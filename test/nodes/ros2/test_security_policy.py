@@ -12,6 +12,7 @@ from wbc_controller.controller.build.robot_description import describe
 from wbc_controller.controller.controller import Controller
 from wbc_controller.middleware.topics import ESTIMATOR_NODE, ESTIMATOR_TOPICS, GUARD_TOPICS, Direction, endpoints
 from wbc_controller.middleware.topics import GUARD_NODE as GUARD
+from wbc_controller.middleware.topics import MOCK_NODE as MOCK
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.clock import ManualClock
 from wbc_controller.nodes.controller_service import make_loop
@@ -27,7 +28,6 @@ from wbc_controller.nodes.ros2.security_policy import (
     security_policy,
 )
 from wbc_controller.nodes.wiring import controller_endpoints
-from wbc_controller.simulation.mock_robot import NODE_NAME as MOCK
 from wbc_controller.simulation.mock_robot import MockRobot
 
 CONTROLLER = "wbc_controller"

@@ -1,7 +1,5 @@
 """Fuzzer of user classes: hostile members are refused, or the robot is damped with the name of the method."""
 
-from __future__ import annotations
-
 import logging
 
 import numpy as np

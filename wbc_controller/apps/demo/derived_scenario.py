@@ -8,6 +8,7 @@ import pinocchio as pin
 from scipy.linalg import null_space
 
 from wbc_controller.apps.demo.scenario import Reach, Scenario, shoves, squat, sway
+from wbc_controller.controller.build.leg import Leg
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.check.preflight import stance, support_margin, unsupported_passive_joints
 from wbc_controller.controller.check.reserves import com_distance
@@ -30,72 +31,8 @@ _ARM_REACH, _LONGEST_ARM_REACH, _ARM_SHOVE = 0.15, 0.1, 0.3
 #: Safe share of the feasible motion of the centre of mass, and smallest executed motion, m.
 _SAFE, _SMALLEST_MOTION = 0.8, 0.005
 _LEVEL = 0.01  # largest height of a contact corner on the floor, m
-
-
-#: Steps of a motion, Newton iterations per step, and largest remaining error, m and rad.
-_STEPS, _ITERATIONS, _MAX_ERROR = 10, 8, 1.0e-3
-_MOTION_WEIGHT = 1.0e-3  # regularization weight of the joint motions
+_STEPS = 10  # of a motion
 _MAX_EFFORT = 0.8  # of an effort limit, for gravity
-
-
-class Hand:
-    """A frame moved by an arm on a fixed base."""
-
-    def __init__(self, model: RobotModel, frame: str, *, free_orientation: bool) -> None:
-        """Compute the initial placement; `free_orientation` permits rotations."""
-        self._model, self._frame, self._free_orientation = model, model.frame_id(frame, "frame"), free_orientation
-        self._data = model.pinocchio.createData()
-        carrying = set(model.pinocchio.supports[model.pinocchio.frames[self._frame].parentJoint])
-        #: Indices in `model.joints` of the joints that move the hand.
-        self._joint_indices = [
-            i for i, name in enumerate(model.joints) if model.pinocchio.getJointId(name) in carrying
-        ]  # fmt: skip
-        start, J = self._kinematics(np.array(model.posture))
-        self._start = pin.SE3(start)
-        self.position = np.array(start.translation)  # (3,) in m
-        free = np.eye(len(self._joint_indices)) if free_orientation else null_space(J[3:])
-        ways = J[:3] @ free
-        #: Unit vector of the largest hand motion per joint motion, (3,).
-        self.easiest_direction = np.linalg.eigh(ways @ ways.T)[1][:, 2]
-
-    def _kinematics(self, posture: Array) -> tuple[pin.SE3, Array]:
-        """Return placement and Jacobian of the own joints, (6, k), in a posture, (nj,)."""
-        model = self._model
-        q = model.configuration(posture)
-        pin.computeJointJacobians(model.pinocchio, self._data, q)
-        pin.updateFramePlacements(model.pinocchio, self._data)
-        J = np.array(pin.getFrameJacobian(model.pinocchio, self._data, self._frame, pin.LOCAL_WORLD_ALIGNED))
-        J = J.reshape(6, model.nv)
-        if model.followers is not None:
-            for row in J:
-                model.followers.carry(row)
-        return self._data.oMf[self._frame], J[:, model.v_index[self._joint_indices]]
-
-    def feasible_part(self, motion: Array, margin: float) -> Array:
-        """Return the feasible part of a straight `motion`, (3,) in m, with joints `margin` rad off the limits."""
-        model, posture = self._model, np.array(self._model.posture)
-        effort, reached = max(_MAX_EFFORT, self._effort(np.array(model.posture))), 0.0
-        for step in range(1, _STEPS + 1):
-            goal = self.position + step / _STEPS * motion
-            for _ in range(_ITERATIONS):
-                place, J = self._kinematics(posture)
-                turned = pin.log3(self._start.rotation @ place.rotation.T)
-                error = np.concatenate([goal - place.translation, np.zeros(3) if self._free_orientation else turned])
-                J = J[:3] if self._free_orientation else J
-                rows = np.vstack([J, _MOTION_WEIGHT * np.eye(len(self._joint_indices))])
-                right_side = np.concatenate([error[: len(J)], np.zeros(len(self._joint_indices))])
-                posture[self._joint_indices] += np.linalg.lstsq(rows, right_side, rcond=None)[0]
-            within = not model.joint_beyond_limits(posture, margin)
-            if not (within and np.abs(error).max() <= _MAX_ERROR and self._effort(posture) <= effort):
-                break
-            reached = step / _STEPS
-        return reached * motion
-
-    def _effort(self, posture: Array) -> float:
-        """Return the largest share of an effort limit that gravity takes."""
-        model = self._model
-        gravity = pin.computeGeneralizedGravity(model.pinocchio, self._data, model.configuration(posture))
-        return float(np.max(np.abs(model.actuation.torques(gravity)) / model.effort_limits))
 
 
 def derived_scenario(settings: Settings, model: RobotModel) -> Scenario:
@@ -173,21 +110,46 @@ def _reach(
     settings: Settings, model: RobotModel, name: str, task: FramePoseTask, motion: Array | None = None
 ) -> Reach | None:
     """Return the feasible reach of a hand, at most `motion`; by default in its easiest direction."""
-    hand = Hand(model, task.frame, free_orientation=not any(task.mask[3:]))
-    margin = settings.limits.margin
+    pose = pin.SE3.Identity() if any(task.mask[3:]) else None
+    arm = Leg(model, model.frame_id(task.frame, "frame"), (), settings.limits.margin, pose)
     if motion is None:
-        length = min(_ARM_REACH * float(np.linalg.norm(hand.position)), _LONGEST_ARM_REACH)
-        motions = [hand.easiest_direction * length, -hand.easiest_direction * length]
-        motions.sort(key=lambda one: float(one @ hand.position))
+        length = min(_ARM_REACH * float(np.linalg.norm(arm.place)), _LONGEST_ARM_REACH)
+        motions = [length * _easiest_direction(arm, model), -length * _easiest_direction(arm, model)]
+        motions.sort(key=lambda one: float(one @ arm.place))
     else:
         motions = [motion]
     offset = max(
-        (hand.feasible_part(one, margin) for one in motions), key=lambda one: round(float(np.linalg.norm(one)), 3)
+        (_feasible_part(arm, model, one) for one in motions), key=lambda one: round(float(np.linalg.norm(one)), 3)
     )
     if not (np.linalg.norm(offset) > _SMALLEST_MOTION):
         return None
     x, y, z = offset.tolist()
     return Reach(name, (x, y, z), 2.0 + task.setpoint_duration, 0.01)
+
+
+def _easiest_direction(arm: Leg, model: RobotModel) -> Array:
+    """Return the unit vector of the largest hand motion per joint motion, (3,), at a constant orientation if held."""
+    _, J = arm.kinematics(np.array(model.posture))
+    ways = J if len(J) == 3 else J[:3] @ null_space(J[3:])
+    return np.asarray(np.linalg.eigh(ways @ ways.T)[1][:, 2])
+
+
+def _feasible_part(arm: Leg, model: RobotModel, motion: Array) -> Array:
+    """Return the feasible part of a straight `motion`, (3,) in m."""
+    posture, reached = np.array(model.posture), 0.0
+    most = max(_MAX_EFFORT, _effort(model, posture))
+    for step in range(1, _STEPS + 1):
+        posture, reason = arm.posture(np.append(step / _STEPS * motion, 0.0), posture)
+        if reason or not (_effort(model, posture) <= most):
+            break
+        reached = step / _STEPS
+    return reached * motion
+
+
+def _effort(model: RobotModel, posture: Array) -> float:
+    """Return the largest share of an effort limit that gravity takes."""
+    gravity = pin.computeGeneralizedGravity(model.pinocchio, model.pinocchio.createData(), model.configuration(posture))
+    return float(np.max(np.abs(model.actuation.torques(gravity)) / model.effort_limits))
 
 
 class _Stance:

@@ -10,19 +10,18 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from rich import box
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-from rich.table import Table
 
 from wbc_controller.apps.demo.derived_scenario import derived_scenario
 from wbc_controller.apps.demo.director import DemoFailed, Director
 from wbc_controller.apps.demo.scenario import SCENARIOS, WALK, WALK_ROBOT, WALK_SCENARIO, Scenario
-from wbc_controller.apps.demo.verdict import distances_to_targets, judge, passed, reference_of
+from wbc_controller.apps.demo.verdict import distances_to_targets, judge, reference_of
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.check.preflight import check
 from wbc_controller.controller.controller import Controller
 from wbc_controller.controller.cycle import ControlCycle
+from wbc_controller.controller.visualization.tables import Table, as_text
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.codec import encode, message
@@ -180,27 +179,18 @@ def _conclude(console: Console, stage: _DemoSetup, director: Director, failure: 
     results = judge(run, stage.scenario, director.windows, distances, weight)
     if failure is not None:
         results = (Result("run", "complete", failure, False), *results)
-    _print_table(console, results)
+    rows = [(each.name, each.target, each.measured, "met" if each.passed else "missed") for each in results]
     times = 1e3 * run.cycle_seconds
-    console.print(
+    cycle_time = (
         f"cycle time of the controller: median {np.median(times):.2f} ms, 99 % below {np.quantile(times, 0.99):.2f} ms "
         f"({len(times)} cycles)"
     )
+    table = Table(("check", "target", "measured", ""), tuple(rows))
+    console.print(as_text(cycle_time, [table]), markup=False, highlight=False)
     path = stage.record.with_suffix(".html")
     write_run_report(replace(run, results=results), stage.model, path, kind="wbc_controller demo")
     console.print(f"recording: {stage.record}")
     console.print(f"report: {path}")
-    good = passed(results)
+    good = all(result.passed for result in results)
     console.print("[green]all targets met[/green]" if good else "[red]targets missed[/red]")
     return good
-
-
-def _print_table(console: Console, results: tuple[Result, ...]) -> None:
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for column in ("check", "target", "measured", ""):
-        table.add_column(column)
-    for result in results:
-        table.add_row(
-            result.name, result.target, result.measured, "[green]met[/green]" if result.passed else "[red]missed[/red]"
-        )
-    console.print(table)

@@ -1,6 +1,6 @@
 """Verdict of a demo: comparison with the targets."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -128,8 +128,3 @@ def _share(name: str, values: Array, limit: float) -> Result:
     measured = f"{100.0 * np.max(values):.3f} % deviation" if len(values) else "not reached"
     good = len(values) > 0 and bool(np.max(values) <= limit)
     return Result(name, f"weight ± {100.0 * limit:g} %", measured, good)
-
-
-def passed(results: Sequence[Result]) -> bool:
-    """Return True if all targets were met."""
-    return bool(results) and all(result.passed for result in results)

@@ -13,7 +13,7 @@ from wbc_controller.apps.new import tuning
 from wbc_controller.apps.new.feet import LEG_JOINTS, Body
 from wbc_controller.apps.new.foot_shape import Foot
 from wbc_controller.apps.new.mechanism import UrdfSource, choose_joints, ranges_of, read_postures, read_source
-from wbc_controller.apps.new.notes import Draft
+from wbc_controller.apps.new.notes import Draft, Origin
 from wbc_controller.apps.new.posture import put_fixed, put_standing, srdf_posture
 from wbc_controller.apps.new.standing_posture import Legs
 from wbc_controller.controller.build.collision_elements import read_collision_elements
@@ -116,24 +116,21 @@ def _is_there(mesh: str, folder: Path) -> bool:
 
 
 def _put_base(source: UrdfSource, base: Base | None, feet: Sequence[Foot], draft: Draft) -> Base:
+    origin: Origin = "found"
     if base is not None:
-        draft.put("robot.base", base, f"From --base {base}.")
-        return base
-    if virtual_joints(source.tree):
-        text = "The joints between the root link and the base in the URDF represent a floating base."
-        draft.put("robot.base", "floating", text)
-        return "floating"
-    if source.root == _WORLD:
-        draft.put("robot.base", "fixed", f"The root link of the URDF is called {_WORLD!r}.")
-        return "fixed"
-    if len(feet) >= 2:
+        text = f"From --base {base}."
+    elif virtual_joints(source.tree):
+        base, text = "floating", "The joints between the root link and the base in the URDF represent a floating base."
+    elif source.root == _WORLD:
+        base, text = "fixed", f"The root link of the URDF is called {_WORLD!r}."
+    elif len(feet) >= 2:
         names = ", ".join(foot.link for foot in feet)
-        text = f"Feet: {names}, the lowest ends of similar limbs."
-        draft.put("robot.base", "floating", text, "guess")
-        return "floating"
-    text = "No feet found: no two similar limbs reach lower than all other parts. Name feet with --feet."
-    draft.put("robot.base", "fixed", text, "guess")
-    return "fixed"
+        base, text, origin = "floating", f"Feet: {names}, the lowest ends of similar limbs.", "guess"
+    else:
+        text = "No feet found: no two similar limbs reach lower than all other parts. Name feet with --feet."
+        base, origin = "fixed", "guess"
+    draft.put("robot.base", base, text, origin)
+    return base
 
 
 def _put_legged(

@@ -56,7 +56,8 @@ def serve(
         ConfigurationError: if the robot cannot be drawn, or `host` is not an address of this computer.
         NoAnswer: if the configuration names no URDF and no node publishes one.
     """
-    _use_batch_scheduling()
+    if hasattr(os, "SCHED_BATCH"):  # also for child threads: control loops have priority
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     with contextlib.ExitStack() as closing:
         session = closing.enter_context(Session(settings, namespace=namespace, remappings=remappings, node=_NODE))
         urdf = None if settings.robot.urdf else str(session.wait_for_message("mock", "robot_description").data)
@@ -99,12 +100,6 @@ def _page(
         yield Page(server, robot, meshes, source), address(gate, host)
     finally:
         server.stop()
-
-
-def _use_batch_scheduling() -> None:
-    """Use Linux's batch scheduling for this thread and its children: control loops have priority."""
-    if hasattr(os, "SCHED_BATCH"):
-        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
 
 
 class _MockDetector:

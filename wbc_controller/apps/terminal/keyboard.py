@@ -1,7 +1,5 @@
 """Keyboard of `wbc drive`."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import select
@@ -57,7 +55,7 @@ class Drive:
         forward, left, turning = self.direction
         return self.speed * forward, self.speed * left, self.turn_rate * turning
 
-    def after(self, keys: str) -> Drive:
+    def after(self, keys: str) -> "Drive":
         """Return the state after pressed keys; an unknown key stops."""
         drive = self
         while keys:

@@ -1,7 +1,5 @@
 """Connection of a user to a robot's nodes."""
 
-from __future__ import annotations
-
 import dataclasses
 import threading
 import time
@@ -62,7 +60,7 @@ class Session:
         self._publications: dict[tuple[str, str, str], DdsPublication] = {}
         self._opening = threading.Lock()
 
-    def __enter__(self) -> Session:
+    def __enter__(self) -> "Session":
         return self
 
     def __exit__(self, *_: object) -> None:

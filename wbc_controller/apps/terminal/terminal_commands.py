@@ -1,7 +1,5 @@
 """Commands on topics: `wbc send`, `drive`, `echo`, `status`, `topics`."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 import sys
@@ -34,7 +32,7 @@ _session_options = common.with_options(
 
 
 @contextlib.contextmanager
-def _connect(settings: Settings, connection: Mapping[str, Any]) -> Iterator[Session]:
+def _connect(settings: Settings, connection: Mapping[str, Any]) -> Iterator["Session"]:
     """Connect to the nodes; without an answer exit."""
     from wbc_controller.apps.terminal.session import NoAnswer, Session
 

@@ -1,4 +1,4 @@
-"""Inverse kinematics of one leg."""
+"""Inverse kinematics of one leg or arm."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -32,7 +32,7 @@ class FeasibleSpeed:
 
 
 class Leg:
-    """One leg, with the base upright at the origin.
+    """One leg or arm, with the base upright at the origin.
 
     Offsets of the foot, (4,), count from the nominal posture: forward, left and up in m, and turned to the left in rad.
 
@@ -58,7 +58,7 @@ class Leg:
         self._rows = 3 if sole is None else 6  # controlled directions
         self._model, self._data = model, model.pinocchio.createData()
         self._margin = margin
-        self._start = pin.SE3(self._kinematics(np.array(model.posture))[0])
+        self._start = pin.SE3(self.kinematics(np.array(model.posture))[0])
         self.place: Array = self._start.translation
 
     def posture(self, offset: Array, start: Array) -> tuple[Array, str]:
@@ -69,7 +69,7 @@ class Leg:
         posture, none = np.array(start), np.zeros(len(self.joints))
         goal = pin.SE3(about_z(offset[3]) @ self._start.rotation, self._start.translation + offset[:3])
         for _ in range(_ITERATIONS):
-            sole, J = self._kinematics(posture)
+            sole, J = self.kinematics(posture)
             error = np.concatenate([goal.translation - sole.translation, pin.log3(goal.rotation @ sole.rotation.T)])
             error = error[: self._rows]
             if np.abs(error).max() <= _REACHED:
@@ -97,7 +97,7 @@ class Leg:
 
     def rates(self, posture: Array, twist: Array) -> Array:
         """Return joint velocities J⁺ ν for a twist of the foot relative to the base, (6,); likewise accelerations."""
-        return np.asarray(np.linalg.lstsq(self._kinematics(posture)[1], twist[: self._rows], rcond=None)[0])
+        return np.asarray(np.linalg.lstsq(self.kinematics(posture)[1], twist[: self._rows], rcond=None)[0])
 
     def swing_share(self, swing: Iterable[tuple[Array, Array]], speeds: Array) -> tuple[float, str]:
         """Return the largest share of joint speeds, (nj,) in rad/s, in a swing of `swing_of`, and its joint.
@@ -116,7 +116,7 @@ class Leg:
                 cause = f"velocity of {self._model.joints[self.joints[int(np.argmax(share))]]}"
         return worst, cause
 
-    def _kinematics(self, posture: Array) -> tuple[pin.SE3, Array]:
+    def kinematics(self, posture: Array) -> tuple[pin.SE3, Array]:
         """Return the placement of the foot and its Jacobian, (6, k), or (3, k) of a point."""
         model, q, frame = self._model, self._model.configuration(posture), self._frame
         pin.computeJointJacobians(model.pinocchio, self._data, q)

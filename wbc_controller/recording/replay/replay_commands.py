@@ -1,7 +1,5 @@
 """The commands `wbc replay` and `wbc report`."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -66,7 +64,7 @@ def report(file: Path, out: Path | None) -> None:
     click.echo(f"report: {path}")
 
 
-def _solve(recorded: Recording) -> int:
+def _solve(recorded: "Recording") -> int:
     from wbc_controller.recording.replay.cycle_replay import Replay
 
     run = Replay(recorded)
@@ -91,7 +89,7 @@ def _solve(recorded: Recording) -> int:
     return 0 if exact else DIFFERENT
 
 
-def _explain(recorded: Recording, number: int) -> None:
+def _explain(recorded: "Recording", number: int) -> None:
     from wbc_controller.recording.replay.cycle_replay import Replay
     from wbc_controller.recording.replay.recording_summary import explain_cycle
 
@@ -109,7 +107,7 @@ def _explain(recorded: Recording, number: int) -> None:
     )
 
 
-def _compare(recorded: Recording, other: str, plot: Path | None) -> None:
+def _compare(recorded: "Recording", other: str, plot: Path | None) -> None:
     from wbc_controller.recording.replay.comparison import compare
     from wbc_controller.settings.config import load
 

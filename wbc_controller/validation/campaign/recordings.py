@@ -1,6 +1,5 @@
 """Check of fault recordings: named fault, identical replay."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,11 +17,6 @@ class TrialRecordings:
 
     folder: Path
     name: str  # beginning of the file names
-
-    @property
-    def settings(self) -> Mapping[str, object]:
-        """Settings of the recorder by dotted key."""
-        return {"recorder.folder": str(self.folder.absolute())}
 
     def clear(self) -> None:
         """Remove the recordings of an earlier run of the trial."""

@@ -105,7 +105,7 @@ class _Trial(MonitoredRobot):
         synchronized: bool,
     ) -> None:
         changes = {
-            **(place.settings if place is not None else {}),
+            **({} if place is None else {"recorder.folder": str(place.folder.absolute())}),
             "safety.activation_ramp": 0.0,
             "safety.bring_up_time": 0.0,
             "safety.synchronized_clocks": synchronized,

@@ -19,7 +19,6 @@ from wbc_controller.records import Array
 from wbc_controller.safety.guard import GuardMode
 from wbc_controller.settings import NODE_NAME
 from wbc_controller.simulation.measurement import STREAMS, measure
-from wbc_controller.simulation.mock_robot import NODE_NAME as MOCK_NODE
 from wbc_controller.simulation.mock_robot import MockRobot
 from wbc_controller.simulation.plant import Plant
 from wbc_controller.validation.fuzz.examples import valid_message
@@ -211,7 +210,7 @@ class MockTarget(Target):
     def __init__(self, robot: str) -> None:
         fuzzed = fuzzed_robot(robot)
         self._settings, self._model = fuzzed.settings, fuzzed.model
-        super().__init__(list(topics.endpoints(topics.MOCK_TOPICS, MOCK_NODE, contacts=self._settings.contacts)))
+        super().__init__(list(topics.endpoints(topics.MOCK_TOPICS, topics.MOCK_NODE, contacts=self._settings.contacts)))
         self._robots = [
             MockRobot(self._model, self._settings, self.transport(), lockstep=lockstep) for lockstep in (False, True)
         ]

@@ -161,12 +161,7 @@ def _mix(controller: Controller, rng: np.random.Generator) -> None:
 
 #: Setpoints by kind.
 KINDS: Mapping[str, Callable[[Controller, np.random.Generator], None]] = {
-    "centre": _centre,
-    "squat": _squat,
-    "poses": _poses,
-    "posture": _posture,
-    "weights": _weights,
-    "mix": _mix,
+    send.__name__.strip("_"): send for send in (_centre, _squat, _poses, _posture, _weights, _mix)
 }
 
 

@@ -19,13 +19,12 @@ from typing import Any
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.errors import ConfigurationError, WbcError
 from wbc_controller.middleware.codec import decode, encode, message
-from wbc_controller.middleware.topics import MOCK_TOPICS, Endpoint, counterpart, endpoints
+from wbc_controller.middleware.topics import MOCK_NODE, MOCK_TOPICS, Endpoint, counterpart, endpoints
 from wbc_controller.middleware.transports.transport import Transport
-from wbc_controller.nodes.processes import Processes, end_with_parent, memory, processor_time, until, waiting_time
+from wbc_controller.nodes.processes import Processes, memory, processor_time, until, waiting_time
 from wbc_controller.nodes.realtime import apply_realtime, describe_scheduling, lower_thread_priority, processors
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.settings.service import RealtimeSettings
-from wbc_controller.simulation.mock_robot import NODE_NAME as MOCK_NODE
 from wbc_controller.simulation.mock_robot import MockRobot
 from wbc_controller.validation.latency import DOMAIN
 from wbc_controller.validation.latency.meter import Meter, RoundTrips, joined
@@ -143,7 +142,7 @@ class _Bench:
         context = multiprocessing.get_context("spawn")
         stop = context.Event()
         process = context.Process(
-            target=_echo, args=(self._kind, self._domain, self._echo_topics, self._size, stop, self._echo_realtime)
+            target=echo, args=(self._kind, self._domain, self._echo_topics, self._size, stop, self._echo_realtime)
         )
         process.start()
         try:
@@ -258,11 +257,6 @@ def _running(robot: MockRobot | StandingRobot) -> Iterator[None]:
         finally:
             stop.set()
         running.result()
-
-
-def _echo(*arguments: Any) -> None:
-    end_with_parent()
-    echo(*arguments)
 
 
 def figures(found: Latency) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from wbc_controller.middleware.codec import encode, torques
 from wbc_controller.middleware.message_layout import Template
 from wbc_controller.middleware.topics import Endpoint, counterpart
 from wbc_controller.middleware.transports.transport import Transport
+from wbc_controller.nodes.processes import end_with_parent
 from wbc_controller.nodes.realtime import apply_realtime
 from wbc_controller.nodes.ros2.installation import refuse_mixed_installations
 from wbc_controller.settings import Settings
@@ -100,6 +101,7 @@ def echo(kind: str, domain: int, topics: Sequence[Endpoint], size: int, stop: An
 
     Runs in its own process.
     """
+    end_with_parent()
     apply_realtime(realtime)
     payload = encode(torques(np.zeros(size)))
     by_key = {topic.key: topic for topic in topics}
