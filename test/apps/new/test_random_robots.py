@@ -25,8 +25,11 @@ ROBOTS = int(os.environ.get("RANDOM_ROBOTS", "12"))
 _DEMOS = 25
 #: Robot with a demo and a short arm, which a strong posture task pulled back.
 _SHORT_ARM = 700_150
-#: Robot with a demo and a heavy arm, which dropped while the torques ramped in, and needed 3 s to return.
-_HEAVY_ARM = 910_225
+#: Robots with arms that dropped while the torques ramped in: on a fixed base, needing 3 s to return; and sliding on a
+#: biped, whose legs lost their load to stop it (both with a demo).
+_HEAVY_ARM, _SLIDING_ARM = 910_225, 910_500
+#: Robots in equilibrium on a line between two feet, and with a posture within `limits.position_margin` of its limits.
+_LINE, _NARROW = 910_337, 910_747
 #: Duration of standing, s; largest displacement of the centre of mass as a share of its height, at least in m, and of
 #: the joints of an arm, rad or m.
 _STAND, _NEAR, _NEAR_SMALL, _NEAR_JOINT = 1.0, 0.02, 0.005, 0.02
@@ -80,7 +83,7 @@ def _sentence(error: WbcError) -> str:
     return message
 
 
-@pytest.mark.parametrize("seed", [*range(ROBOTS), _SHORT_ARM, _HEAVY_ARM])
+@pytest.mark.parametrize("seed", [*range(ROBOTS), _SHORT_ARM, _HEAVY_ARM, _SLIDING_ARM, _LINE, _NARROW])
 def test_new_check_mock_robot_and_demo_agree(seed, tmp_path):
     kind, found = outcome(seed, tmp_path)
     print(kind, found)

@@ -86,7 +86,7 @@ def test_visuals_have_no_effect(drafted):
 
 def test_margin_fits_the_smallest_range(drafted):
     draft = drafted(STANDING["fingers that slide"])
-    assert draft.values["limits"] == {"position_margin": 0.004}
+    assert draft.values["limits"] == {"position_margin": 0.002}
     assert "limits" not in drafted(arm()).values
 
 

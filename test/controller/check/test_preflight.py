@@ -3,6 +3,7 @@
 import re
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from wbc_controller.apps.new.draft import new_configuration
@@ -87,7 +88,23 @@ def test_the_centre_of_mass_outside_the_support(robot_of, changed):
     rear = {"enabled": False}
     sentence = refusal(changed(settings, {"contacts": {"rear_left_foot": rear, "rear_right_foot": rear}}))
     assert sentence.startswith("the robot cannot stand still in robot.posture on front_left_foot, front_right_foot: ")
-    assert "the centre of mass is 227 mm outside the support" in sentence
+    assert "the centre of mass is 177 mm outside the support" in sentence
+
+
+def test_a_line_of_contacts_is_no_support(robot_of, changed):
+    """The posture is an equilibrium, but an unstable one."""
+    settings, model = robot_of("g1")
+    data = model.pinocchio.createData()
+    com = pin.centerOfMass(model.pinocchio, data, model.configuration(model.posture))
+    foot = settings.contacts["left_foot"]
+    ankle = pin.updateFramePlacement(model.pinocchio, data, model.frame_id(foot.frame, "frame")).translation
+    point = {"type": "point", "friction": 0.7, "max_normal_force": 1000.0}
+    point["translation"] = [float(com[0] - ankle[0]), 0.0, foot.translation[2] + 0.02]
+    points = {name: point | {"frame": contact.frame} for name, contact in settings.contacts.items()}
+    bare = settings.model_copy(update={"contacts": {}, "walking": None})
+    sentence = refusal(changed(bare, {"contacts": points}))
+    assert sentence.startswith("the robot cannot stand still in robot.posture on left_foot, right_foot: the centre of ")
+    assert "mass is above the edge of the support; a sway of 1 mm must be possible, not only 0.0 mm forward" in sentence
 
 
 def test_too_small_a_normal_force(robot_of, changed):

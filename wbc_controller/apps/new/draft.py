@@ -58,6 +58,7 @@ def new_configuration(
         tuning.put_arm_tasks(model, body.arms, posture, draft)
     else:
         _put_legged(draft, model, body, found, postures)
+        tuning.put_activation_ramp(source.text, draft)
         tuning.put_walking(source.text, draft)
     text = "rotor inertia at the joints, N² times the inertia of the rotor with gear ratio N, from the data sheet; a "
     draft.put("robot.armature", 0.0, f"{text}URDF has no such value.", "missing")

@@ -121,7 +121,7 @@ def _dexterous(model: RobotModel) -> Array:
     ends = [j for j in range(1, pinocchio.njoints) if not list(pinocchio.children[j])]
     lower, upper = usable_ranges(model)
     middle = _with_margin(model, 0.5 * (lower + upper))
-    spread = np.minimum(_SPREAD, 0.35 * (upper - lower))
+    spread = np.clip(0.35 * (upper - lower), 1.0e-9, _SPREAD)
     rng = np.random.default_rng(0)
 
     def score(posture: Array) -> float:

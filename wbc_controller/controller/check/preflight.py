@@ -17,7 +17,7 @@ from wbc_controller.controller.check import model_plausibility
 from wbc_controller.controller.check.contact_shapes import compare_with_shapes, upside_down, upside_down_message
 from wbc_controller.controller.check.finding import Finding
 from wbc_controller.controller.check.gait_check import check_walking
-from wbc_controller.controller.check.reserves import reserves
+from wbc_controller.controller.check.reserves import reserves, static_sways
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts import LoopClosure, SurfaceContact, UnilateralContact
 from wbc_controller.inverse_dynamics.formulation.infeasibility import explain
@@ -48,6 +48,8 @@ _NEAR = 10.0
 _TILTED = 0.0175
 #: Largest tilt of a sole, rad: 5°.
 _STEEP = 0.0873
+#: Smallest displacement of the weight that contacts and torques must balance, m.
+_LEAST_SWAY = 1.0e-3
 #: Smallest component of a contact in a redundant direction.
 _PART = 0.1
 #: Smallest component of a joint in the null space of tasks and contacts.
@@ -276,17 +278,20 @@ def support_margin(points: Array, position: Array) -> float:
     try:
         hull = ConvexHull(points)
     except QhullError:  # collinear points
-        return -float(np.min(np.linalg.norm(points - position, axis=1)))
+        start = points[np.argmax(np.linalg.norm(points - points[0], axis=1))]
+        line = points[np.argmax(np.linalg.norm(points - start, axis=1))] - start
+        share = np.clip((position - start) @ line / max(float(line @ line), 1.0e-300), 0.0, 1.0)
+        return -float(np.linalg.norm(position - start - share * line))
     return float(-np.max(hull.equations[:, :2] @ position + hull.equations[:, 2]))
 
 
 def _static(
     qp: WholeBodyQP, state: RobotState, references: References, active: list[str], normal: Array
 ) -> list[Finding]:
-    model = qp.model
+    model, hanging = qp.model, unsupported_passive_joints(qp, active)
     layout = qp.formulation.build(state, references).snapshot()
     problem = layout.problem
-    still = np.delete(np.arange(model.nv), model.v_index[unsupported_passive_joints(qp, active)])
+    still = np.delete(np.arange(model.nv), model.v_index[hanging])
     problem.x_lower[still] = problem.x_upper[still] = 0.0
     problem.b[: layout.mechanism.start] = 0.0  # ignores small position errors of loops
     solver = make_solver("daqp", problem)
@@ -298,6 +303,15 @@ def _static(
         raise ConfigurationError(
             upside_down_message(turned[0]) if turned else _standing_failure(qp, tuple(active), normal) + because
         )
+    if model.floating_base:
+        sways = static_sways(qp, active, hanging)
+        least = min(sways, key=lambda name: sways[name].most)
+        if not (sways[least].most >= _LEAST_SWAY):
+            raise ConfigurationError(
+                f"{_standing_failure(qp, tuple(active), normal)}; a sway of {1e3 * _LEAST_SWAY:g} mm must be possible, "
+                f"not only {1e3 * abs(sways[least].most):.1f} mm {least}: add a contact or a surface, or correct "
+                "robot.posture"
+            )
     tau = model.actuation.torques(qp.dynamics.h - FORCE_UNIT * layout.J.T @ x[model.nv :])
     share = np.abs(tau) / model.effort_limits
     worst = int(np.argmax(share))
@@ -316,6 +330,8 @@ def _standing_failure(qp: WholeBodyQP, active: tuple[str, ...], normal: Array) -
     standing = _floor_contacts(qp, active, normal)
     if set(standing) == set(active) and model.floating_base:
         margin = support_margin(np.vstack(list(standing.values()))[:, :2], qp.dynamics.com[:2])
+        if abs(margin) < _LEAST_SWAY:
+            return begin + "the centre of mass is above the edge of the support"
         if margin < 0.0:
             far = "; correct the origins of the <inertial> elements in the URDF" if -margin > _NEAR else ""
             return begin + f"the centre of mass is {_length(margin)} outside the support{far}"

@@ -50,16 +50,14 @@ def reserves(
         margin: distance to the position limits, rad.
     """
     model, dynamics = qp.model, qp.dynamics
-    bearing = [contact for name, contact in qp.contacts.items() if name in active or contact.permanent]
+    bearing = _bearing(qp, active)
     arm = dynamics.com - dynamics.placement(model.frame_id(model.base_link, "base")).translation
-    weight = model.mass * np.array(model.pinocchio.gravity.linear)
-    pushes, shifts = {}, {}
+    pushes, shifts = {}, static_sways(qp, active, hanging)
     anchored = [contact for contact in bearing if isinstance(contact, AnchoredContact)]
     all_anchored = len(anchored) == len(bearing)  # a loop has no displacement
     for name, direction in _DIRECTIONS.items():
         way = np.array(direction)
         pushes[name] = _largest_multiple(qp, bearing, hanging, np.concatenate([way, np.cross(arm, way)]))
-        shifts[name] = _largest_multiple(qp, bearing, hanging, np.concatenate([np.zeros(3), np.cross(way, weight)]))
         if all_anchored and np.isfinite(shifts[name].most):
             shifts[name] = _find_sway(_MotionWithContacts(qp, anchored, margin), hanging, q, way, level, shifts[name])
     found = [
@@ -70,6 +68,20 @@ def reserves(
     if squat is not None:
         found.append(Finding("squat", f"{1e3 * squat.most:.0f} mm straight down ({squat.cause})"))
     return found
+
+
+def _bearing(qp: WholeBodyQP, active: Sequence[str]) -> list[Contact]:
+    return [contact for name, contact in qp.contacts.items() if name in active or contact.permanent]
+
+
+def static_sways(qp: WholeBodyQP, active: Sequence[str], hanging: Sequence[int]) -> dict[str, Reserve]:
+    """Return the displacements of the weight by direction that torques and contacts balance without motion."""
+    bearing, weight = _bearing(qp, active), qp.model.mass * np.array(qp.model.pinocchio.gravity.linear)
+    moments = {name: np.cross(direction, weight) for name, direction in _DIRECTIONS.items()}
+    return {
+        name: _largest_multiple(qp, bearing, hanging, np.concatenate([np.zeros(3), moment]))
+        for name, moment in moments.items()
+    }
 
 
 def _format_directions(found: dict[str, Reserve], scale: float, unit: str) -> str:
@@ -193,7 +205,7 @@ def com_distance(
 
     Base level, contacts fixed. None for robots with closed loops. Other arguments as in `reserves`.
     """
-    bearing = [contact for name, contact in qp.contacts.items() if name in active or contact.permanent]
+    bearing = _bearing(qp, active)
     anchored = [contact for contact in bearing if isinstance(contact, AnchoredContact)]
     if len(anchored) < len(bearing):
         return None
