@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from wbc_controller.controller.build.program import make_qp
-from wbc_controller.controller.live_settings import LiveSettings, live_part
+from wbc_controller.controller.live_settings import LiveSettings
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.middleware.codec import message
 from wbc_controller.nodes.ros2.parameters import flatten
@@ -29,7 +29,7 @@ def tuner(robot_of):
     settings, model = robot_of("go2")
     settings = Settings.model_validate(merged(settings.model_dump(exclude_unset=True), {"tasks": MORE}))
     controller = make_qp(settings, model)
-    return lambda: LiveSettings(settings, lambda changed: live_part(changed, controller))
+    return lambda: LiveSettings(settings, controller)
 
 
 def other(value):
@@ -230,7 +230,7 @@ def test_live_range_ends_at_the_configured_value(robot_of, changed, configured, 
     settings, model = robot_of("go2")
     settings = changed(settings, {"limits": {"acceleration": configured}})
     controller = make_qp(settings, model)
-    live = LiveSettings(settings, lambda changed: live_part(changed, controller))
+    live = LiveSettings(settings, controller)
     live.accept({"limits": {"acceleration": min(30.0, configured)}}, "test")
     if good:
         live.accept({"limits": {"acceleration": value}}, "test")

@@ -23,7 +23,7 @@ from wbc_controller.safety.guard import GuardMode
 from wbc_controller.settings.files import shipped_configurations
 from wbc_controller.settings.robot import RobotSettings
 
-TABLE = list(endpoints(GUARD_TOPICS, GUARD_NODE))
+TABLE = endpoints(GUARD_TOPICS, GUARD_NODE)
 
 
 class Stage(Peer):
