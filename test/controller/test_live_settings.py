@@ -90,7 +90,7 @@ def test_every_other_key_is_refused_by_name(tuner):
 def test_changes_are_atomic(tuner, change, said):
     changed = tuner()
     settings, newest = changed.settings, changed.newest
-    for method in (changed.check, changed.accept):
+    for method in (changed.validated, changed.accept):
         with pytest.raises(ConfigurationError) as caught:
             method(nested(change), "test")
         assert said in str(caught.value)
@@ -101,7 +101,7 @@ def test_check_and_empty_change_have_no_effect(tuner):
     changed, news = tuner(), []
     changed.changed = lambda: news.append(1)
     newest = changed.newest
-    changed.check({"tasks": {"com": {"stiffness": 1.0}}}, "test")
+    changed.validated({"tasks": {"com": {"stiffness": 1.0}}}, "test")
     changed.accept({"tasks": {"com": {"weight": changed.settings.tasks["com"].weight}}}, "test")
     assert (changed.newest is newest, news) == (True, [])
     changed.accept({"tasks": {"com": {"stiffness": 1.0}}}, "test")
