@@ -137,6 +137,11 @@ class Solution:
     binding: Mapping[str, float] = field(init=False)
     levels: Sequence[LevelReport] = field(init=False)  # solved quadratic programs, highest priority first
 
+    @property
+    def details(self) -> "Solution":
+        """The solution itself."""
+        return self
+
 
 @dataclass(frozen=True, slots=True)
 class ChangeSettings:

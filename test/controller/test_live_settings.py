@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from wbc_controller.controller.build.program import make_qp
-from wbc_controller.controller.live_settings import LiveSettings, live_part
+from wbc_controller.controller.live_settings import LiveSettings
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.middleware.codec import message
 from wbc_controller.nodes.ros2.parameters import flatten
@@ -27,7 +27,7 @@ def tuner(robot_of):
     settings, model = robot_of("go2")
     settings = Settings.model_validate(merged(settings.model_dump(exclude_unset=True), {"tasks": MORE}))
     controller = make_qp(settings, model)
-    return lambda: LiveSettings(settings, lambda changed: live_part(changed, controller))
+    return lambda: LiveSettings(settings, controller)
 
 
 def other(value):
@@ -88,7 +88,7 @@ def test_every_other_key_is_refused_by_name(tuner):
 def test_changes_are_atomic(tuner, change, said):
     changed = tuner()
     settings, newest = changed.settings, changed.newest
-    for method in (changed.check, changed.accept):
+    for method in (changed.validated, changed.accept):
         with pytest.raises(ConfigurationError) as caught:
             method(nested(change), "test")
         assert said in str(caught.value)
@@ -99,7 +99,7 @@ def test_check_and_empty_change_have_no_effect(tuner):
     changed, news = tuner(), []
     changed.changed = lambda: news.append(1)
     newest = changed.newest
-    changed.check({"tasks": {"com": {"stiffness": 1.0}}}, "test")
+    changed.validated({"tasks": {"com": {"stiffness": 1.0}}}, "test")
     changed.accept({"tasks": {"com": {"weight": changed.settings.tasks["com"].weight}}}, "test")
     assert (changed.newest is newest, news) == (True, [])
     changed.accept({"tasks": {"com": {"stiffness": 1.0}}}, "test")
@@ -228,7 +228,7 @@ def test_live_range_ends_at_the_configured_value(robot_of, changed, configured, 
     settings, model = robot_of("go2")
     settings = changed(settings, {"limits": {"acceleration": configured}})
     controller = make_qp(settings, model)
-    live = LiveSettings(settings, lambda changed: live_part(changed, controller))
+    live = LiveSettings(settings, controller)
     live.accept({"limits": {"acceleration": min(30.0, configured)}}, "test")
     if good:
         live.accept({"limits": {"acceleration": value}}, "test")

@@ -28,7 +28,7 @@ KINDS = {"com": "com", "hand": "frame_pose", "posture": "posture"}
 
 def expand(table=CONTROLLER_TOPICS, **changes):
     arguments = {"task_kinds": KINDS, "contacts": ("left", "right"), "frames": ("pelvis",)}
-    made = list(endpoints(table, "wbc", **{**arguments, **changes}))
+    made = endpoints(table, "wbc", **{**arguments, **changes})
     return {(endpoint.key, endpoint.subject): endpoint for endpoint in made}, made
 
 
@@ -149,7 +149,7 @@ def assert_compatible(one, other):
 
 def test_mock_and_controller_have_compatible_endpoints():
     """Equal names and types; no reader requests more than the writer offers."""
-    mock = list(endpoints(MOCK_TOPICS, "mock_robot", contacts=("left", "right")))
+    mock = endpoints(MOCK_TOPICS, "mock_robot", contacts=("left", "right"))
     both = {endpoint.name: endpoint for endpoint in endpoints(CONTROLLER_TOPICS, "wbc_controller", task_kinds=KINDS)}
     met = set()
     for endpoint in mock:

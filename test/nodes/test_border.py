@@ -240,7 +240,8 @@ def test_a_long_trajectory_delays_no_cycle(bench, make):
     loop.observers = (lambda report: times.append(time.perf_counter()),)
     points = [(0.01 * (i + 1), [[0.0, 0.0, 0.3, 0, 0, 0, 1]]) for i in range(4000)]
     payload = encode(make.frame_trajectory(points))
-    thread = threading.Thread(target=loop.run, args=(stop, 1e-3), kwargs={"triggered": True})
+    loop.period, loop.triggered = 1e-3, True
+    thread = threading.Thread(target=loop.run, args=(stop,))
     thread.start()
     try:
         deadline = time.monotonic() + 20.0

@@ -13,7 +13,7 @@ from wbc_controller.middleware.codec import encode, message, time_fields
 from wbc_controller.middleware.topics import CONTROLLER_TOPICS, counterpart, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes import clock as clock_module
-from wbc_controller.nodes.clock import ManualClock, MonotonicClock, make_simulated_clock
+from wbc_controller.nodes.clock import ManualClock, MonotonicClock, SimulatedClock
 from wbc_controller.nodes.controller_service import make_clock
 from wbc_controller.records import Mode
 
@@ -26,8 +26,8 @@ def time_message(nanoseconds):
 def clock_and_bytes():
     """A simulated clock, and a function that publishes bytes on its topic."""
     bus = MemoryBus()
-    topics = list(endpoints([topic for topic in CONTROLLER_TOPICS if topic.key == "clock"], "controller"))
-    return make_simulated_clock(topics, MemoryTransport(bus)), MemoryTransport(bus).advertise(counterpart(topics[0]))
+    topics = endpoints([topic for topic in CONTROLLER_TOPICS if topic.key == "clock"], "controller")
+    return SimulatedClock(topics, MemoryTransport(bus)), MemoryTransport(bus).advertise(counterpart(topics[0]))
 
 
 @pytest.fixture
@@ -143,7 +143,7 @@ def test_the_others_have_no_trouble_and_end_their_waiting(clock):
 def simulated(bench):
     """A controller on a bench, and a function that publishes a time and its state, and runs a cycle."""
     controller = bench()
-    clock = make_simulated_clock(controller.topics, controller.transport)
+    clock = SimulatedClock(controller.topics, controller.transport)
     controller.loop = controller.remake(clock)
 
     def cycle(seconds, **parts):
@@ -300,7 +300,7 @@ def test_a_clock_step_while_active_is_a_fault_and_restarts_the_ages(bench, monke
 @pytest.mark.parametrize(("latency", "mode"), [(1.0, Mode.INACTIVE), (0.0, Mode.ACTIVE)])
 def test_with_a_simulators_clock_a_constant_latency_counts_too(bench, latency, mode):
     controller = bench(changes=SYNCHRONIZED)
-    clock = make_simulated_clock(controller.topics, controller.transport)
+    clock = SimulatedClock(controller.topics, controller.transport)
     controller.loop = controller.remake(clock)
     controller.command("activate")
     for _ in range(50):
@@ -311,7 +311,7 @@ def test_with_a_simulators_clock_a_constant_latency_counts_too(bench, latency, m
 @pytest.mark.parametrize("changes", [None, SYNCHRONIZED])
 def test_a_stall_of_simulated_time_is_a_fault_and_damping_continues(bench, changes):
     controller = bench(changes=changes)
-    clock = make_simulated_clock(controller.topics, controller.transport)
+    clock = SimulatedClock(controller.topics, controller.transport)
     controller.loop = controller.remake(clock)
     controller.command("activate")
     for _ in range(700):
@@ -440,7 +440,7 @@ def test_a_coarse_clock_is_not_a_stall(simulated, rate, said):
 def test_with_a_coarse_clock_activation_is_refused_with_its_step(bench, changes, rate, said, asked):
     """Activation in the first step of the clock, at one of its times, or between two."""
     controller = bench(changes=changes)
-    controller.loop = controller.remake(make_simulated_clock(controller.topics, controller.transport))
+    controller.loop = controller.remake(SimulatedClock(controller.topics, controller.transport))
     every, refused = round(1.0 / (rate * controller.period)), []
     for number in range(400):
         time_and_state(controller, with_time=number % every == 0)
@@ -455,7 +455,7 @@ def test_with_a_coarse_clock_activation_is_refused_with_its_step(bench, changes,
 
 def test_an_activation_at_the_start_waits_for_the_step_of_the_clock(bench):
     controller = bench()
-    controller.loop = controller.remake(make_simulated_clock(controller.topics, controller.transport))
+    controller.loop = controller.remake(SimulatedClock(controller.topics, controller.transport))
     controller.loop._activate_when_fresh = True
     modes = []
     for number in range(20):
@@ -467,7 +467,7 @@ def test_an_activation_at_the_start_waits_for_the_step_of_the_clock(bench):
 @pytest.mark.parametrize(("changes", "rate"), [(None, 20), (SYNCHRONIZED, 100)])
 def test_a_clock_as_fine_as_the_limit_is_accepted(bench, changes, rate):
     controller = bench(changes=changes)
-    controller.loop = controller.remake(make_simulated_clock(controller.topics, controller.transport))
+    controller.loop = controller.remake(SimulatedClock(controller.topics, controller.transport))
     every = round(1.0 / (rate * controller.period))
     states_with_time(controller, 3 * every, every=every)
     controller.command("activate")
@@ -496,7 +496,7 @@ def test_torques_of_a_state_that_became_stale_are_not_sent(starved, monkeypatch)
 
 def test_an_unreadable_clock_is_logged_and_the_loop_continues(bench, monkeypatch, caplog):
     controller = bench()
-    clock = make_simulated_clock(controller.topics, controller.transport)
+    clock = SimulatedClock(controller.topics, controller.transport)
     loop, stop, waits = controller.remake(clock), threading.Event(), []
 
     def broken(stop, seconds):
@@ -506,7 +506,8 @@ def test_an_unreadable_clock_is_logged_and_the_loop_continues(bench, monkeypatch
         raise TransportError("cannot read /clock: deliberate")
 
     monkeypatch.setattr(clock, "wait", broken)
-    loop.run(stop, controller.period, triggered=False)
+    loop.triggered = False
+    loop.run(stop)
     assert len(waits) == 3
     assert "cannot read /clock: deliberate" in caplog.text
 

@@ -27,7 +27,7 @@ class Robot(Peer):
         self.controller = self.simulation.controller
         self.model, settings = self.controller.model, self.controller.config.settings
         bus, self.clock = MemoryBus(), ManualClock()
-        topics = list(endpoints(ESTIMATOR_TOPICS, ESTIMATOR_NODE, contacts=settings.contacts))
+        topics = endpoints(ESTIMATOR_TOPICS, ESTIMATOR_NODE, contacts=settings.contacts)
         self.node = EstimatorService(settings, self.model, topics, transport(bus), self.clock)
         super().__init__(bus, topics)
 

@@ -23,7 +23,7 @@ from wbc_controller.safety.guard import GuardMode
 from wbc_controller.settings.files import shipped_configurations
 from wbc_controller.settings.robot import RobotSettings
 
-TABLE = list(endpoints(GUARD_TOPICS, GUARD_NODE))
+TABLE = endpoints(GUARD_TOPICS, GUARD_NODE)
 
 
 class Stage(Peer):
@@ -131,8 +131,8 @@ def test_its_own_settings_are_obeyed(stage):
 def test_its_own_torques_are_no_sign_of_life(stage):
     on = stage()
     on.run(0.1, commands=True)
-    echo = endpoints([topic for topic in CONTROLLER_TOPICS if topic.key == "effort"], "wbc_controller")
-    MemoryTransport(on.bus).advertise(next(echo))(encode(on.all("effort")[-1]) if on.all("effort") else b"")
+    (echo,) = endpoints([topic for topic in CONTROLLER_TOPICS if topic.key == "effort"], "wbc_controller")
+    MemoryTransport(on.bus).advertise(echo)(encode(on.all("effort")[-1]) if on.all("effort") else b"")
     on.run(0.3)
     assert on.all("state")[-1].data.startswith("damping")
 

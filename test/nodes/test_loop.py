@@ -508,7 +508,8 @@ def timed(controller, monkeypatch, costs, until):
     monkeypatch.setattr(controller.loop, "cycle", cycle)
     stop = Schedule(controller.clock, until)
     controller.clock.time = 0.0
-    controller.loop.run(stop, 0.25, triggered=False)
+    controller.loop.period, controller.loop.triggered = 0.25, False
+    controller.loop.run(stop)
     return began
 
 
@@ -536,7 +537,8 @@ def test_the_end_of_the_loop_leaves_no_torque(bench, active):
     before = len(controller.received("effort"))
     stop = threading.Event()
     stop.set()
-    controller.loop.run(stop, controller.period, triggered=True)
+    controller.loop.triggered = True
+    controller.loop.run(stop)
     efforts = controller.efforts()[before:]
     if active:
         assert len(efforts) == 1
@@ -567,7 +569,8 @@ def test_a_loop_in_which_something_fails_sends_zeros_and_damps_with_a_fault(benc
     monkeypatch.setattr(owner, name, broken)
     controller.joints()
     controller.base()
-    loop.run(stop, 1e-4, triggered=False)
+    loop.period, loop.triggered = 1e-4, False
+    loop.run(stop)
     efforts = controller.efforts()[calls[0] :]
     assert not efforts[: calls[1] - calls[0]][0].any()  # zeros before the next cycle
     step = controller.settings.limits.torque_rate * controller.period * controller.model.effort_limits
@@ -594,28 +597,30 @@ def test_automatic_activation_with_fresh_inputs(bench, monkeypatch):
             stop.set()
 
     monkeypatch.setattr(controller.loop, "cycle", watched)
-    controller.loop.run(stop, 1e-4, triggered=True, activate=True)
+    controller.loop.period, controller.loop.triggered = 1e-4, True
+    controller.loop.run(stop, activate=True)
     assert modes == [Mode.INACTIVE] * 3 + [Mode.ACTIVE] * 3
     assert not any(report.refused for report in controller.reports)
 
 
 def test_a_triggered_loop_waits_until_states_are_stale(bench):
     controller = bench()
-    patience = controller.loop._wait_time
-    assert patience(0.002) == 0.002  # no joint states yet
+    patience, controller.loop.period = controller.loop._wait_time, 0.002
+    assert patience() == 0.002  # no joint states yet
     controller.joints()
     controller.loop.cycle()
-    assert patience(0.002) == pytest.approx(TIMEOUT)
+    assert patience() == pytest.approx(TIMEOUT)
     controller.clock.time += 0.03
-    assert patience(0.002) == pytest.approx(0.02)
+    assert patience() == pytest.approx(0.02)
     controller.clock.time += 0.1
-    assert patience(0.002) == 0.002
+    assert patience() == 0.002
 
 
 def test_each_joint_state_starts_one_cycle(bench):
     controller = bench()
     stop = threading.Event()
-    thread = threading.Thread(target=controller.loop.run, args=(stop, 0.5), kwargs={"triggered": True})
+    controller.loop.period, controller.loop.triggered = 0.5, True
+    thread = threading.Thread(target=controller.loop.run, args=(stop,))
     began = threading.Event()
     controller.loop.observers = (lambda report: began.set(), controller.reports.append)
     thread.start()

@@ -15,7 +15,7 @@ from wbc_controller.nodes.guard_service import GuardService
 from wbc_controller.nodes.takeover import Takeover
 from wbc_controller.records import Mode
 
-TABLE = list(endpoints(GUARD_TOPICS, GUARD_NODE))
+TABLE = endpoints(GUARD_TOPICS, GUARD_NODE)
 
 
 class Rig:

@@ -81,10 +81,11 @@ def _python() -> Iterator[str]:
         value = getattr(wbc_controller, name)
         yield name
         yield from _parameters(name, value)
-        for member in getattr(value, "__members__", dir(value)) if inspect.isclass(value) else ():
+        fields = getattr(value, "__dataclass_fields__", ())
+        for member in getattr(value, "__members__", {*dir(value), *fields}) if inspect.isclass(value) else ():
             if not member.startswith("_") and not hasattr(Exception, member):
                 yield f"{name}.{member}"
-                yield from _parameters(f"{name}.{member}", getattr(value, member))
+                yield from _parameters(f"{name}.{member}", getattr(value, member, None))
 
 
 def _parameters(name: str, value: Any) -> Iterator[str]:

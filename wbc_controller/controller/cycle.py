@@ -5,7 +5,6 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.build.safety import make_supervisor_limits
 from wbc_controller.controller.build.walking import make_walker
 from wbc_controller.controller.check.preflight import check_qp
-from wbc_controller.controller.live_settings import LiveSettings, live_part
+from wbc_controller.controller.live_settings import LiveSettings
 from wbc_controller.controller.memory import CycleRecord, restore_state, save_state
 from wbc_controller.controller.report import CycleInputs
 from wbc_controller.controller.result import CycleResult
@@ -85,7 +84,7 @@ class ControlCycle:
             model = make_model(settings, self.config.urdf) if model is None else model
             self.qp = make_qp(settings, model, timer, tasks=tasks, contacts=contacts, limits=limits)
             self.model_error = make_model_error(settings, model, self.qp.contacts)
-            self.live = LiveSettings(settings, partial(live_part, qp=self.qp))
+            self.live = LiveSettings(settings, self.qp)
             if preflight:
                 check_qp(settings, self.qp, ReferenceBoard(self.live.newest.board))
         except ConfigurationError as error:
@@ -380,7 +379,8 @@ class ControlCycle:
                 except InputRefused as refusal:
                     refused.append(str(refusal))
             self.board.anchor_slipping_contacts(self.qp.dynamics)
-            steps = self._walk(now, seconds(state), touching) if self.walker is not None and self.walker.moves else {}
+            walker = self.walker
+            steps = self._walk(walker, now, seconds(state), touching) if walker is not None and walker.moves else {}
             references = self.board.sample(seconds(state))
             if steps:
                 references = replace(references, tasks={**references.tasks, **steps})
@@ -390,11 +390,12 @@ class ControlCycle:
             if not self.model_error.is_idle:
                 references = self._add_disturbance(state, references, refused)
             self._solution = self.qp.solve(state, references, self.supervisor.torques_before(now), False)
-            if self.walker is not None:
-                if not self.walker.moves:
-                    self._watch_standing(self.walker, seconds(state), references)
-                if self.walker.fall:
-                    return Fault("FALLING", self.walker.fall), references
+            if walker is not None:
+                if not walker.moves and walker.is_watch_due(seconds(state)):
+                    active = [name for name, activation in references.contacts.items() if activation > 0.0]
+                    walker.watch_standing(seconds(state), self.qp.dynamics, active)
+                if walker.fall:
+                    return Fault("FALLING", walker.fall), references
             return self._solution, references
         except NoSolution as failure:
             return failure, references
@@ -431,11 +432,9 @@ class ControlCycle:
             until = time + self._command_timeout if change.streamed else np.inf
             self.walker.ask(None if change.velocity is None else Velocity.of(change.velocity), until)
 
-    def _walk(self, now: float, time: float, touching: Mapping[str, bool]) -> Mapping[str, Reference]:
+    def _walk(self, walker: Walker, now: float, time: float, touching: Mapping[str, bool]) -> Mapping[str, Reference]:
         """Update the walker at the time of the state, s; return the references of its tasks."""
-        walker, board, dynamics = self.walker, self.board, self.qp.dynamics
-        if walker is None:
-            return {}
+        board, dynamics = self.board, self.qp.dynamics
         orientations = {name: board.present(name, time).position for name in walker.tasks.orientations}
         decision = walker.update(time, dynamics, orientations, touching)
         if decision.changes:
@@ -445,11 +444,6 @@ class ControlCycle:
             walker.leaving = False
             self.supervisor.request("deactivate", now, None)
         return decision.references
-
-    def _watch_standing(self, walker: Walker, time: float, references: References) -> None:
-        if walker.is_watch_due(time):
-            active = [name for name, activation in references.contacts.items() if activation > 0.0]
-            walker.watch_standing(time, self.qp.dynamics, active)
 
     def _add_disturbance(self, state: RobotState, references: References, refused: list[str]) -> References:
         """Add the disturbance to the references; report each contact that becomes unloaded."""

@@ -33,32 +33,28 @@ class LivePart:
 class LiveSettings:
     """Settings that any thread may change; the loop applies `newest`, their live part, between two cycles."""
 
-    def __init__(self, settings: Settings, derive: Callable[[Settings], LivePart]) -> None:
-        """Start with the configured settings; `derive` builds their live part."""
+    def __init__(self, settings: Settings, qp: WholeBodyQP) -> None:
+        """Start with the configured settings of a quadratic program."""
+        self._qp = qp
         self.settings = settings  # with all accepted changes
-        self.newest = derive(settings)
+        self.newest = self._derive(settings)
         self.changed: Callable[[], None] = lambda: None  # called after each change, in its thread
         self._configured = settings
-        self._derive = derive
         self._lock = threading.Lock()
         #: Last prepared change, its base settings, and the result.
         self._prepared: tuple[Any, Settings, Any] = (None, settings, None)
 
-    def check(self, change: Mapping[str, Any], source: str) -> None:
-        """Check a change: part of a configuration, nested as in the file; errors name its source."""
-        self._validated(change, source)
-
     def prepare(self, change: Mapping[str, Any], source: str) -> None:
-        """Precompute `accept` in another thread; errors as in `check`."""
+        """Precompute `accept` in another thread; errors as in `validated`."""
         base = self.settings
-        self._prepared = (change, base, self._validated(change, source))
+        self._prepared = (change, base, self.validated(change, source))
 
     def accept(self, change: Mapping[str, Any], source: str) -> None:
-        """Apply a change completely, or raise an error as in `check`."""
+        """Apply a change completely, or raise an error as in `validated`."""
         prepared, base, result = self._prepared
         with self._lock:
             ready = prepared is change and base is self.settings
-            settings, live, differences = result if ready else self._validated(change, source)
+            settings, live, differences = result if ready else self.validated(change, source)
             if not differences:
                 return
             self.settings, self.newest = settings, live
@@ -71,7 +67,11 @@ class LiveSettings:
         with self._lock:
             self.settings, self.newest = settings, live
 
-    def _validated(self, change: Mapping[str, Any], source: str) -> tuple[Settings, LivePart, tuple[str, ...]]:
+    def _derive(self, settings: Settings) -> LivePart:
+        return LivePart(settings, make_board_plan(settings, self._qp), disturbance_limits(settings))
+
+    def validated(self, change: Mapping[str, Any], source: str) -> tuple[Settings, LivePart, tuple[str, ...]]:
+        """Return the results of a change, nested as in a configuration file; errors name its source."""
         settings = parse_settings(merged(self.settings.model_dump(exclude_unset=True), change), source)
         differences = list(_differences(self.settings, settings))
         fixed = [key for key, live, *_ in differences if not live]
@@ -114,8 +114,3 @@ def _out_of_live_range(configured: BaseModel, old: BaseModel, new: BaseModel, pr
         high = configured_value if upper is None else max(upper, configured_value)
         if value != getattr(old, name) and not (low <= value <= high):
             yield f"{prefix}{name} = {value:g}: valid in a running controller: {low:g} to {high:g}"
-
-
-def live_part(settings: Settings, qp: WholeBodyQP) -> LivePart:
-    """Derive the live part of the settings."""
-    return LivePart(settings, make_board_plan(settings, qp), disturbance_limits(settings))

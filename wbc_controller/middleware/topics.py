@@ -5,7 +5,7 @@ In the name templates ``~`` is the node's name; ``{task}``, ``{contact}`` and ``
 
 import dataclasses
 import enum
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from wbc_controller.errors import ConfigurationError
@@ -284,14 +284,14 @@ def endpoints(
     frames: Iterable[str] = (),
     namespace: str = "/",
     remappings: Mapping[str, str] | None = None,
-) -> Iterator[Endpoint]:
-    """Yield the endpoints of a table for one robot.
+) -> list[Endpoint]:
+    """Return the endpoints of a table for one robot.
 
     Args:
         task_kinds: kind by task.
         frames: frames for external wrenches.
     """
-    kinds = task_kinds or {}
+    kinds, opened = task_kinds or {}, []
     subjects: dict[str, tuple[str, ...]] = {"task": tuple(kinds), "contact": tuple(contacts), "frame": tuple(frames)}
     for topic in table:
         field = next((field for field in subjects if f"{{{field}}}" in topic.name), None)
@@ -303,9 +303,9 @@ def endpoints(
                     continue
                 type_name = types["trajectory" if topic.type == "trajectory" else "setpoint"]
             name = topic.name.format(**{field: subject}) if field else topic.name
-            yield Endpoint(
-                topic.key, subject, resolve(name, node, namespace, remappings), type_name, topic.direction, topic.qos
-            )
+            full_name = resolve(name, node, namespace, remappings)
+            opened.append(Endpoint(topic.key, subject, full_name, type_name, topic.direction, topic.qos))
+    return opened
 
 
 def counterpart(endpoint: Endpoint) -> Endpoint:

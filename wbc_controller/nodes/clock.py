@@ -13,7 +13,7 @@ from wbc_controller.middleware.codec import decode
 from wbc_controller.middleware.log_limit import LogLimit
 from wbc_controller.middleware.stamps import time_of
 from wbc_controller.middleware.topics import Endpoint
-from wbc_controller.middleware.transports.transport import Stream, Transport
+from wbc_controller.middleware.transports.transport import Transport
 
 
 class Clock(Protocol):
@@ -117,8 +117,10 @@ class SimulatedClock:
     _CHECK_PERIOD = 0.05  # in `wait`, s wall time
     _STEPS = 3  # the resolution is their minimum: dropped messages lengthen steps
 
-    def __init__(self, stream: Stream, topic: Endpoint) -> None:
-        self._stream, self._topic = stream, topic
+    def __init__(self, topics: Iterable[Endpoint], transport: Transport) -> None:
+        """Subscribe to the clock topic, on a transport without lifecycle gate."""
+        (self._topic,) = [topic for topic in topics if topic.key == "clock"]
+        self._stream = transport.stream(self._topic, _DEPTH)
         self._stamp: int | None = None
         self._jumped_back = 0  # sum of all jumps back, ns
         self._now = 0.0  # read by any thread
@@ -174,9 +176,3 @@ class SimulatedClock:
         while not stop.is_set() and self.now() < end:
             self._stream.wait(self._CHECK_PERIOD)
             self.refresh()
-
-
-def make_simulated_clock(topics: Iterable[Endpoint], transport: Transport) -> SimulatedClock:
-    """Make the clock of the clock topic, on a transport without lifecycle gate."""
-    (endpoint,) = [topic for topic in topics if topic.key == "clock"]
-    return SimulatedClock(transport.stream(endpoint, _DEPTH), endpoint)

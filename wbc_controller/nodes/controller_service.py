@@ -17,7 +17,7 @@ from wbc_controller.middleware.codec import decode
 from wbc_controller.middleware.log_limit import LogLimit
 from wbc_controller.middleware.topics import CONTROLLER_TOPICS, Endpoint, endpoints
 from wbc_controller.middleware.transports.transport import Transport
-from wbc_controller.nodes.clock import Clock, MonotonicClock, SimulatedClock, make_simulated_clock
+from wbc_controller.nodes.clock import Clock, MonotonicClock, SimulatedClock
 from wbc_controller.nodes.diagnostics.status import walk_values
 from wbc_controller.nodes.inputs import Inputs
 from wbc_controller.nodes.loop import ControlLoop
@@ -79,7 +79,7 @@ def run_controller(
             node=full_name,
         )
         _log.info("%s: %d joints, waiting for 'activate' on %s/command", NODE_NAME, controller.model.nj, full_name)
-        loop.run(stop, controller.period, triggered=settings.control.trigger == "joint_states", activate=activate)
+        loop.run(stop, activate=activate)
 
 
 def make_loop(
@@ -170,5 +170,5 @@ def make_clock(
 ) -> MonotonicClock | SimulatedClock:
     """Make the clock of a loop: the computer's, or simulated time from the topic ``clock``."""
     if use_sim_time:
-        return make_simulated_clock(topics, transport)
+        return SimulatedClock(topics, transport)
     return MonotonicClock(synchronized=settings.safety.synchronized_clocks)

@@ -312,7 +312,7 @@ def run_guard(
     remappings: Mapping[str, str] | None = None,
 ) -> None:
     """Run the guard until the event is set; arguments and errors as for `run_controller`."""
-    topics = list(endpoints(GUARD_TOPICS, GUARD_NODE, namespace=namespace, remappings=remappings))
+    topics = endpoints(GUARD_TOPICS, GUARD_NODE, namespace=namespace, remappings=remappings)
     urdf = find_urdf(settings, transport, stop, topics)
     if stop.is_set():
         return

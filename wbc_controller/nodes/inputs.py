@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from wbc_controller.controller.report import LatchedInputs, UserRequests
+from wbc_controller.controller.report import LatchedInputs
 from wbc_controller.errors import InputRefused
 from wbc_controller.estimation.absolute_pose import PoseSample
 from wbc_controller.estimation.base_estimator import BaseEstimator, ImuSample
@@ -46,7 +46,7 @@ _NOT_LATCHED = ("robot_description", "clock", "record", "guard_commands")  # row
 ESTIMATE = "base estimate"  # in the ages of the inputs
 _PREEMPTED = 0.005  # age of taken joint states that indicates a preemption, s
 _MIN_DELAY = 0.01  # smallest reported transit time, s
-_NO_REQUESTS, _NO_SENSORS = UserRequests(), ContactSensing({}, 0.0, 0.0, 0.0)
+_NO_SENSORS = ContactSensing({}, 0.0, 0.0, 0.0)
 
 
 @dataclass(slots=True)
@@ -224,7 +224,7 @@ class Inputs:
             ages=self.ages(),
             clock_stall=max([part.stamps.clock_stall for part in self._parts.values()]),
             refused_states=tuple(refused),
-            requests=self.requests.take() if self.requests.has_decoded() else _NO_REQUESTS,
+            requests=self.requests.take(),
             estimate=self._pose_notes(),
             touching=self._contact_sensors.measured,
         )

@@ -43,7 +43,11 @@ _CANCEL_ACTIVATION = ("damp", "reset")  # requests that cancel an activation in 
 
 
 class ControlLoop:
-    """Loop of inputs, controller and outputs; `timer` measures the stages, and `observers` receive every report."""
+    """Loop of inputs, controller and outputs.
+
+    `timer` measures the stages, and `observers` receive every report. A triggered loop runs one cycle per joint state,
+    and per period, s, after they are stale; another one keeps absolute deadlines.
+    """
 
     def __init__(
         self,
@@ -72,6 +76,8 @@ class ControlLoop:
         inputs.shared = lambda: ownership.shared
         self._clock = clock
         self._timer = timer
+        self.period = controller.period
+        self.triggered = settings.control.trigger == "joint_states"
         self._cycle = 0
         self._deadlines_missed = 0
         self._cycle_due = -math.inf  # next `run_due` without a joint state, s
@@ -268,13 +274,10 @@ class ControlLoop:
             shared=self._ownership.shared,
         )
 
-    def run(self, stop: threading.Event, period: float, *, triggered: bool, activate: bool = False) -> None:
+    def run(self, stop: threading.Event, *, activate: bool = False) -> None:
         """Run cycles until stopped.
 
-        Args:
-            period: time between cycles, s.
-            triggered: one cycle per joint state, and per period after they are stale; else absolute deadlines.
-            activate: activate without a command when the inputs are fresh and the robot has no other owner.
+        `activate` activates without a command when the inputs are fresh and the robot has no other owner.
         """
         self._activate_when_fresh = activate
         switch_interval = sys.getswitchinterval()
@@ -283,19 +286,19 @@ class ControlLoop:
         self._inputs.requests.start_reader()
         try:
             self._ownership.start(stop)
-            self._run(stop, period, triggered=triggered)
+            self._run(stop)
         finally:
             self._inputs.requests.stop_reader()
             self._ownership.stop()
             sys.setswitchinterval(switch_interval)
             self._shut_down()
 
-    def run_due(self, now: float, period: float) -> bool:
+    def run_due(self, now: float) -> bool:
         """Run a triggered cycle if due at a simulated time, s; return True if due."""
         if not self._inputs.wait(0.0) and now < self._cycle_due:
             return False
         self._guarded_cycle()
-        self._cycle_due = now + self._wait_time(period)
+        self._cycle_due = now + self._wait_time()
         return True
 
     def wake(self) -> None:
@@ -309,13 +312,14 @@ class ControlLoop:
         self._outputs.publish_report(report, self._clock.now(), self._clock.stamp())
         self._outputs.finish()
 
-    def _run(self, stop: threading.Event, period: float, *, triggered: bool) -> None:
+    def _run(self, stop: threading.Event) -> None:
         gc.collect()
         gc.freeze()  # shortens later collections
+        period = self.period
         deadline = self._clock.now() + period
         while not stop.is_set():
-            if triggered:
-                self._guarded_wait(stop, period, lambda: self._inputs.wait(self._wait_time(period)))
+            if self.triggered:
+                self._guarded_wait(stop, lambda: self._inputs.wait(self._wait_time()))
                 self._guarded_cycle()
                 continue
             self._guarded_cycle()
@@ -324,15 +328,15 @@ class ControlLoop:
                 missed = int((now - deadline) / period) + 1
                 self._deadlines_missed += missed
                 deadline += missed * period  # on the original grid, so that delays do not accumulate
-            self._guarded_wait(stop, period, partial(self._clock.wait, stop, max(deadline - now, 0.0)))
+            self._guarded_wait(stop, partial(self._clock.wait, stop, max(deadline - now, 0.0)))
             deadline += period
 
-    def _guarded_wait(self, stop: threading.Event, period: float, wait: Callable[[], object]) -> None:
+    def _guarded_wait(self, stop: threading.Event, wait: Callable[[], object]) -> None:
         try:
             wait()
         except TransportError as error:
             self.controller.fail(error)
-            stop.wait(period)
+            stop.wait(self.period)
 
     def _guarded_cycle(self) -> None:
         try:
@@ -344,9 +348,9 @@ class ControlLoop:
             supervisor.torques_sent = np.zeros_like(supervisor.torques_sent)
             self._torques_sent = None
 
-    def _wait_time(self, period: float) -> float:
+    def _wait_time(self) -> float:
         """Return the longest wait for the next joint state, s: until the last one is stale, then one period."""
-        return max(period, min(self._fresh_until - self._clock.now(), self.controller.state_timeout))
+        return max(self.period, min(self._fresh_until - self._clock.now(), self.controller.state_timeout))
 
 
 def _coarse_clock_message(step: float, limit: float, key: str) -> str:

@@ -29,6 +29,7 @@ _READER_SHARE = 0.25  # share of the time, since the interpreter runs one thread
 _LONGEST_REASON = 1000  # of a refusal, characters
 _MAX_COMMAND = 40  # characters
 _ESTOP = b"estop"  # in a serialized std_msgs/String
+_NO_REQUESTS = UserRequests()
 
 
 class Requests:
@@ -89,16 +90,17 @@ class Requests:
             else:
                 self.drop_unread(endpoint, _TOO_MANY)
 
-    def has_decoded(self) -> bool:
-        """Return True if `take` has a result; without a reader thread, decode all requests first."""
+    def take(self) -> UserRequests:
+        """Take up to `_MOST_PER_CYCLE` decoded requests, an emergency stop first.
+
+        Without a reader thread, decode all requests first.
+        """
         if self._reader is None:
             while self._requests:
                 self._decoded_requests.append(self._decode(*self._requests.popleft()))
-        return bool(self._decoded_requests or self._dropped or self._estop.is_set())
-
-    def take(self) -> UserRequests:
-        """Take up to `_MOST_PER_CYCLE` decoded requests, an emergency stop first."""
         stopped = self._estop.is_set()
+        if not (stopped or self._decoded_requests or self._dropped):
+            return _NO_REQUESTS
         if stopped:
             self._estop.clear()
         with self._waiting:

@@ -56,16 +56,14 @@ def controller_endpoints(
 ) -> list[Endpoint]:
     """Expand the controller's topic table for one robot."""
     walks = settings.walking is not None
-    return list(
-        endpoints(
-            [topic for topic in CONTROLLER_TOPICS if walks or topic.key not in WALKING_KEYS],
-            node,
-            task_kinds={name: task.type for name, task in settings.tasks.items()},
-            contacts=settings.contacts,
-            frames=wrench_frames(settings, model),
-            namespace=namespace,
-            remappings=remappings,
-        )
+    return endpoints(
+        [topic for topic in CONTROLLER_TOPICS if walks or topic.key not in WALKING_KEYS],
+        node,
+        task_kinds={name: task.type for name, task in settings.tasks.items()},
+        contacts=settings.contacts,
+        frames=wrench_frames(settings, model),
+        namespace=namespace,
+        remappings=remappings,
     )
 
 

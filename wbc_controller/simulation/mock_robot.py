@@ -118,8 +118,8 @@ class MockRobot:
         self._efforts: Stream | None = None  # unused in lockstep
         self._types: dict[str, str] = {}
         self._publishers: dict[tuple[str, str], Publish] = {}
-        opened = list(
-            endpoints(MOCK_TOPICS, MOCK_NODE, contacts=settings.contacts, namespace=namespace, remappings=remappings)
+        opened = endpoints(
+            MOCK_TOPICS, MOCK_NODE, contacts=settings.contacts, namespace=namespace, remappings=remappings
         )
         for endpoint in opened:
             self._open(endpoint, transport)

@@ -11,7 +11,7 @@ from wbc_controller.controller.controller import Controller
 from wbc_controller.controller.report import CycleReport
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
-from wbc_controller.nodes.clock import ManualClock, make_simulated_clock
+from wbc_controller.nodes.clock import ManualClock, SimulatedClock
 from wbc_controller.nodes.controller_service import make_loop
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.records import Array
@@ -43,7 +43,7 @@ class Lockstep:
         self.controller = Controller(settings, preflight=False, model=self.model)
         transport = MemoryTransport(self.bus)
         self._manual = ManualClock()
-        self.clock = make_simulated_clock(self.topics, transport) if use_sim_time else self._manual
+        self.clock = SimulatedClock(self.topics, transport) if use_sim_time else self._manual
         self.loop = make_loop(self.controller, transport, self.clock, self.topics, **options)
         self.user = User(settings, self.model, self.topics, MemoryTransport(self.bus))
         self._data = self.model.pinocchio.createData()

@@ -24,7 +24,7 @@ def play(make):
     settings = load("go2").settings
     model, bus = make_model(settings), MemoryBus()
     ours = controller_endpoints(settings, model)
-    mock = list(endpoints(MOCK_TOPICS, MOCK_NODE, contacts=settings.contacts))
+    mock = endpoints(MOCK_TOPICS, MOCK_NODE, contacts=settings.contacts)
     network = MemoryTransport(bus)
     say = {
         each.key: network.advertise(each)

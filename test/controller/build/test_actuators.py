@@ -113,7 +113,7 @@ def test_the_guard_takes_over_by_actuator(make, command):
     np.testing.assert_array_equal(robot.effort_limits, model.effort_limits)
     assert robot.drive.names == model.actuators
     bus, clock = MemoryBus(), ManualClock(100.0)
-    table = list(endpoints(GUARD_TOPICS, GUARD_NODE))
+    table = endpoints(GUARD_TOPICS, GUARD_NODE)
     service = GuardService(settings, robot, make_guard_damping(settings, model), table, MemoryTransport(bus), clock)
     user = MemoryTransport(bus)
     topics = SimpleNamespace(**{topic.key: topic for topic in table})

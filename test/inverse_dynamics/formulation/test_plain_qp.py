@@ -16,7 +16,7 @@ from wbc_controller.apps.new.draft import new_configuration
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.inverse_dynamics.contacts import AnchoredContact
-from wbc_controller.inverse_dynamics.formulation.plain_qp import plain_qp, task_rows
+from wbc_controller.inverse_dynamics.formulation.plain_qp import Limits, plain_qp, task_rows
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.tasks import (
     AngularMomentumTask,
@@ -142,13 +142,14 @@ def test_fast_formulation_equals_the_plain_qp(robot, levels):
         state, references = random_state(qp.model, rng), random_references(qp, rng)
         before = qp.model.effort_limits * rng.uniform(-0.5, 0.5, qp.model.na) if rng.random() < 0.5 else None
         layout = formulation.build(state, references, before)
+        limits = Limits(formulation.torque_limit, formulation.motion_limit, formulation.row_limits, formulation.period)
         seen.update(state.q, state.v)
         for number, level in enumerate(layout.levels):
             tasks = [task for task in qp.tasks.values() if task.level == number]
             exact = [task for task in tasks if task.tolerance is None]
             contacts = list(qp.contacts.values())
             expected = plain_qp(
-                seen, exact, contacts, formulation.limits, references, before, formulation.regularization,
+                seen, exact, contacts, limits, references, before, formulation.regularization,
                 first=number == 0,
             )  # fmt: skip
             near("H", level.cost.H, expected.H)

@@ -13,7 +13,7 @@ from wbc_controller.errors import TransportError
 from wbc_controller.middleware import topics
 from wbc_controller.middleware.codec import decode, encode, header, message, nanoseconds, time_fields
 from wbc_controller.middleware.topics import Direction, Endpoint, counterpart, endpoints
-from wbc_controller.nodes.clock import make_simulated_clock
+from wbc_controller.nodes.clock import SimulatedClock
 
 pytestmark = pytest.mark.live
 
@@ -279,7 +279,7 @@ def clock_and_writer(join):
     """A simulated clock, a function that publishes a time, ns, and the transports of their nodes."""
     reader, writer = join("reader"), join("writer")
     (topic,) = endpoints([topic for topic in topics.CONTROLLER_TOPICS if topic.key == "clock"], "reader")
-    clock, publish = make_simulated_clock([topic], reader), writer.advertise(counterpart(topic))
+    clock, publish = SimulatedClock([topic], reader), writer.advertise(counterpart(topic))
     tell = lambda time_ns: publish(encode(message("rosgraph_msgs/msg/Clock", clock=time_fields(time_ns))))  # noqa: E731
     return clock, tell, reader, writer
 

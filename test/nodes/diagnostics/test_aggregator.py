@@ -55,7 +55,7 @@ def _controller(settings, model, namespace, bench):
 
 
 def _status(node, table, settings, model, namespace, make_service):
-    bus, topics = MemoryBus(), list(endpoints(table, node, namespace=namespace, contacts=settings.contacts))
+    bus, topics = MemoryBus(), endpoints(table, node, namespace=namespace, contacts=settings.contacts)
     received = []
     reader = MemoryTransport(bus)
     reader.subscribe(counterpart(next(topic for topic in topics if topic.key == "diagnostics")), received.append)

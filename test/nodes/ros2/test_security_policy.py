@@ -85,8 +85,8 @@ def opened(settings, model, namespace="/", remappings=None):
         MockRobot(model, settings, mock, lockstep=lockstep, **places)
     robot = describe(model.urdf, settings.robot)
     damping = make_guard_damping(settings, model)
-    GuardService(settings, robot, damping, list(endpoints(GUARD_TOPICS, GUARD, **places)), guard, ManualClock())
-    topics = list(endpoints(ESTIMATOR_TOPICS, ESTIMATOR_NODE, contacts=settings.contacts, **places))
+    GuardService(settings, robot, damping, endpoints(GUARD_TOPICS, GUARD, **places), guard, ManualClock())
+    topics = endpoints(ESTIMATOR_TOPICS, ESTIMATOR_NODE, contacts=settings.contacts, **places)
     EstimatorService(settings, model, topics, estimator, ManualClock())
     return {CONTROLLER: controller, MOCK: mock, GUARD: guard, ESTIMATOR_NODE: estimator}
 

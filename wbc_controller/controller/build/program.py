@@ -43,7 +43,7 @@ def make_qp(
     row_limits: list[RowLimit] = [make_self_collision(settings, model)] if own.self_collision.enabled else []
     own_limits = make_user_objects(limits, model, RowLimit, "limits", [])
     row_limits += own_limits
-    check_attributes(model, own_tasks, own_contacts, own_limits)
+    check_attributes(own_tasks, own_contacts, own_limits)
     formulation = Formulation(
         model,
         all_tasks,

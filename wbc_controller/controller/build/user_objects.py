@@ -53,19 +53,17 @@ def make_user_objects(
     return made
 
 
-def check_attributes(
-    model: RobotModel, tasks: Sequence[Task], contacts: Sequence[Contact], limits: Sequence[RowLimit]
-) -> None:
+def check_attributes(tasks: Sequence[Task], contacts: Sequence[Contact], limits: Sequence[RowLimit]) -> None:
     """Check the attributes of user objects."""
     for task in tasks:
-        _check_task(task, model)
+        _check_task(task)
     for contact in contacts:
         _check_contact(contact)
     for limit in limits:
         _check_limit(limit)
 
 
-def _check_task(task: Task, model: RobotModel) -> None:
+def _check_task(task: Task) -> None:
     size = _attribute(task, "size")
     _require(task, "size", size, "an integer above 0", isinstance(size, int) and size > 0)
     rows = _attribute(task, "rows")

@@ -145,7 +145,7 @@ def _compare_contact(
             if turned is not None and abs(turned.height) <= _HEIGHT:
                 raise ConfigurationError(upside_down_message(name))
         up = pin.rpy.rpyToMatrix(np.array(spec.rpy))[:, 2]
-        _require_height(name, "sole", region.height, _corrected_translation(spec.translation, region.height * up))
+        _require_height(name, "sole", region.height, np.array(spec.translation) + region.height * up)
         tilt = region.tilt or 0.0
         if not (tilt <= _TILT):
             raise ConfigurationError(
@@ -173,7 +173,7 @@ def _compare_contact(
     kind = f"lowest point ({radius})"
     frame = qp.dynamics.placement(qp.model.frame_id(spec.frame, f"contacts.{name}.frame"))
     shift = frame.rotation.T @ (region.height * contact.axes(qp.dynamics)[:, 2])
-    _require_height(name, kind, region.height, _corrected_translation(spec.translation, shift))
+    _require_height(name, kind, region.height, np.array(spec.translation) + shift)
     side_offset = float(region.outside(np.zeros((1, 2)))[0])
     if not (side_offset <= _SIDE_OFFSET):
         raise ConfigurationError(
@@ -183,8 +183,9 @@ def _compare_contact(
     return f"{radius} m" + (_describe_offset(region.height) or " agrees")
 
 
-def _corrected_translation(translation: Sequence[float], by: Array) -> str:
-    return "[" + ", ".join(f"{value:.3f}" for value in np.array(translation) + by + 0.0) + "]"
+def point_text(point: Array) -> str:
+    """Format a point, (3,) in m."""
+    return "[" + ", ".join(f"{value:.3f}" for value in point + 0.0) + "]"
 
 
 def _size(region: Footprint) -> str:
@@ -202,12 +203,12 @@ def _side(height: float) -> str:
     return "below" if height > 0.0 else "above"
 
 
-def _require_height(name: str, kind: str, height: float, translation: str) -> None:
+def _require_height(name: str, kind: str, height: float, translation: Array) -> None:
     if not (abs(height) <= _HEIGHT):
         raise ConfigurationError(
             f"contacts.{name}: its {kind} is {1e3 * abs(height):.0f} mm {_side(height)} the lowest point of the link's "
             f"collision shapes in the URDF (allowed {1e3 * _HEIGHT:.0f} mm); correct frame or translation, such as "
-            f"translation: {translation}"
+            f"translation: {point_text(translation)}"
         )
 
 

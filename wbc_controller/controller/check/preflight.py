@@ -14,7 +14,12 @@ from wbc_controller.controller.build.references import make_board
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.build.robot_description import read_urdf
 from wbc_controller.controller.check import model_plausibility
-from wbc_controller.controller.check.contact_shapes import compare_with_shapes, upside_down, upside_down_message
+from wbc_controller.controller.check.contact_shapes import (
+    compare_with_shapes,
+    point_text,
+    upside_down,
+    upside_down_message,
+)
 from wbc_controller.controller.check.finding import Finding
 from wbc_controller.controller.check.gait_check import check_walking
 from wbc_controller.controller.check.reserves import reserves, static_sways
@@ -158,11 +163,8 @@ def _floor(settings: Settings) -> Array:
 def _posture(settings: Settings, qp: WholeBodyQP, active: Sequence[str], normal: Array) -> list[Finding]:
     dynamics, link = qp.dynamics, qp.model.base_link
     base = dynamics.placement(qp.model.frame_id(link, "base")).translation
-    findings = [
-        Finding(
-            "posture", f"in the world: base link {link} at {_point(base)} m, centre of mass at {_point(dynamics.com)} m"
-        )
-    ]
+    places = f"base link {link} at {point_text(base)} m, centre of mass at {point_text(dynamics.com)} m"
+    findings = [Finding("posture", f"in the world: {places}")]
     standing = _floor_contacts(qp, active, normal)
     tilts = {
         name: acos(float(np.clip(contact.placement(dynamics).rotation[:, 2] @ normal, -1.0, 1.0)))
@@ -181,10 +183,6 @@ def _posture(settings: Settings, qp: WholeBodyQP, active: Sequence[str], normal:
         why = "; the robot will tilt on release until they lie flat: correct robot.posture" if turns else ""
         findings.append(Finding("tilt of soles", f"against the floor: {text}{why}"))
     return findings
-
-
-def _point(position: Array) -> str:
-    return "[" + ", ".join(f"{value:.3f}" for value in position + 0.0) + "]"
 
 
 def _uncontrolled_joints(settings: Settings, qp: WholeBodyQP, active: Sequence[str]) -> list[Finding]:

@@ -13,7 +13,7 @@ from wbc_controller.inverse_dynamics.formulation.anchors import anchor_feedback
 from wbc_controller.inverse_dynamics.formulation.cost import Errors, LevelCost
 from wbc_controller.inverse_dynamics.formulation.formulation_kernels import Program, fill_program
 from wbc_controller.inverse_dynamics.formulation.layout import ContactPlace, Layout
-from wbc_controller.inverse_dynamics.formulation.plain_qp import Limits, Regularization, bias_forces
+from wbc_controller.inverse_dynamics.formulation.plain_qp import Regularization, bias_forces
 from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT
 from wbc_controller.inverse_dynamics.formulation.redundancy import (
     EXAMINED_MOBILITY,
@@ -81,11 +81,6 @@ class Formulation:
     def has_priorities(self) -> bool:
         """True for several levels or tolerances."""
         return len(self._levels) > 1 or any(task.tolerance is not None for task in self.tasks.values())
-
-    @property
-    def limits(self) -> Limits:
-        """Limits of the robot."""
-        return Limits(self.torque_limit, self.motion_limit, self.row_limits, self.period)
 
     def layout(self, names: tuple[str, ...]) -> Layout:
         """Return the layout for one set of active contacts."""

@@ -112,7 +112,6 @@ class Layout:
             for place in self.places
             if isinstance(place.contact, AnchoredContact) and place.contact.stiffness > 0.0
         )
-        self.torque_lower, self.torque_upper = problem.lower[:na], problem.upper[:na]
         self.torque_bias = problem.offset
         self.available = np.zeros((3, na))
         starts, nonzero_columns, values = self.actuation.projection
@@ -123,8 +122,8 @@ class Layout:
             damping=self.damping,
             rows=problem.constraints.rows,
             first=self.mechanism.stop - free,
-            lower=self.torque_lower,
-            upper=self.torque_upper,
+            lower=problem.lower[:na],
+            upper=problem.upper[:na],
             M=dynamics.M_rows,
             unit=FORCE_UNIT,
             available=self.available,

@@ -216,7 +216,7 @@ class _Stream:
         self._endpoint, self._reader = endpoint, reader
         self._guard = GuardCondition(participant)
         self._triggers = dds_raw.Triggers(participant)
-        self._triggers.attach_guard(self._guard)
+        self._triggers.attach(self._guard)
         self._triggers.attach_reader(reader)
         self._woken = self._closed = False
 
@@ -254,7 +254,7 @@ class _Dispatcher:
     def __init__(self, participant: Any, name: str) -> None:
         self._triggers = dds_raw.Triggers(participant)
         self._stop = GuardCondition(participant)
-        self._stop_number = self._triggers.attach_guard(self._stop)
+        self._stop_number = self._triggers.attach(self._stop)
         self._readers: dict[int, tuple[Endpoint, Any, _Callback]] = {}
         self._adding = threading.Lock()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)

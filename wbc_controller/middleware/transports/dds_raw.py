@@ -75,13 +75,20 @@ class Triggers:
         self._numbers = (dds_c_t.attach * 0)()  # output of the wait
         self._count = 0
 
-    def attach_guard(self, guard: Any) -> int:
-        """Attach a guard condition; return its number."""
-        return self._attach(guard)
-
     def attach_reader(self, reader: Any) -> int:
         """Attach a reader; return its number."""
-        return self._attach(ReadCondition(reader, _ANY))
+        return self.attach(ReadCondition(reader, _ANY))
+
+    def attach(self, condition: Any) -> int:
+        """Attach a condition; return its number."""
+        # The number may trigger at once; 0 is a null pointer in C.
+        self._attached.append(condition)
+        number = len(self._attached)
+        self._numbers = (dds_c_t.attach * number)()  # a waiting thread keeps the old array
+        status = self._waitset._waitset_attach(self._waitset._ref, condition._ref, ctypes.c_void_p(number))
+        if status < 0:
+            raise DDSException(status)
+        return number
 
     def wait(self, seconds: float = math.inf) -> bool:
         """Wait for a trigger; return False after the timeout."""
@@ -103,13 +110,3 @@ class Triggers:
         delete(self._waitset)
         for condition in self._attached:
             delete(condition)
-
-    def _attach(self, condition: Any) -> int:
-        # The number may trigger at once; 0 is a null pointer in C.
-        self._attached.append(condition)
-        number = len(self._attached)
-        self._numbers = (dds_c_t.attach * number)()  # a waiting thread keeps the old array
-        status = self._waitset._waitset_attach(self._waitset._ref, condition._ref, ctypes.c_void_p(number))
-        if status < 0:
-            raise DDSException(status)
-        return number

@@ -229,9 +229,8 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         _log.info("waiting for 'activate' on %s/command", self.get_fully_qualified_name())
 
     def _run(self, loop: ControlLoop, activate: bool) -> None:
-        triggered = loop.controller.config.settings.control.trigger == "joint_states"
         try:
-            loop.run(self._stop, loop.controller.period, triggered=triggered, activate=activate)
+            loop.run(self._stop, activate=activate)
         except Exception:
             _log.exception("the control loop has failed")
             self._failed = True

@@ -92,7 +92,7 @@ class LiveParameters:
                 raise ConfigurationError(f"{', '.join(fixed)}: not live; configure the node again to change it")
             change = self._change(parameters)
             if change:
-                self._live.check(nested(change), "parameters")
+                self._live.validated(nested(change), "parameters")
         except ConfigurationError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)

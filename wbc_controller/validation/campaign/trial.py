@@ -200,7 +200,7 @@ class _Trial(MonitoredRobot):
             self.user.send("cmd_vel", velocity_message((WALK_SPEED, 0.0, 0.0)))
         self.publish_state()
         before = time.thread_time()
-        if self.loop.run_due(self.monitor.now, self.controller.period) and self.monitor.now >= self._began:
+        if self.loop.run_due(self.monitor.now) and self.monitor.now >= self._began:
             self.monitor.check_processor_time(time.thread_time() - before - self._read)
         self.mock.advance()
 

@@ -141,7 +141,7 @@ class _Standing(MonitoredRobot):
             self._paused_until = self.time + _between(self._rng, _PAUSE_DURATION)
             self._pauses_at = self._paused_until + _between(self._rng, _TIME_BETWEEN_PAUSES)
         if self.time >= self._paused_until:
-            self.loop.run_due(self.monitor.now, self.controller.period)
+            self.loop.run_due(self.monitor.now)
         self.mock.advance()
 
     def _judge(self) -> None:

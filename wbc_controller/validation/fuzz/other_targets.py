@@ -49,7 +49,7 @@ class GuardTarget(Target):
         settings, self._model = with_all_diagnostics(fuzzed.settings), fuzzed.model
         description = describe(self._model.urdf, settings.robot)
         self._limits = description.effort_limits
-        opened = list(topics.endpoints(topics.GUARD_TOPICS, topics.GUARD_NODE))
+        opened = topics.endpoints(topics.GUARD_TOPICS, topics.GUARD_NODE)
         super().__init__(opened, ("effort", "diagnostics"))
         self._guard = GuardService(
             settings, description, make_guard_damping(settings, self._model), opened, self.transport(), self.clock
@@ -137,7 +137,7 @@ class EstimatorTarget(Target):
         estimation = fuzzed.settings.estimation.model_copy(update={"settling": _SETTLING, "absolute_pose": True})
         settings = with_all_diagnostics(fuzzed.settings).model_copy(update={"estimation": estimation})
         self._model = fuzzed.model
-        opened = list(topics.endpoints(topics.ESTIMATOR_TOPICS, topics.ESTIMATOR_NODE, contacts=settings.contacts))
+        opened = topics.endpoints(topics.ESTIMATOR_TOPICS, topics.ESTIMATOR_NODE, contacts=settings.contacts)
         super().__init__(opened, ("odom", "diagnostics"))
         self._node = EstimatorService(settings, self._model, opened, self.transport(), self.clock)
         self._period = 1.0 / settings.control.rate
@@ -210,7 +210,7 @@ class MockTarget(Target):
     def __init__(self, robot: str) -> None:
         fuzzed = fuzzed_robot(robot)
         self._settings, self._model = fuzzed.settings, fuzzed.model
-        super().__init__(list(topics.endpoints(topics.MOCK_TOPICS, topics.MOCK_NODE, contacts=self._settings.contacts)))
+        super().__init__(topics.endpoints(topics.MOCK_TOPICS, topics.MOCK_NODE, contacts=self._settings.contacts))
         self._robots = [
             MockRobot(self._model, self._settings, self.transport(), lockstep=lockstep) for lockstep in (False, True)
         ]
