@@ -30,8 +30,8 @@ def message(type_name: str, **fields: Any) -> Any:
 
 def _nested(type_name: str, value: Any) -> Any:
     if isinstance(value, np.ndarray):
-        names = [name for name, _ in TYPES.fielddefs[type_name][1]]
-        value = dict(zip(names, value.tolist(), strict=False))
+        omitted = len(TYPES.fielddefs[type_name][1]) - len(value)
+        return TYPES.types[type_name](*value.tolist(), *[0.0] * omitted)
     return message(type_name, **value) if isinstance(value, dict) else value
 
 

@@ -2,6 +2,7 @@
 
 import importlib.metadata
 import os
+from functools import cache
 from pathlib import Path
 
 from wbc_controller.errors import ConfigurationError
@@ -72,6 +73,11 @@ def share_folder(package: str) -> Path:
                 return folder
         except OSError:  # the name is too long
             break
+    return _folder_of_distribution(package)
+
+
+@cache
+def _folder_of_distribution(package: str) -> Path:
     try:
         distribution = importlib.metadata.distribution(package)
     except (importlib.metadata.PackageNotFoundError, ValueError):  # ValueError: the name is empty

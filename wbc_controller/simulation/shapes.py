@@ -74,7 +74,9 @@ def read_shapes(
             shapes[joint] = [_wheel_rim(elements, wheels[joint])]
             continue
         shapes[joint] = [shape for shape in map(_primitive, elements) if shape is not None]
-        hulls = [_hull(enclosing_points(element)) for element in elements if _primitive(element) is None]
+        hulls = [enclosing_points(element) for element in elements if _primitive(element) is None]
+        if joint in soles or joint in tips:
+            hulls = [_hull(points) for points in hulls]
         for normal in _distinct_normals(soles.get(joint, ())) if hulls else ():
             lowest = max(float(np.max(hull @ normal)) for hull in hulls)
             for index, hull in enumerate(hulls):

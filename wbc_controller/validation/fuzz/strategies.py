@@ -19,15 +19,7 @@ from wbc_controller.validation.fuzz.values import FLOATS, INTEGERS, LENGTHS, SCA
 
 T = TypeVar("T")
 
-#: Generation only: no database, shrinking or time limits.
-_GENERATE = hypothesis.settings(
-    max_examples=2,
-    phases=[hypothesis.Phase.generate],
-    database=None,
-    deadline=None,
-    derandomize=False,
-    suppress_health_check=list(hypothesis.HealthCheck),
-)
+_RANDOM_BYTES = 8192  # for one value; the most that Hypothesis uses
 _MUTATIONS = (1, 1, 1, 2, 4)
 _LONGEST_RUN = 64  # bytes
 _LONGEST_NOISE = 400  # bytes
@@ -46,16 +38,16 @@ def draw_by_key(strategy: SearchStrategy[T], *key: object) -> T:
     """Draw a value determined by a key and the code."""
     values: list[T] = []
 
-    # The first example of Hypothesis is trivial; a varying number makes the second one random. Its cache would hold a
-    # node in `st.tuples`.
-    @hypothesis.seed(str(key))
-    @_GENERATE
-    @hypothesis.given(st.integers(0, 2**32), strategy)
-    def keep(number: int, value: T) -> None:
+    @hypothesis.settings(database=None, deadline=None)
+    @hypothesis.given(strategy)
+    def keep(value: T) -> None:
         values.append(value)
 
-    keep()
-    return values[-1]
+    handle: Any = keep
+    generator = np.random.default_rng(list(str(key).encode()))
+    while not values:  # too few bytes give none
+        handle.hypothesis.fuzz_one_input(generator.bytes(_RANDOM_BYTES))
+    return values[0]
 
 
 def share(probability: float) -> SearchStrategy[bool]:
