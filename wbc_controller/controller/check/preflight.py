@@ -65,13 +65,13 @@ def stance(
     q = model.configuration(model.posture)
     qp.dynamics.update(q, np.zeros(model.nv))
     normal = np.array(floor_normal) / np.linalg.norm(floor_normal)
-    heights = [points @ normal for points in _floor_contacts(qp, active, normal).values()]
+    heights = [points @ normal for points in floor_contacts(qp, active, normal).values()]
     if model.floating_base and heights:
         q[2] -= np.concatenate(heights).min() / normal[2]
     return q
 
 
-def _floor_contacts(qp: WholeBodyQP, active: Iterable[str], normal: Array) -> dict[str, Array]:
+def floor_contacts(qp: WholeBodyQP, active: Iterable[str], normal: Array) -> dict[str, Array]:
     """Return the corners of active floor contacts in the world, (n, 3); not on walls, rails or links."""
     dynamics, found = qp.dynamics, {}
     for name in active:
@@ -142,7 +142,7 @@ def check_qp(settings: Settings, qp: WholeBodyQP, board: ReferenceBoard) -> list
     findings += [Finding(limit.kind.replace("_", "-"), limit.summary) for limit in qp.formulation.row_limits]
     qp.dynamics.update(q, np.zeros(model.nv))
     findings += _loops(qp)
-    standing = _floor_contacts(qp, active, normal)
+    standing = floor_contacts(qp, active, normal)
     if standing and model.floating_base:
         findings.append(_support(qp, standing, normal))
     board.reset(qp.dynamics, 0.0)
@@ -164,7 +164,7 @@ def _posture(settings: Settings, qp: WholeBodyQP, active: Sequence[str], normal:
             "posture", f"in the world: base link {link} at {_point(base)} m, centre of mass at {_point(dynamics.com)} m"
         )
     ]
-    standing = _floor_contacts(qp, active, normal)
+    standing = floor_contacts(qp, active, normal)
     tilts = {
         name: acos(float(np.clip(contact.placement(dynamics).rotation[:, 2] @ normal, -1.0, 1.0)))
         for name in standing
@@ -332,7 +332,7 @@ def _standing_failure(qp: WholeBodyQP, active: tuple[str, ...], normal: Array) -
     if model.floating_base and not active:
         return "contacts: none is enabled; a robot with a floating base falls"
     begin = f"the robot cannot stand still in robot.posture on {', '.join(active) or 'its fixed base'}: "
-    standing = _floor_contacts(qp, active, normal)
+    standing = floor_contacts(qp, active, normal)
     if set(standing) == set(active) and model.floating_base:
         margin = support_margin(np.vstack(list(standing.values()))[:, :2], qp.dynamics.com[:2])
         if abs(margin) < _LEAST_SWAY:
