@@ -89,6 +89,8 @@ def test_a_clock_of_another_rate_is_not_latency(rate):
         (-0.004, "header.stamp is 0.004 s before the last message"),
         (-10.0, "header.stamp is 10.000 s before"),
         (60.0, "header.stamp is 59.998 s ahead of the previous messages"),
+        (0.25, "header.stamp is 0.248 s ahead of the previous messages"),
+        (0.1, "header.stamp is 0.098 s ahead of the previous messages"),
     ],
 )
 def test_one_contradictory_stamp_is_refused(step, said):
@@ -97,6 +99,30 @@ def test_one_contradictory_stamp_is_refused(step, said):
     assert tracker.check_stamp(round((START + last + step) * 1e9), last + 0.002).startswith(said)
     assert tracker.age(last + 0.002) == pytest.approx(0.002, abs=1e-6)
     assert feed(tracker, [last + 0.004]) == [None]
+
+
+def test_an_interleaved_stream_ahead_is_refused():
+    """A second publisher with another clock."""
+    tracker = fed(StampTracker())
+    for time in 0.2 + np.arange(300) * 0.002:
+        assert feed(tracker, [time]) == [None]
+        assert "0.100 s ahead" in feed(tracker, [time + 0.1], -0.1)[0]
+        assert tracker.age(time) == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(("period", "refused"), [(0.002, 5), (0.006, 2), (0.02, 1)])
+def test_a_latency_that_falls_at_once_is_accepted(period, refused):
+    tracker = StampTracker()
+    feed(tracker, np.arange(100) * period, 0.1)
+    reasons = feed(tracker, 100 * period + np.arange(20) * period)
+    assert "0.100 s ahead of the previous messages" in reasons[0]
+    assert [reason is None for reason in reasons] == [False] * refused + [True] * (20 - refused)
+
+
+def test_a_message_in_time_after_a_late_one_is_accepted():
+    tracker = fed(StampTracker(), 500)
+    assert feed(tracker, [1.0, 1.5], [0.499, 0.0]) == [None, None]
+    assert tracker.age(1.5) <= 0.025 + 1e-6
 
 
 def test_a_stream_with_a_new_time_is_taken_after_a_while():

@@ -8,7 +8,9 @@ from typing import Any
 from wbc_controller.errors import InputRefused
 
 _STAMP, _STAMP_AT = struct.Struct("<iI"), 4  # seconds and nanoseconds, and their offset in a message
-_MAX_ADVANCE = 0.25  # over the expected time, s: above the jitter of the latency
+_MAX_ADVANCE = 0.25  # over the expected time, s: above changes of the latency
+_MAX_LEAD = 0.03  # of a single timestamp over the expected time, s: above `_GAP`
+_CONFIRMATION = 0.01  # advance of the timestamps until a larger lead is a shorter latency, s
 _MAX_CLOCK_SLOWDOWN = 0.5  # such as a simulator at half speed
 _GAP = 0.025  # largest lag by a slow clock after one gap, s
 _REBASE = 0.3  # duration of contradictions before a new time, s on the local clock
@@ -49,7 +51,8 @@ class StampTracker:
     - The offset rises at most by half of the time between arrivals and by the advance of the timestamps: a drifting
       clock or a slow simulator is not latency.
     - With synchronized clocks the offset is known; timestamps ahead by more than the tolerance are refused.
-    - Timestamps must increase by limited steps. Others are refused; after `_REBASE` they count as a new time.
+    - Timestamps must increase. A lead above `_MAX_LEAD` is refused until the successors confirm it for `_CONFIRMATION`,
+      as is a shorter latency. Others, and leads above `_MAX_ADVANCE`, count after `_REBASE` as a new time.
 
     Attributes:
         clock_stall: advance of the timestamps, including refused ones, during a stall of the local clock, s.
@@ -90,10 +93,11 @@ class StampTracker:
             self.clock_stall += step
         self._newest_stamp, self._newest_arrival = stamp, arrival
         self._new_time = False
-        reason = self._too_early(stamp, arrival) or self._contradiction(stamp, arrival)
-        if reason is not None and self._last_refused and plausible:
-            self._refused_advance += step
+        refused_advance = self._refused_advance + (step if self._last_refused and plausible else 0.0)
+        reason = self._too_early(stamp, arrival) or self._contradiction(stamp, arrival, refused_advance)
         self._last_refused = reason is not None
+        if reason is not None:
+            self._refused_advance = refused_advance
         return reason
 
     def accept(self, stamp: int, arrival: float) -> None:
@@ -119,11 +123,13 @@ class StampTracker:
             "safety.clock_tolerance)"
         )
 
-    def _contradiction(self, stamp: int, arrival: float) -> str | None:
+    def _contradiction(self, stamp: int, arrival: float, refused_advance: float) -> str | None:
         if self._arrival == -math.inf:
             return None
-        step, passed = (stamp - self._stamp) * 1.0e-9, arrival - self._arrival
-        if step > 0.0 and (self._clock_offset is not None or step <= _MAX_ADVANCE + passed):
+        step = (stamp - self._stamp) * 1.0e-9
+        lead = self._offset - (arrival - stamp * 1.0e-9) if self._clock_offset is None else 0.0
+        largest = _MAX_LEAD if refused_advance < _CONFIRMATION else _MAX_ADVANCE
+        if step > 0.0 and lead <= largest:
             return None
         self._contradicted_since = min(self._contradicted_since, arrival)
         if arrival - self._contradicted_since >= _REBASE:
@@ -133,7 +139,7 @@ class StampTracker:
             return f"header.stamp does not advance from {stamp * 1e-9:.3f} s"
         if step < 0.0:
             return f"header.stamp is {-step:.3f} s before the last message"
-        return f"header.stamp is {step - passed:.3f} s ahead of the previous messages"
+        return f"header.stamp is {lead:.3f} s ahead of the previous messages"
 
     def age(self, now: float) -> float:
         """Return the age of the newest accepted message at a local time, s; infinite before the first one.

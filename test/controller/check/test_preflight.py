@@ -7,8 +7,9 @@ import pinocchio as pin
 import pytest
 
 from wbc_controller.apps.new.draft import new_configuration
+from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.check import contact_shapes
-from wbc_controller.controller.check.preflight import check, support_margin
+from wbc_controller.controller.check.preflight import check, stops_after_ramp, support_margin
 from wbc_controller.controller.controller import Controller
 from wbc_controller.errors import ConfigurationError
 
@@ -107,6 +108,12 @@ def test_a_line_of_contacts_is_no_support(robot_of, changed):
     assert "mass is above the edge of the support; a sway of 1 mm must be possible, not only 0.0 mm forward" in sentence
 
 
+@pytest.mark.parametrize(("robot", "ramp", "stops"), [("g1", 0.2, True), ("g1", 0.5, False), ("go2", 60.0, True)])
+def test_arms_fall_during_the_activation_ramp(robot_of, robot, ramp, stops):
+    settings, model = robot_of(robot)
+    assert stops_after_ramp(settings, make_qp(settings, model), ramp) is stops
+
+
 def test_too_small_a_normal_force(robot_of, changed):
     settings, model = robot_of("go2")
     weak = {name: {"max_normal_force": 39.0} for name in settings.contacts}
@@ -125,7 +132,7 @@ def test_feet_on_different_heights(robot_of, changed):
     posture = list(settings.robot.posture)
     posture[1:3] = 1.2, -2.3
     sentence = refusal(changed(settings, {"robot": {"posture": posture}}))
-    assert "robot.posture: with the base upright these contacts are above the floor" in sentence
+    assert "robot.posture: with the base upright these contacts reach above the floor" in sentence
     assert "front_left_foot" in sentence
     assert "(allowed 6 mm)" in sentence
 

@@ -245,19 +245,21 @@ def test_contradicting_position_limits_are_refused():
         {}, position_margin=0.2, position_horizon=0.0, velocity_scale=1.0, acceleration=1.0, torque_rate=1.0
     )
 
-    def gripper(lower):
+    def gripper(lower, followers=None):
         return SimpleNamespace(
             joints=("wrist", "finger"),
             units=("rad", "m"),
             position_lower=np.array([-1.0, lower]),
             position_upper=np.array([1.0, 0.3]),
             velocity_limits=np.ones(2),
+            followers=followers,
         )
 
-    with pytest.raises(
-        ConfigurationError, match=r"position_margin = 0.2 leaves no range for 'finger', with the limits 0 and 0.3 m"
-    ):
+    sentence = "position_margin = 0.2 leaves no range for 'finger', with the limits 0 and 0.3 m"
+    with pytest.raises(ConfigurationError, match=f"{sentence}$"):
         JointMotionLimit.of(gripper(0.0), tuning)
+    with pytest.raises(ConfigurationError, match=f"{sentence}, also of mimic joints$"):
+        JointMotionLimit.of(gripper(0.0, ["thumb"]), tuning)
     with pytest.raises(ConfigurationError, match="finger"):
         JointMotionLimit.of(gripper(np.nan), tuning)
     assert JointMotionLimit.of(gripper(-0.3), tuning).position[1] == pytest.approx([0.8, 0.1])

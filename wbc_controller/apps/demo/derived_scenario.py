@@ -10,10 +10,14 @@ from scipy.linalg import null_space
 from wbc_controller.apps.demo.scenario import Reach, Scenario, shoves, squat, sway
 from wbc_controller.controller.build.leg import Leg
 from wbc_controller.controller.build.program import make_qp
-from wbc_controller.controller.check.preflight import stance, support_margin, unsupported_passive_joints
+from wbc_controller.controller.check.preflight import (
+    floor_contacts,
+    stance,
+    support_margin,
+    unsupported_passive_joints,
+)
 from wbc_controller.controller.check.reserves import com_distance
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.inverse_dynamics.contacts import UnilateralContact
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings
@@ -30,7 +34,6 @@ _REACH = 0.1  # forward and upward motion of a hand: share of the height of the 
 _ARM_REACH, _LONGEST_ARM_REACH, _ARM_SHOVE = 0.15, 0.1, 0.3
 #: Safe share of the feasible motion of the centre of mass, and smallest executed motion, m.
 _SAFE, _SMALLEST_MOTION = 0.8, 0.005
-_LEVEL = 0.01  # largest height of a contact corner on the floor, m
 _STEPS = 10  # of a motion
 _MAX_EFFORT = 0.8  # of an effort limit, for gravity
 
@@ -61,7 +64,7 @@ def derived_scenario(settings: Settings, model: RobotModel) -> Scenario:
     if not (margin > 0.0):
         raise ConfigurationError(
             "the demo requires a standing robot; in robot.posture the centre of mass is outside the support polygon of "
-            "the enabled contacts at floor height: correct robot.posture or the contacts"
+            "the contacts on the floor: correct robot.posture or the contacts"
         )
     impulse = model.mass * min(_SHOVE * math.sqrt(model.gravity / height) * margin, _LARGEST_SHOVE)
     impulse = float(f"{impulse:.2g}")
@@ -161,16 +164,10 @@ class _Stance:
         self._enabled = [name for name, contact in settings.contacts.items() if contact.enabled]
         self._q = stance(model, self._qp, self._enabled)
         dynamics.update(self._q, np.zeros(model.nv))
-        feet = [
-            contact.points(dynamics)
-            for contact in (self._qp.contacts[name] for name in self._enabled)
-            if isinstance(contact, UnilateralContact) and not contact.internal
-        ]
-        corners = np.vstack([np.zeros((0, 3)), *feet])
-        floor = corners[corners[:, 2] <= _LEVEL]
+        corners = np.vstack([np.zeros((0, 3)), *floor_contacts(self._qp, self._enabled, np.eye(3)[2]).values()])
         self.height = float(dynamics.com[2])  # of the centre of mass, m
         #: Distance of the centre of mass from the edge of the support, m.
-        self.margin = 0.0 if len(floor) < 3 else support_margin(floor[:, :2], dynamics.com[:2])
+        self.margin = support_margin(corners[:, :2], dynamics.com[:2]) if len(corners) else 0.0
 
     def safe_distance(self, direction: Array, most: float) -> float:
         """Return the safe motion of the centre of mass in a direction, at most `most`, in m."""

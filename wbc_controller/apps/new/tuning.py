@@ -12,18 +12,14 @@ from wbc_controller.apps.new.foot_shape import Foot
 from wbc_controller.apps.new.notes import Draft
 from wbc_controller.controller.build.footprint import simplify_polygon
 from wbc_controller.controller.build.program import make_qp
-from wbc_controller.controller.build.references import make_board
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.build.walking import find_feet, make_gait
-from wbc_controller.controller.check.preflight import stance
+from wbc_controller.controller.check.preflight import stops_after_ramp
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.estimation.projection import split_force
 from wbc_controller.inverse_dynamics.contacts.support import are_corners
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.inverse_dynamics.solvers import make_solver
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
-from wbc_controller.records import Array, RobotState, frozen
-from wbc_controller.settings import Settings
+from wbc_controller.records import Array
 from wbc_controller.settings.limits import LimitSettings
 
 #: Stiffness of the centre of mass in units of the squared pendulum frequency g/h, and its range, 1/s².
@@ -201,32 +197,9 @@ def put_activation_ramp(urdf: str, draft: Draft) -> None:
     except ConfigurationError:  # the check of the draft reports it
         return
     ramps = (settings.safety.activation_ramp, 0.1, 0.05, 0.02, 0.0)
-    ramp = next((ramp for ramp in ramps if _stops_after_ramp(settings, qp, ramp)), ramps[0])
+    ramp = next((ramp for ramp in ramps if stops_after_ramp(settings, qp, ramp)), ramps[0])
     if ramp < ramps[0]:
         draft.put("safety.activation_ramp", ramp, "Joints without support fall meanwhile.", "guess")
-
-
-def _stops_after_ramp(settings: Settings, qp: WholeBodyQP, ramp: float) -> bool:
-    """Return True if the torques can meet all joint limits after a ramp of T s on a hoist, without moving the base.
-
-    In free fall with acceleration a, torques that grow from zero to those of standing permit v = a T / 2 and a motion
-    of a T² / 3.
-    """
-    model, dynamics = qp.model, qp.dynamics
-    active = [name for name, contact in settings.contacts.items() if contact.enabled]
-    q = stance(model, qp, active)
-    dynamics.update(q, np.zeros(model.nv))
-    board = make_board(settings, qp)
-    board.reset(dynamics, 0.0)
-    held = [qp.contacts[name].jacobian(dynamics) for name in active]
-    J = np.vstack([np.eye(6, model.nv), model.actuation.C, *held])
-    fall = np.linalg.solve(dynamics.M, split_force(dynamics.M, J, -dynamics.h)[0])
-    fall[:6] = 0.0  # exactly
-    q = pin.integrate(model.pinocchio, q, ramp**2 / 3.0 * fall)
-    state = RobotState(0, frozen(q), frozen(0.5 * ramp * fall))
-    problem = qp.formulation.build(state, board.sample(0.0)).snapshot().problem
-    problem.x_lower[:6] = problem.x_upper[:6] = 0.0
-    return make_solver("daqp", problem).solve(problem).x is not None
 
 
 def _feet_move_freely(qp: WholeBodyQP) -> bool:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from scipy.linalg import null_space
 from scipy.spatial import ConvexHull, QhullError
 
@@ -24,6 +25,7 @@ from wbc_controller.controller.check.finding import Finding
 from wbc_controller.controller.check.gait_check import check_walking
 from wbc_controller.controller.check.reserves import reserves, static_sways
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.estimation.projection import split_force
 from wbc_controller.inverse_dynamics.contacts import LoopClosure, SurfaceContact, UnilateralContact
 from wbc_controller.inverse_dynamics.formulation.infeasibility import explain
 from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT
@@ -68,13 +70,13 @@ def stance(
     q = model.configuration(model.posture)
     qp.dynamics.update(q, np.zeros(model.nv))
     normal = np.array(floor_normal) / np.linalg.norm(floor_normal)
-    heights = [points @ normal for points in _floor_contacts(qp, active, normal).values()]
+    heights = [points @ normal for points in floor_contacts(qp, active, normal).values()]
     if model.floating_base and heights:
         q[2] -= np.concatenate(heights).min() / normal[2]
     return q
 
 
-def _floor_contacts(qp: WholeBodyQP, active: Iterable[str], normal: Array) -> dict[str, Array]:
+def floor_contacts(qp: WholeBodyQP, active: Iterable[str], normal: Array) -> dict[str, Array]:
     """Return the corners of active floor contacts in the world, (n, 3); not on walls, rails or links."""
     dynamics, found = qp.dynamics, {}
     for name in active:
@@ -146,7 +148,7 @@ def check_qp(settings: Settings, qp: WholeBodyQP, board: ReferenceBoard) -> list
     findings += [Finding(limit.kind.replace("_", "-"), limit.summary) for limit in qp.formulation.row_limits]
     qp.dynamics.update(q, np.zeros(model.nv))
     findings += _loops(qp)
-    standing = _floor_contacts(qp, active, normal)
+    standing = floor_contacts(qp, active, normal)
     if standing and model.floating_base:
         findings.append(_support(qp, standing, normal))
     board.reset(qp.dynamics, 0.0)
@@ -165,7 +167,7 @@ def _posture(settings: Settings, qp: WholeBodyQP, active: Sequence[str], normal:
     base = dynamics.placement(qp.model.frame_id(link, "base")).translation
     places = f"base link {link} at {point_text(base)} m, centre of mass at {point_text(dynamics.com)} m"
     findings = [Finding("posture", f"in the world: {places}")]
-    standing = _floor_contacts(qp, active, normal)
+    standing = floor_contacts(qp, active, normal)
     tilts = {
         name: acos(float(np.clip(contact.placement(dynamics).rotation[:, 2] @ normal, -1.0, 1.0)))
         for name in standing
@@ -258,7 +260,7 @@ def _support(qp: WholeBodyQP, points: Mapping[str, Array], normal: Array) -> Fin
     high = [f"{name} {1e3 * height:.0f} mm" for name, height in heights.items() if not (height <= level)]
     if high:
         raise ConfigurationError(
-            f"robot.posture: with the base upright these contacts are above the floor on which the lowest one stands: "
+            "robot.posture: with the base upright these contacts reach above the floor on which the lowest one stands: "
             f"{', '.join(high)} (allowed {1e3 * level:.0f} mm)"
         )
     margin = support_margin(np.vstack(list(points.values()))[:, :2], qp.dynamics.com[:2])
@@ -325,7 +327,7 @@ def _standing_failure(qp: WholeBodyQP, active: tuple[str, ...], normal: Array) -
     if model.floating_base and not active:
         return "contacts: none is enabled; a robot with a floating base falls"
     begin = f"the robot cannot stand still in robot.posture on {', '.join(active) or 'its fixed base'}: "
-    standing = _floor_contacts(qp, active, normal)
+    standing = floor_contacts(qp, active, normal)
     if set(standing) == set(active) and model.floating_base:
         margin = support_margin(np.vstack(list(standing.values()))[:, :2], qp.dynamics.com[:2])
         if abs(margin) < _LEAST_SWAY:
@@ -350,6 +352,29 @@ def _standing_failure(qp: WholeBodyQP, active: tuple[str, ...], normal: Array) -
         f"(scaled by robot.effort_limit_scale, from {model.effort_limits.min():g} to {model.effort_limits.max():g} N·m)"
         + (f" and the springs of {', '.join(model.passive.joints)}" if model.passive is not None else "")
     )
+
+
+def stops_after_ramp(settings: Settings, qp: WholeBodyQP, ramp: float) -> bool:
+    """Return True if the torques can meet all joint limits after a ramp of T s on a hoist, without moving the base.
+
+    Torques that grow from zero to gravity's permit v = a T / 2 and a motion of a T² / 3 by the acceleration a of free
+    fall.
+    """
+    model, dynamics = qp.model, qp.dynamics
+    active = [name for name, contact in settings.contacts.items() if contact.enabled]
+    q = stance(model, qp, active)
+    dynamics.update(q, np.zeros(model.nv))
+    board = make_board(settings, qp)
+    board.reset(dynamics, 0.0)
+    held = [qp.contacts[name].jacobian(dynamics) for name in active]
+    J = np.vstack([np.eye(6, model.nv), model.actuation.C, *held])
+    fall = np.linalg.solve(dynamics.M, split_force(dynamics.M, J, -dynamics.h)[0])
+    fall[:6] = 0.0  # exactly
+    q = np.asarray(pin.integrate(model.pinocchio, q, ramp**2 / 3.0 * fall))
+    state = RobotState(0, frozen(q), frozen(0.5 * ramp * fall))
+    problem = qp.formulation.build(state, board.sample(0.0)).snapshot().problem
+    problem.x_lower[:6] = problem.x_upper[:6] = 0.0
+    return make_solver("daqp", problem).solve(problem).x is not None
 
 
 def unsupported_passive_joints(qp: WholeBodyQP, active: Sequence[str]) -> list[int]:

@@ -68,9 +68,10 @@ class JointMotionLimit(Tunable):
         lower, upper = model.position_lower + margin, model.position_upper - margin
         for name, low, high, unit in zip(model.joints, lower, upper, model.units, strict=True) if position else ():
             if not (low < high):
+                mimics = "" if model.followers is None else ", also of mimic joints"
                 raise ConfigurationError(
                     f"limits.position_margin = {margin:g} leaves no range for {name!r}, with the limits "
-                    f"{low - margin:g} and {high + margin:g} {unit}"
+                    f"{low - margin:g} and {high + margin:g} {unit}{mimics}"
                 )
         return cls(
             (lower, upper) if position else None,
