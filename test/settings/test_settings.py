@@ -41,7 +41,7 @@ BROKEN = {
     "duplicate_key": (":18: tasks.com: duplicate key 'com'", "first in line 16"),
     "duplicate_joint": ("robot.joints: duplicate 'RL_calf_joint'",),
     "posture_too_short": ("robot.posture has 11 values for 12 joints",),
-    "infeasible_stance": ("robot.posture on front_left_foot, front_right_foot", "229 mm outside the support"),
+    "infeasible_stance": ("robot.posture on front_left_foot, front_right_foot", "179 mm outside the support"),
 }
 
 
