@@ -22,7 +22,11 @@ EXTRAS = {
 
 
 def require_libraries(*names: str) -> None:
-    """Refuse missing libraries, with the command that installs them; imports none."""
+    """Check that libraries are installed, without importing them.
+
+    Raises:
+        ConfigurationError: if some are missing, with the command that installs them.
+    """
     missing = [name for name in names if importlib.util.find_spec(name) is None]
     if missing:
         raise ConfigurationError(_installation(missing))
@@ -30,7 +34,11 @@ def require_libraries(*names: str) -> None:
 
 @contextmanager
 def optional_libraries() -> Iterator[None]:
-    """Replace the error of a missing optional library by one with the command that installs it."""
+    """Replace the error of a missing optional library.
+
+    Raises:
+        ConfigurationError: with the command that installs it.
+    """
     try:
         yield
     except ModuleNotFoundError as error:

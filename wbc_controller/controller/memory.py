@@ -33,7 +33,11 @@ def save_state(owner: Any) -> dict[str, Any]:
 
 
 def restore_state(owner: Any, memory: Mapping[str, Any]) -> None:
-    """Restore the state of an object from `save_state`."""
+    """Restore the state of an object from `save_state`.
+
+    Raises:
+        TypeError: if a record has the wrong type.
+    """
     for name in owner.STATE_FIELDS:
         present, value = getattr(owner, name), memory[name]
         _require_record(name, present, value)

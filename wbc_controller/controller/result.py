@@ -95,7 +95,11 @@ class CycleResult:
         return list(draw(dynamics, self.qp.tasks, self.qp.contacts, self.references, self.forces))
 
     def plot(self) -> Any:
-        """Return a plotly Figure of `shapes` and largest torques; needs plotly."""
+        """Return a plotly Figure of `shapes` and largest torques.
+
+        Raises:
+            ConfigurationError: if plotly is not installed.
+        """
         from wbc_controller.controller.visualization.plots import plot_cycle
 
         model = self.qp.model
@@ -154,7 +158,11 @@ class CycleResult:
 
 
 def plot(results: Sequence[CycleResult]) -> Any:
-    """Return a plotly Figure: errors of tasks, normal forces, friction, largest torque, constraints; needs plotly."""
+    """Return a plotly Figure of a run: task errors, normal forces, friction, largest torque, binding constraints.
+
+    Raises:
+        ConfigurationError: if plotly is not installed.
+    """
     from wbc_controller.controller.visualization.plots import Line, Panel, line_panels
 
     if not isinstance(results, Sequence) or not all(isinstance(each, CycleResult) for each in results):

@@ -76,7 +76,11 @@ def _resolve_path(value: Any, keys: Sequence[str], folder: Path) -> Any:
 
 
 def read_yaml(text: str, source: str, loader: Any = yaml.SafeLoader) -> Any:
-    """Read a YAML document as plain values; refuses duplicate keys, recursive aliases and, early, too large ones."""
+    """Read a YAML document as plain values, without constructing too large ones; `source` names it in messages.
+
+    Raises:
+        ConfigurationError: if the text is not valid YAML, too large, or has a duplicate key or recursive alias.
+    """
     try:
         reader = loader(text)
         try:
@@ -105,7 +109,11 @@ def yaml_line(value: Any) -> str:
 
 
 def parse_settings(parameters: Mapping[str, Any], source: str) -> Settings:
-    """Validate ``ros__parameters``; errors have one line per mistake: `source`, key, value, valid choices."""
+    """Validate a nested dictionary of ``ros__parameters``; `source` names it in messages.
+
+    Raises:
+        ConfigurationError: with one line per mistake: source, key, value, valid choices.
+    """
     try:
         return Settings.model_validate(parameters)
     except ValidationError as error:

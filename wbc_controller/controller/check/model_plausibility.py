@@ -54,7 +54,10 @@ def _links(urdf: str) -> Iterator[_Link]:
 
 
 def require_inertia(model: RobotModel) -> None:
-    """Refuse bodies without mass or inertia except `massless_links`, and implausible distances between joints."""
+    """Refuse bodies without mass or inertia except `massless_links`, and implausible distances between joints.
+
+    Raises: ConfigurationError: with the bodies or joints.
+    """
     links = {link.name: link for link in _links(model.urdf)}
     bodies: dict[int, list[_Link]] = {joint: [] for joint in range(1, model.pinocchio.njoints)}
     for frame in model.pinocchio.frames:

@@ -62,7 +62,11 @@ class PageReport:
 
 
 def write_page(report: PageReport, path: Path) -> None:
-    """Write a report as one HTML file; plots need plotly."""
+    """Write a report as one HTML file.
+
+    Raises:
+        ConfigurationError: if the file cannot be written, or plotly is missing for plots.
+    """
     page = render(report)
     try:
         path.write_text(page, encoding="utf-8")

@@ -49,6 +49,9 @@ class LoopClosure(Contact):
             placements: of A and B in these frames.
             mask: held axes of A: along x, y, z, about x, y, z.
             stiffness: K, 1/s².
+
+        Raises:
+            ConfigurationError: also if no joint is between the frames.
         """
         self._rows = np.flatnonzero(mask)
         if not len(self._rows):

@@ -17,6 +17,9 @@ def anchor_feedback(
     """Return K e, (nf,) in m/s² and rad/s²; 0 for contacts without an anchor.
 
     `rows` is nf; `anchored`: contacts with a stiffness, and their rows of J.
+
+    Raises:
+        ConfigurationError: for a contact with a stiffness and without an anchor.
     """
     wanted = np.zeros(rows)
     for contact, own in anchored:

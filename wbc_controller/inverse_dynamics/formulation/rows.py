@@ -82,7 +82,11 @@ class CompiledRows:
             own.gains[0], own.gains[1] = own.task.parameters
 
     def set_references(self, references: Mapping[str, Reference]) -> None:
-        """Copy the references of the tasks."""
+        """Copy the references of the tasks.
+
+        Raises:
+            ValueError: for an array of wrong size.
+        """
         for own in self._tasks:
             task = own.task
             wanted = references[task.name]

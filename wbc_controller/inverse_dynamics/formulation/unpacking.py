@@ -105,7 +105,11 @@ def unpack(
     references: References,
     stages: Mapping[str, float] = _NONE,
 ) -> Solution:
-    """Make the solution of an answer; `stages` are durations in s."""
+    """Make the solution of an answer; `stages` are durations in s.
+
+    Raises:
+        ValueError: for an answer without residuals.
+    """
     residuals = answer.residuals
     if residuals is None:
         raise ValueError(f"the answer {answer.status!r} has no residuals")

@@ -63,7 +63,11 @@ class JointMotionLimit(Tunable):
     def of(
         cls, model: RobotModel, tuning: Tuning, *, position: bool = True, velocity: bool = True
     ) -> "JointMotionLimit":
-        """Make the limit from URDF and tuning."""
+        """Make the limit from URDF and tuning.
+
+        Raises:
+            ConfigurationError: if the margin leaves no range for a joint.
+        """
         margin = tuning.position_margin
         lower, upper = model.position_lower + margin, model.position_upper - margin
         for name, low, high, unit in zip(model.joints, lower, upper, model.units, strict=True) if position else ():
@@ -88,7 +92,11 @@ class JointMotionLimit(Tunable):
         return lower, upper
 
     def bind(self, q_index: np.ndarray, v_index: np.ndarray, period: float, lower: Array, upper: Array) -> JointMotion:
-        """Return the table for `acceleration_bounds`, with joint indices (nj,) in q, and in v and the bounds."""
+        """Return the table for `acceleration_bounds`, with joint indices (nj,) in q, and in v and the bounds.
+
+        Raises:
+            ValueError: for different sizes.
+        """
         sizes = {len(v_index), self._limits.shape[1] or len(q_index), len(self._fastest) or len(q_index)}
         if sizes != {len(q_index)}:
             raise ValueError(f"expected indices and limits of {len(q_index)} joints, got sizes {sorted(sizes)}")

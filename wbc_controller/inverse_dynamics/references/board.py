@@ -150,7 +150,10 @@ class ReferenceBoard:
                 self._apply(EnableContact(name, contact.enabled), dynamics, time)
 
     def apply(self, changes: Iterable[Change], dynamics: Dynamics, time: float) -> None:
-        """Apply a set of changes at a time, s; all of them or, with the error of `check`, none."""
+        """Apply a set of changes at a time, s.
+
+        Raises: InputRefused: as `check`, without any change.
+        """
         changes = tuple(changes)
         for change in changes:
             self.check(change, dynamics, time)
@@ -158,7 +161,11 @@ class ReferenceBoard:
             self._apply(change, dynamics, time)
 
     def check(self, change: Change, dynamics: Dynamics, time: float) -> None:
-        """Refuse a trajectory in the past, and a setpoint or first point out of range."""
+        """Check a change; arguments as `apply`.
+
+        Raises:
+            InputRefused: for a trajectory in the past, or a setpoint or first point out of range.
+        """
         if isinstance(change, SetSetpoint):
             self._range_of(change.task, dynamics).check(self._in_task_frame(change, dynamics, time).position, dynamics)
         elif isinstance(change, SetTrajectory):

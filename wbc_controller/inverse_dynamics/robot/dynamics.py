@@ -100,7 +100,11 @@ class Dynamics:
         pin.updateGeometryPlacements(self._pin, self._data, geometry, placements)
 
     def placement(self, frame_id: int) -> pin.SE3:
-        """Return the placement of a frame in the world."""
+        """Return the placement of a frame in the world.
+
+        Raises:
+            IndexError: for an invalid frame id; also in the methods below.
+        """
         self._require_frame(frame_id)
         return pin.updateFramePlacement(self._pin, self._data, frame_id)
 

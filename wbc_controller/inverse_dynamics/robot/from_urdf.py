@@ -28,6 +28,9 @@ def build_model(urdf: str, robot: RobotSettings) -> RobotModel:
 
     Mimic joints follow their leader if it is in `robot.joints`; all other joints outside `robot.joints` are locked.
     Virtual joints of a floating base are removed.
+
+    Raises:
+        ConfigurationError: for an invalid URDF or joint.
     """
     joints, passive_joints, floating_base = robot.joints, robot.passive_joints, robot.base == "floating"
     tree, urdf = read_robot(urdf, robot.joint_limits)

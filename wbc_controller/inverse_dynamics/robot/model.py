@@ -126,7 +126,11 @@ class RobotModel:
         return float(np.linalg.norm(self.pinocchio.gravity.linear))
 
     def frame_id(self, name: str, key: str) -> int:
-        """Return the id of the frame of a link, else of a joint; messages begin with the key."""
+        """Return the id of the frame of a link, else of a joint.
+
+        Raises:
+            ConfigurationError: for an unknown frame; the message begins with the key.
+        """
         known = name.isprintable()  # Pinocchio raises on invalid UTF-8
         if known and self.pinocchio.existFrame(name, pin.BODY):
             return int(self.pinocchio.getFrameId(name, pin.BODY))
@@ -136,7 +140,11 @@ class RobotModel:
         return int(self.pinocchio.getFrameId(name))
 
     def joint_columns(self, names: Sequence[str], key: str) -> np.ndarray:
-        """Return the indices (k,) of joints in `joints`, by default all."""
+        """Return the indices (k,) of joints in `joints`, by default all.
+
+        Raises:
+            ConfigurationError: for an unknown joint.
+        """
         require_known(names, self.joints, f"{key}:", " is not one of robot.joints")
         return np.array([self.joints.index(name) for name in names or self.joints], dtype=np.intp)
 

@@ -79,7 +79,11 @@ class Drive:
 
 
 def make_drive(robot: RobotSettings, joint_efforts: Array) -> Drive:
-    """Make the drive of a robot; `joint_efforts` are the limits in its URDF, (nj,) in N·m."""
+    """Make the drive of a robot; `joint_efforts` are the limits in its URDF, (nj,) in N·m.
+
+    Raises:
+        ConfigurationError: for an unknown name, a joint neither driven nor passive, or dependent actuators.
+    """
     joints, passive, transmission = robot.joints, robot.passive_joints, robot.transmission
     if transmission and not robot.actuators:
         motors = [name for name in joints if name not in passive]

@@ -25,7 +25,11 @@ def available_solvers() -> list[str]:
 
 
 def make_solver(name: str, problem: QuadraticProgram) -> Solver:
-    """Make an installed solver for problems of the same size."""
+    """Make a solver for problems of the same size.
+
+    Raises:
+        ConfigurationError: if the solver is not installed.
+    """
     if name in _PERSISTENT:
         return _PERSISTENT[name](problem.n, len(problem.b), len(problem.upper))
     require_solver(name)

@@ -19,7 +19,11 @@ class ContactWrenchTask(EffortTask):
     size = 6
 
     def __init__(self, name: str, contact: Contact, mask: Sequence[bool], target: Sequence[float]) -> None:
-        """Make a task with a default reference wrench, (6,) in N and N·m."""
+        """Make a task with a default reference wrench, (6,) in N and N·m.
+
+        Raises:
+            ConfigurationError: if the mask selects no axis of a transmitted force or moment.
+        """
         super().__init__(name, mask, np.array(target, dtype=np.float64))
         borne = np.flatnonzero(contact.basis.any(axis=1))
         self.rows = np.intersect1d(self.rows, borne)

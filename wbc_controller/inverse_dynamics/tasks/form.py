@@ -38,7 +38,11 @@ class ReferenceForm:
         return slice(0 if self.vector else 3, 6 if self.oriented else self.vector)
 
     def position(self, values: Any, what: str) -> Array:
-        """Read a position (size,), and normalize its direction or quaternion; `what` names it in messages."""
+        """Read a position (size,), and normalize its direction or quaternion.
+
+        Raises:
+            InputRefused: for a wrong size, norm or value; `what` names the values.
+        """
         array = np.array(finite(values, what))
         if self.size == 1 and array.shape == ():
             array = array.reshape(1)

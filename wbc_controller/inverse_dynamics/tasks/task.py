@@ -28,7 +28,11 @@ Gains = float | Sequence[float]  # one number, or one per axis
 
 
 def gains(values: Gains, size: int, key: str) -> Array:
-    """Read a gain, () or (size,), with values for masked axes; messages begin with the key."""
+    """Read a gain, () or (size,), with values for masked axes.
+
+    Raises:
+        ConfigurationError: for another size; the message begins with the key.
+    """
     array = np.asarray(values, dtype=np.float64)
     if array.shape not in ((), (size,)):
         raise ConfigurationError(
