@@ -29,8 +29,9 @@ def filter_state(points=1):
     return of(3, 3), of(3, 2 + points), of(3), of(3), np.eye(15 + 3 * points)
 
 
-def propagated(gravity, velocity, force, noise):
-    invariant_filter.propagate(*filter_state(), of(gravity), of(velocity), of(force), 0.002, of(noise))
+def propagated(gravity, velocity, force, noise, creep):
+    arrays = of(gravity), of(velocity), of(force)
+    invariant_filter.propagate(*filter_state(), *arrays, 0.002, of(noise), of(creep))
 
 
 def corrected(points, places, end):
@@ -48,7 +49,11 @@ def moved_sole(rows, mount, written, size):
 
 #: A call with consistent sizes, and calls with inconsistent ones.
 CALLS = {
-    "propagate": (propagated, (3, 3, 3, 5), [(2, 3, 3, 5), (3, 2, 3, 5), (3, 3, 2, 5), (3, 3, 3, 4)]),
+    "propagate": (
+        propagated,
+        (3, 3, 3, 4, 1),
+        [(2, 3, 3, 4, 1), (3, 2, 3, 4, 1), (3, 3, 2, 4, 1), (3, 3, 3, 5, 1), (3, 3, 3, 4, 2)],
+    ),
     "correct": (
         lambda point, places, end: corrected([point], of(places, 3), end),
         (0, 1, 1),

@@ -34,8 +34,9 @@ def test_equal_to_numpy(seed, points, kept):
     names, moved = [NAMES[i] for i in at], positions[at] + 0.1 * rng.normal(size=(len(at), 3))
     for _ in range(3):
         turning, force = rng.normal(size=(2, 3)) * rng.choice([1e-9, 1.0, 10.0])
+        creep = rng.uniform(0.01, 1.0, points)
         for filter in (found, plain):
-            filter.propagate(turning, force, 0.01)
+            filter.propagate(turning, force, 0.01, creep)
         if names:
             noisy = covariance[np.ix_(rows, rows)]
             z, S = plain.innovation(names, moved, noisy)

@@ -13,7 +13,7 @@ _SMALL = 1.0e-6
 
 
 class PlainFilter(InvariantFilter):
-    def propagate(self, angular_velocity, specific_force, dt):
+    def propagate(self, angular_velocity, specific_force, dt, creep):
         R, noise, end = self.rotation, self.noise, 9 + 3 * len(self.names)
         turned = exp3((angular_velocity - self.gyroscope_bias) * dt)
         acceleration = R @ (specific_force - self.accelerometer_bias) + self._gravity
@@ -31,7 +31,7 @@ class PlainFilter(InvariantFilter):
         adjoint[3:end, :3] = lever.reshape(-1, 3) * noise.gyroscope
         adjoint[_VELOCITY, 3:6] = R * noise.accelerometer
         for i in range(len(self.names)):
-            adjoint[_POINTS + 3 * i : _POINTS + 3 * i + 3, 6 + 3 * i : 9 + 3 * i] = R * noise.contact
+            adjoint[_POINTS + 3 * i : _POINTS + 3 * i + 3, 6 + 3 * i : 9 + 3 * i] = R * creep[i]
         adjoint[end:, -6:] = np.diag(np.repeat([noise.gyroscope_bias, noise.accelerometer_bias], 3))
         driven = Phi @ adjoint
         self.P = Phi @ self.P @ Phi.T + dt * (driven @ driven.T)

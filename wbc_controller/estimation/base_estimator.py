@@ -29,9 +29,11 @@ _LARGEST_BIAS = 0.5
 _FALSE_SLIP = 1.0e-5
 #: Largest motion, m, and its duration, s, after which a slipping contact is at rest.
 _MOVED, _RESTED = 0.004, 0.04
-#: Ratio of the creep of contacts of a stepping robot to that of a standing one, and the time since the last touchdown
-#: for which a robot counts as stepping, s: soles of fast steps tilt and roll off.
-_STEPPING, _STEPPING_TIME = 10.0, 1.0
+#: Least creep of soles and of balls of a stepping robot, m/s/√Hz (impacts between two samples of the IMU, and small
+#: motions at touchdown, would become a tilt), and the time since the last touchdown for which a robot is stepping, s.
+_SOLE_STEPS, _BALL_STEPS, _STEPPING_TIME = 2.4e-3, 8.0e-4, 1.0
+#: Creep of a point of a tipping sole per speed above the least one, √s, and this speed, m/s.
+_TIPPING, _LEAST_TIPPING = 0.3, 0.02
 #: Share of the settling time that the samples must span.
 _SETTLED = 0.9
 #: Variance of the initial velocity, (m/s)².
@@ -397,14 +399,23 @@ class _RunningEstimate:
     def _propagate(self, sample: ImuSample, dt: float) -> None:
         last, self._last, self._interval = self._last, sample, dt
         turning = 0.5 * (sample.angular_velocity + last.angular_velocity)
-        creep = _STEPPING if sample.stamp - self._landed < _STEPPING_TIME else 1.0
-        self.filter.propagate(turning, 0.5 * (sample.specific_force + last.specific_force), dt, creep)
+        force = 0.5 * (sample.specific_force + last.specific_force)
+        self.filter.propagate(turning, force, dt, self._creep(sample.stamp - self._landed < _STEPPING_TIME))
         self._turned += dt * (turning - self._bias)
         if self._rolling.names:
             found, legs = self.filter, self._kinematics
             omega = legs.imu_rotation @ (sample.angular_velocity - found.gyroscope_bias) - legs.imu_motion[3:]
             of_links = omega + legs.contact_points(self._rolling.names).link_angular_velocities
             self._rolling.integrate(of_links @ legs.imu_rotation @ found.rotation.T, dt)
+
+    def _creep(self, steps: bool) -> Array:
+        """Return the noise density of each contact point of the filter, (N,) in m/s/√Hz."""
+        noise, creep = self.filter.noise.contact, []
+        for name in dict.fromkeys(point.rpartition("/")[0] for point in self.filter.names):
+            least = (_BALL_STEPS if name in self._kinematics.rolling else _SOLE_STEPS) if steps else 0.0
+            speeds = self._consistency.tipping.get(name, np.zeros(len(self._kinematics.points[name])))
+            creep.append(max(noise, least) + _TIPPING * np.maximum(speeds - _LEAST_TIPPING, 0.0))
+        return np.concatenate([np.empty(0), *creep])
 
     def _correct_by_contacts(self, active_contacts: Sequence[str]) -> None:
         found, legs = self.filter, self._kinematics

@@ -1,11 +1,12 @@
-"""Consistency with contacts at rest.
+"""Velocities of contact points: consistency with contacts at rest, and tipping soles.
 
 By the filter's R, v, b_g, a contact point at y from the IMU moves in the world with
 
     u = v + R ((ω - b_g) × y + ẏ)
 
 If all points move, the IMU is wrong or no contact holds, and the estimate is lost; a tipping sole rests at a point. The
-filter cannot detect this: it rejects the contacts, or explains a slow contradiction by creep.
+filter cannot detect this: it rejects the contacts, or explains a slow contradiction by creep. It would follow a tipping
+sole with its tilt; the vertical velocities relative to the resting point tell how fast the other points move.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ from wbc_controller.records import Array
 
 #: Mean speed of the slowest point above which the estimate is lost, m/s.
 LIMIT = 0.1
-#: Time constant of the mean, s.
-_MEAN = 0.1
+#: Time constants of the means of velocities, and of vertical ones for tipping, s.
+_MEAN, _TIPPING_MEAN = 0.1, 0.02
 #: Clamp of each velocity, m/s, against outliers.
 _FASTEST = 1.0
 
@@ -29,14 +30,17 @@ class ContactConsistency:
     """Velocities of the contact points; inactive contacts count until they move.
 
     The speed of a point is the smaller of those of its present and its mean velocity: neither a single wrong sample nor
-    the motion before a touchdown decides. `speed` is that of the slowest point, m/s; 0 without contacts.
+    the motion before a touchdown decides. `speed` is that of the slowest point, m/s; 0 without contacts. `tipping` are
+    the mean vertical speeds of the points of each contact relative to its slowest one, (k,) in m/s.
     """
 
     def __init__(self, kinematics: LegKinematics) -> None:
         self.speed = 0.0
+        self.tipping: dict[str, Array] = {}
         self._kinematics = kinematics
         self._speeds: dict[str, float] = {}  # of the slowest point of each contact, m/s
         self._means: dict[str, Array] = {}  # velocities of the points of each contact, (k, 3) in m/s
+        self._rising: dict[str, Array] = {}  # the same, vertical, (k,)
 
     def update(self, active_contacts: tuple[str, ...], R: Array, velocity: Array, omega: Array, elapsed: float) -> None:
         """Average the velocities of the points, from zero for a new contact.
@@ -44,7 +48,7 @@ class ContactConsistency:
         R is from IMU to world; `velocity` in the world, m/s, `omega` without bias in IMU axes, rad/s, (3,) each.
         """
         if not active_contacts:
-            self.speed, self._speeds, self._means = 0.0, {}, {}
+            self.speed, self._speeds, self._means, self._rising = 0.0, {}, {}, {}
             return
         former = (name for name, speed in self._speeds.items() if name not in active_contacts and speed <= LIMIT)
         contacts, legs = (*active_contacts, *former), self._kinematics
@@ -61,6 +65,12 @@ class ContactConsistency:
             [self._means.get(name, np.zeros((k, 3))) for name, k in zip(contacts, counts.tolist(), strict=True)]
         )
         means += (1.0 - math.exp(-elapsed / _MEAN)) * (u - means)
+        rising, share = np.split(u[:, 2], starts[1:]), 1.0 - math.exp(-elapsed / _TIPPING_MEAN)
+        before = self._rising
+        self._rising = {
+            name: (1.0 - share) * before.get(name, 0.0) + share * v for name, v in zip(contacts, rising, strict=True)
+        }
+        self.tipping = {name: np.abs(v - v[np.abs(v).argmin()]) for name, v in self._rising.items()}
         slowest = np.minimum.reduceat(np.minimum(np.linalg.norm(means, axis=1), speeds), starts)
         self._means = dict(zip(contacts, np.split(means, starts[1:]), strict=True))
         self._speeds = dict(zip(contacts, slowest.tolist(), strict=True))

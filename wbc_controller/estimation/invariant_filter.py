@@ -57,7 +57,7 @@ class InvariantFilter:
         """Start without contact points; gravity is in the world, (3,) in m/s², and P is (15, 15)."""
         self.noise = noise
         self._densities = np.array(
-            [noise.gyroscope, noise.accelerometer, noise.gyroscope_bias, noise.accelerometer_bias, noise.contact]
+            [noise.gyroscope, noise.accelerometer, noise.gyroscope_bias, noise.accelerometer_bias]
         )
         self._gravity = np.array(gravity)
         self.rotation = np.array(rotation)  # R, (3, 3), from IMU axes to the world
@@ -81,15 +81,16 @@ class InvariantFilter:
         """Return the position of a contact point in the world, (3,) in m."""
         return self.columns[:, 2 + self.names.index(name)]
 
-    def propagate(self, angular_velocity: Array, specific_force: Array, dt: float, creep: float = 1.0) -> None:
+    def propagate(self, angular_velocity: Array, specific_force: Array, dt: float, creep: Array | None = None) -> None:
         """Propagate by dt, s: strapdown integration and linear error dynamics.
 
         Ṙ = R (ω - b_g)ₓ, v̇ = R (a - b_a) + g, ṗ = v, ḋ = 0, ξ̇ = A ξ + Ad_X w. A contains gₓ (rotation to velocity), I
-        (velocity to position), and -R, -xₓ R (biases). `creep` multiplies the noise of the contact points.
+        (velocity to position), and -R, -xₓ R (biases). `creep` is the noise density of each contact point, (N,) in
+        m/s/√Hz, by default that of `noise`.
         """
-        self._densities[4] = creep * self.noise.contact
+        creep = np.full(len(self.names), self.noise.contact) if creep is None else creep
         self.rotation, self.columns, self.P = kernel.propagate(
-            *self._state, self._gravity, angular_velocity, specific_force, dt, self._densities
+            *self._state, self._gravity, angular_velocity, specific_force, dt, self._densities, creep
         )
 
     @property

@@ -52,7 +52,7 @@ def _rotation_errors(R: Array, columns: Array) -> Array:
 
 
 @part
-def _add_noise(P: Array, G: Array, dt: float, noise: Array) -> None:
+def _add_noise(P: Array, G: Array, dt: float, noise: Array, creep: Array) -> None:
     n, end, density = len(P), G.shape[1], dt * noise[0] ** 2
     for i in range(end):
         for j in range(end):
@@ -60,8 +60,8 @@ def _add_noise(P: Array, G: Array, dt: float, noise: Array) -> None:
                 P[i, j] += density * G[k, i] * G[k, j]
     for i in range(3, n):
         if not 6 <= i < 9:  # the position has no noise of its own
-            kind = 1 if i < 6 else 4 if i < end else 2 if i < end + 3 else 3
-            P[i, i] += dt * noise[kind] ** 2
+            own = noise[1] if i < 6 else creep[i // 3 - 3] if i < end else noise[2] if i < end + 3 else noise[3]
+            P[i, i] += dt * own**2
 
 
 @part
@@ -95,16 +95,20 @@ def propagate(
     specific_force: StridedVector,
     dt: float,
     noise: Vector,
+    creep: Vector,
 ) -> tuple[Array, Array, Array]:
     """Return R exp((ω - b_g) dt), v + a dt, p + v dt + ½ a dt², and Φ (P + dt Ad_X Q Ad_Xᵀ) Φᵀ.
 
-    The state (R, columns, biases, P) is that of `InvariantFilter`; `noise` are its densities in their order, (5,).
+    The state (R, columns, biases, P) is that of `InvariantFilter`; `noise` are its first four densities in their
+    order, and `creep` those of the points, (N,).
     """
     _require_state(R, columns, gyroscope_bias, accelerometer_bias, P)
-    if not (len(gravity) == 3 and len(noise) == 5 and len(angular_velocity) == 3 and len(specific_force) == 3):
+    if not (len(gravity) == 3 and len(noise) == 4 and len(angular_velocity) == 3 and len(specific_force) == 3):
         raise ValueError("propagate: wrong size of gravity, noise, angular_velocity or specific_force")
+    if len(creep) != columns.shape[1] - 2:
+        raise ValueError("propagate: wrong size of creep")
     G, noisy, halfway = _rotation_errors(R, columns), P.copy(), np.empty(P.shape)
-    _add_noise(noisy, G, dt, noise)
+    _add_noise(noisy, G, dt, noise, creep)
     _transition(noisy, G, R, gravity, dt, halfway)
     _transition(halfway.T, G, R, gravity, dt, noisy)
 
