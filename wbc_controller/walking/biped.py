@@ -36,7 +36,7 @@ _ON_TIME, _SHORTEST_DOUBLE = 0.03, 0.02
 #: Height of the foot and its reference below which a touchdown counts, as a share of the clearance.
 _LOW = 0.5
 #: Error of the DCM at touchdown, m, after which the double support is the shortest one.
-_ASTRAY = 0.1
+_ASTRAY = 0.03
 #: Time constant of the swing foot's rotation to the slope of the ground, s.
 _LEVELLING = 0.05
 #: Rate at which the heading follows its goal, 1/s.

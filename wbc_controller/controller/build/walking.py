@@ -149,7 +149,7 @@ def make_gait(settings: Settings, left: Foot, right: Foot, qp: WholeBodyQP) -> B
         lowering=value_or(walking.lowering, min(0.03 * z, 0.2 * lift)),
         clearance=value_or(walking.clearance, min(0.07 * z, 0.6 * lift)),
         width=value_or(walking.width, 0.85 * apart),
-        least_width=value_or(walking.least_width, max(0.6 * apart, sole + 0.03)),
+        least_width=value_or(walking.least_width, max(0.4 * apart, sole + 0.03)),
         length=value_or(walking.max_step_length, 0.65 * z),
         greatest_width=value_or(walking.max_step_width, 0.8 * z),
         reaction=swing_reaction(dynamics, left, right, z),
