@@ -50,7 +50,7 @@ def make_walking_tasks(settings: Settings, model: RobotModel) -> list[Task]:
     tasks: dict[str, tuple[float, Task]] = {
         # With 500, the centre of pressure left its reference at the limits of the forces.
         DCM: (5000.0, CapturePointTask(DCM, model.gravity, gain=GAIN)),
-        HEIGHT: (50.0, ComTask(HEIGHT, [False, False, True], stiffness=100.0, damping=20.0)),
+        HEIGHT: (100.0, ComTask(HEIGHT, [False, False, True], stiffness=100.0, damping=20.0)),
         POSTURE: (0.05, PostureTask(POSTURE, model, _without_legs(model, left, right), stiffness=50.0)),
         LEFT: (20.0, FramePoseTask(LEFT, model, settings.contacts[left.contact].frame, stiffness=400.0)),
         RIGHT: (20.0, FramePoseTask(RIGHT, model, settings.contacts[right.contact].frame, stiffness=400.0)),
