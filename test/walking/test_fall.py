@@ -86,7 +86,7 @@ def test_a_push_that_a_standing_robot_survives_raises_no_alarm(impulse):
     assert np.abs(simulation.plant.state()[1]).max() < 0.5
 
 
-@pytest.mark.parametrize(("push", "falls"), [(200.0, True), (-200.0, False)])
+@pytest.mark.parametrize(("push", "falls"), [(400.0, True), (200.0, False), (-200.0, False)])
 def test_a_fall_while_walking_is_predicted_before_the_base_tilts(push, falls):
     """Pushes outwards and inwards for 0.1 s, in N."""
     simulation = wbc.Simulation("g1")

@@ -7,7 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wbc_controller.walking.pendulum_kernels import before, later, natural_frequency, periodic_offset, transferred
+from wbc_controller.walking.pendulum_kernels import (
+    before,
+    later,
+    leading,
+    natural_frequency,
+    periodic_offset,
+    transferred,
+)
 
 OMEGA = 3.7
 POINTS = st.complex_numbers(max_magnitude=1.0, allow_nan=False)
@@ -42,6 +49,8 @@ def test_moving_centre_of_pressure():
     dcm, start, end = 0.1 + 0.05j, -0.02j, 0.3 + 0.2j
     found = transferred(dcm, start, end, 0.2, OMEGA, 0.15)
     assert found == pytest.approx(integrated(dcm, lambda t: start + (end - start) * t / 0.2, 0.15), abs=1e-9)
+    ended = transferred(dcm, start, end, 0.2, OMEGA, 0.2)
+    assert leading(ended, start, end, 0.2, OMEGA) == pytest.approx(dcm, abs=1e-12)
 
 
 @given(

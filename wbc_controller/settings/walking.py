@@ -42,7 +42,7 @@ class WalkingSettings(Section):
     width: _Length | None = Field(None, description="Distance between the feet, m; default 0.85 of the nominal one.")
     least_width: _Length | None = Field(
         None,
-        description="Smallest distance, m; default 0.6 of the nominal one, at least the width of a sole and 0.03 m.",
+        description="Smallest distance, m; default 0.4 of that while standing, at least that of a sole and 0.03 m.",
     )
     max_step_length: _Length | None = Field(
         None, description="Longest step, m; default 0.65·z; quadrupeds from below the body, 0.6·z."

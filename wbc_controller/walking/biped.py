@@ -16,7 +16,7 @@ from wbc_controller.walking.footstep_plan import Footstep, planned, step_towards
 from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity, nominal_step
 from wbc_controller.walking.footsteps_kernels import swing_push
 from wbc_controller.walking.gait import Gait, Phase
-from wbc_controller.walking.pendulum_kernels import before, later, natural_frequency, transferred
+from wbc_controller.walking.pendulum_kernels import before, later, leading, natural_frequency, transferred
 from wbc_controller.walking.plan import WalkingPlan, margin
 from wbc_controller.walking.references_kernels import smooth_step
 from wbc_controller.walking.support_kernels import nearest_in_support
@@ -36,7 +36,7 @@ _ON_TIME, _SHORTEST_DOUBLE = 0.03, 0.02
 #: Height of the foot and its reference below which a touchdown counts, as a share of the clearance.
 _LOW = 0.5
 #: Error of the DCM at touchdown, m, after which the double support is the shortest one.
-_ASTRAY = 0.1
+_ASTRAY = 0.03
 #: Time constant of the swing foot's rotation to the slope of the ground, s.
 _LEVELLING = 0.05
 #: Rate at which the heading follows its goal, 1/s.
@@ -372,10 +372,13 @@ class BipedWalker(Walker):
         self.phase, self._since, self.steps = Phase.DOUBLE, cycle.time, self.steps + 1
         self._early = max(0.0, -late - _ON_TIME)
         self._double_support = max(self.gait.double - max(0.0, late - _ON_TIME), _SHORTEST_DOUBLE)
-        self._touchdown = sole.place + step.nominal.offset, step.stance.place, sole.place
-        if abs(cycle.dcm - self._touchdown[0]) > _ASTRAY:
-            self._double_support = _SHORTEST_DOUBLE
         self._stance = -self._stance
+        _, _, start = self._next_step(self.velocity, cycle)
+        for duration in (self._double_support, _SHORTEST_DOUBLE):
+            begin = leading(start, step.stance.place, sole.place, duration, cycle.omega)
+            self._double_support, self._touchdown = duration, (begin, step.stance.place, sole.place)
+            if abs(cycle.dcm - begin) < _ASTRAY:
+                break
         self._stopping = self._stopping + 1 if self.command is None else 0
         if step.planned and not self.footsteps:
             self.command = None

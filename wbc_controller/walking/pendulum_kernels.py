@@ -52,6 +52,11 @@ def transferred(dcm: complex, start: complex, end: complex, duration: float, ome
     return start + speed * (time + 1.0 / omega) + (dcm - start - speed / omega) * math.exp(omega * time)
 
 
+def leading(dcm: complex, start: complex, end: complex, duration: float, omega: float) -> complex:
+    """Return ξ₀ for a DCM at the end of a double support, T after ξ₀; arguments of `transferred`."""
+    return transferred(dcm, end, 2.0 * end - start, duration, omega, -duration)
+
+
 @part
 def _factors(omega: float, single: float, double: float) -> tuple[float, float, float]:
     """Return E, G and κ of `periodic_offset`."""

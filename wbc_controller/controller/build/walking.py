@@ -52,7 +52,7 @@ def make_walking_tasks(settings: Settings, model: RobotModel) -> list[Task]:
     tasks: dict[str, tuple[float, Task]] = {
         # With 500, the centre of pressure left its reference at the limits of the forces.
         DCM: (5000.0, CapturePointTask(DCM, model.gravity, gain=GAIN)),
-        HEIGHT: (50.0, ComTask(HEIGHT, [False, False, True], stiffness=100.0, damping=20.0)),
+        HEIGHT: (100.0, ComTask(HEIGHT, [False, False, True], stiffness=100.0, damping=20.0)),
         POSTURE: (0.05, PostureTask(POSTURE, model, _without_legs(model, left, right), stiffness=50.0)),
         LEFT: (20.0, FramePoseTask(LEFT, model, settings.contacts[left.contact].frame, stiffness=400.0)),
         RIGHT: (20.0, FramePoseTask(RIGHT, model, settings.contacts[right.contact].frame, stiffness=400.0)),
@@ -151,7 +151,7 @@ def make_gait(settings: Settings, left: Foot, right: Foot, qp: WholeBodyQP) -> B
         lowering=value_or(walking.lowering, min(0.03 * z, 0.2 * lift)),
         clearance=value_or(walking.clearance, min(0.07 * z, 0.6 * lift)),
         width=value_or(walking.width, 0.85 * apart),
-        least_width=value_or(walking.least_width, max(0.6 * apart, sole + 0.03)),
+        least_width=value_or(walking.least_width, max(0.4 * apart, sole + 0.03)),
         length=value_or(walking.max_step_length, 0.65 * z),
         greatest_width=value_or(walking.max_step_width, 0.8 * z),
         reaction=swing_reaction(dynamics, left, right, z),
