@@ -7,11 +7,11 @@ from stepping import simulate
 
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.robot import make_model
-from wbc_controller.controller.build.safety import make_audit
 from wbc_controller.controller.check.preflight import stance
 from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.records import JointCommand, RobotState, frozen
+from wbc_controller.safety.model_audit import ModelAudit
 from wbc_controller.settings import Settings
 from wbc_controller.settings.config import load
 from wbc_controller.settings.contacts import LoopSettings
@@ -224,7 +224,7 @@ def test_the_audit_counts_on_what_each_contact_exerts(case):
     name, contact = CASES[case]
     robot = Simulation(g1_with(name, contact))
     model, reports = robot.controller.model, []
-    audit = make_audit(robot.controller.config.settings, robot.controller.model)
+    audit = ModelAudit(model, robot.controller.config.settings.audit, robot.controller.period)
 
     def look(robot):
         q, v = robot.plant.state()

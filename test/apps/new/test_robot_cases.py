@@ -10,9 +10,9 @@ from wbc_controller.apps.demo.run import run_demo
 from wbc_controller.apps.new.draft import TITLE, new_configuration
 from wbc_controller.controller.build.collision_elements import read_collision_elements
 from wbc_controller.controller.build.robot import make_model
-from wbc_controller.controller.build.safety import make_audit
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import RobotState, frozen
+from wbc_controller.safety.model_audit import ModelAudit
 from wbc_controller.settings.config import load
 
 
@@ -152,7 +152,7 @@ def test_audit_without_warning_on_leaning_wheels(drafted):
     assert {contact.type for contact in settings.contacts.values()} == {"rolling"}
     simulation = wbc.Simulation(settings)
     controller, plant = simulation.controller, simulation.plant
-    audit, reports = make_audit(settings, controller.model), []
+    audit, reports = ModelAudit(controller.model, settings.audit, controller.period), []
 
     def check(simulation):
         state = RobotState(round(1.0e9 * simulation.time), *map(frozen, plant.state()))
