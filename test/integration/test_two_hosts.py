@@ -84,8 +84,8 @@ class Host:
 
     def stop(self):
         for process in self._started:
-            if process.poll() is None:
-                process.send_signal(signal.SIGINT)
+            process.stdin.close()  # ends an observer, also one that inherits an ignored SIGINT
+            process.send_signal(signal.SIGINT)
         for process in self._started:
             try:
                 process.wait(10)
