@@ -11,9 +11,9 @@ from wbc_controller.validation.campaign.trial import run_trial
 
 @pytest.mark.parametrize("kind", ["joint_absurd", "odom_jump", "stamp_zero", "estop_in_flood"])
 def test_recordings_name_their_fault_and_are_replayed(kind, tmp_path):
+    (tmp_path / f"go2-{kind}-0-20261126-120000-ESTOP.mcap").touch()  # of an earlier run: replaced
     outcome = run_trial("go2", kind, 0, recordings=tmp_path)
     assert (outcome.result, dict(outcome.violations)) == ("damped", {})
-    run_trial("go2", kind, 0, recordings=tmp_path)  # replaces the first recording
     (path,) = tmp_path.iterdir()
     assert re.fullmatch(rf"go2-{kind}-0-\d+-\d+-{outcome.code}\.mcap", path.name)
 

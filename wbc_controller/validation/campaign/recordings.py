@@ -30,7 +30,7 @@ class TrialRecordings:
             return f"no recording of {code}"
         try:
             found = [Recording(file) for file in files]
-            named = [each for each in found if f"fault {code} " in summarize(each) and sentence in summarize(each)]
+            named = [each for each in found if f"fault {code} " in (said := summarize(each)) and sentence in said]
             if not named:
                 return f"{files[-1]} does not name {code}"
             run = Replay(named[0])
