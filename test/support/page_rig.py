@@ -2,6 +2,7 @@
 
 import threading
 import time
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -76,7 +77,11 @@ class Rig:
         return self
 
     def __exit__(self, *error):
-        self.close()
+        self.stop.set()
+        self.thread.join()
+        if self.sender is not None:
+            self.sender.close()
+        self.server.stop()
 
     def take(self, request):
         self.sent.append((time.monotonic(), request))
@@ -84,9 +89,20 @@ class Rig:
     def said(self):
         return [request.summary for _, request in self.sent]
 
-    def close(self):
-        self.stop.set()
-        self.thread.join()
-        if self.sender is not None:
-            self.sender.close()
-        self.server.stop()
+
+@contextmanager
+def repeated(action):
+    """Repeat an action every millisecond in a thread."""
+    ended = threading.Event()
+
+    def repeat():
+        while not ended.wait(1e-3):
+            action()
+
+    thread = threading.Thread(target=repeat, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()

@@ -50,18 +50,6 @@ def wagon(*, wheel="cylinder", limit="effort='20' velocity='20'", kind="continuo
     return f"<robot name='wagon'>{''.join(parts)}</robot>"
 
 
-@pytest.fixture
-def drafted(tmp_path):
-    """Return a function that drafts the configuration of a URDF's text."""
-
-    def make(text, **options):
-        path = tmp_path / "robot.urdf"
-        path.write_text(text, encoding="utf-8")
-        return new_configuration(str(path), **options)
-
-    return make
-
-
 @pytest.fixture(scope="module")
 def g1():
     return new_configuration(G1)

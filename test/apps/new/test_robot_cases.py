@@ -2,30 +2,18 @@
 
 import numpy as np
 import pytest
-from robot_cases import EDGED_SOLE, REFUSED, SLIDING, SOLE, STANDING, UNNAMED, arm, biped
+from robot_cases import REFUSED, SLIDING, SOLE, STANDING, UNNAMED, arm, biped
 
 import wbc_controller as wbc
 from wbc_controller.apps.demo.derived_scenario import derived_scenario
 from wbc_controller.apps.demo.run import run_demo
-from wbc_controller.apps.new.draft import TITLE, new_configuration
+from wbc_controller.apps.new.draft import TITLE
 from wbc_controller.controller.build.collision_elements import read_collision_elements
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import RobotState, frozen
 from wbc_controller.safety.model_audit import ModelAudit
 from wbc_controller.settings.config import load
-
-
-@pytest.fixture
-def drafted(tmp_path):
-    """Return a function that drafts the configuration of a URDF's text."""
-
-    def make(text, **options):
-        (tmp_path / "robot.urdf").write_text(text, encoding="utf-8")
-        (tmp_path / "sole.obj").write_text(EDGED_SOLE, encoding="utf-8")
-        return new_configuration(str(tmp_path / "robot.urdf"), **options)
-
-    return make
 
 
 @pytest.mark.parametrize("case", REFUSED)

@@ -3,6 +3,7 @@
 import logging
 import threading
 import time
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -225,11 +226,9 @@ def test_pull_without_a_start_ends_with_its_page(rig, pages):
 
 
 def test_read_only_page_changes_nothing():
-    rig = Rig(commands=False)
     shared = []
-    rig.server.request_share_url = lambda: shared.append(1)
-    page, other = Browser(rig.gate.port), Browser(rig.gate.port)
-    try:
+    with Rig(commands=False) as rig, closing(Browser(rig.gate.port)) as page, closing(Browser(rig.gate.port)) as other:
+        rig.server.request_share_url = lambda: shared.append(1)
         page.until(lambda: len(rig.server.get_clients()) == 2 and page.controls and other.controls)
         switch = page.uuid("Contact forces")
         for message in (
@@ -246,10 +245,6 @@ def test_read_only_page_changes_nothing():
         assert "update_cb" not in other.controls[switch]
         assert other.unknown == set()
         assert (shared, rig.sent) == ([], [])
-    finally:
-        page.close()
-        other.close()
-        rig.close()
 
 
 def test_drawing_continues_after_an_error(rig, pages, monkeypatch, caplog):

@@ -1,8 +1,8 @@
 """The page on the real server, with browsers without a screen and a simulated source of snapshots."""
 
 import itertools
-import threading
 import time
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip("viser", reason="the page requires viser: pip install 'wbc_controller[view]'")
 
 from browser import Browser
-from page_rig import Rig, status
+from page_rig import Rig, repeated, status
 
 from wbc_controller.apps.page.page import RATE
 
@@ -154,16 +154,11 @@ def test_velocity_while_a_button_is_held(rig, browser):
 
 def test_user_input_is_sent_during_updates():
     """Updates from the controller arrive at 1 kHz instead of 5 Hz."""
-    rig, ended = Rig(commands=True), threading.Event()
-
-    def show():
-        while not ended.wait(1e-3):
-            rig.page._controls.show(rig.story.now, mock=True)
-
-    thread = threading.Thread(target=show, daemon=True)
-    thread.start()
-    page = Browser(rig.gate.port)
-    try:
+    with (
+        Rig(commands=True) as rig,
+        repeated(lambda: rig.page._controls.show(rig.story.now, mock=True)),
+        closing(Browser(rig.gate.port)) as page,
+    ):
         page.until(lambda: rig.server.get_clients() and "/handles/com" in page.positions)
         wanted = {"weight of com becomes 20": ("weight", 20.0)}
         wanted |= {f"contact {name} goes off": (name, False) for name in rig.robot.contacts}
@@ -172,11 +167,6 @@ def test_user_input_is_sent_during_updates():
             page.set(label, value)
             page.until(lambda words=words: rig.sent and words in rig.said()[-1], patience=5.0)
         assert len(rig.sent) == len(wanted)
-    finally:
-        ended.set()
-        thread.join()
-        page.close()
-        rig.close()
 
 
 def test_drag_of_a_handle_sends_setpoints_until_its_end(rig, browser):

@@ -1,7 +1,7 @@
 """Playback of a recording on the page."""
 
-import threading
 import time
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -9,6 +9,7 @@ import pytest
 pytest.importorskip("viser", reason="the page requires viser: pip install 'wbc_controller[view]'")
 
 from browser import Browser
+from page_rig import repeated
 
 from wbc_controller.apps.page.playback import Playback, TimeLine, marks_html
 from wbc_controller.apps.page.server import Gate, open_server
@@ -70,28 +71,20 @@ def test_time_advances_only_during_playback(playback):
 
 @pytest.mark.live
 def test_user_sets_the_time_during_playback(playback):
-    gate, ended = Gate("127.0.0.1"), threading.Event()
+    gate = Gate("127.0.0.1")
     server = open_server("127.0.0.1", 0, gate)
     line = TimeLine(server, playback)
     playback.speed = 1e-3
 
     def show():
-        while not ended.wait(1e-3):
-            playback.snapshot()
-            line.show()
+        playback.snapshot()
+        line.show()
 
-    thread = threading.Thread(target=show, daemon=True)
-    thread.start()
-    page = Browser(gate.port)
-    try:
+    with repeated(show), closing(Browser(gate.port)) as page:
         page.until(lambda: any(props.get("label") == "Time [s]" for props in page.controls.values()))
         for wanted in 20 * (0.04, 0.02):
             playback.playing = True
             page.set("Time [s]", wanted)
             page.until(lambda: not playback.playing)
             assert playback.time == pytest.approx(wanted)
-    finally:
-        ended.set()
-        thread.join()
-        page.close()
-        server.stop()
+    server.stop()
