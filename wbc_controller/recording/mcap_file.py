@@ -1,13 +1,11 @@
 """MCAP files, readable up to their first damage.
 
 The package `mcap` (https://mcap.dev/spec) writes the end of a file only on closing. `McapFile` writes an end after each
-chunk, so that a killed process leaves a complete file; closing adds the index of chunks. Records of messages are packed
-and unpacked here, three times faster than by the package.
+chunk, so that a killed process leaves a complete file; closing adds the index of chunks.
 """
 
 import contextlib
 import errno
-import io
 import os
 import struct
 import zlib
@@ -18,9 +16,8 @@ from pathlib import Path
 from typing import BinaryIO
 
 import zstandard
-from mcap.data_stream import ReadDataStream, RecordBuilder
-from mcap.exceptions import McapError
-from mcap.opcode import Opcode
+from mcap.data_stream import RecordBuilder
+from mcap.exceptions import EndOfFile, McapError, RecordLengthLimitExceeded
 from mcap.records import (
     Channel,
     Chunk,
@@ -29,17 +26,16 @@ from mcap.records import (
     Footer,
     Header,
     McapRecord,
+    Message,
     MessageIndex,
     Schema,
     Statistics,
 )
-from mcap.stream_reader import get_chunk_data_stream
+from mcap.stream_reader import StreamReader, breakup_chunk
 
 MAGIC = b"\x89MCAP0\r\n"
 _COMPRESSION_LEVEL = 1
 CHUNK_BYTES = 1 << 20  # size of a full chunk
-_HEAD = struct.Struct("<BQ")  # opcode and length of the content of a record
-_MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time and publish time before the payload of a message
 #: Largest expanded chunk, bytes (`CHUNK_BYTES` plus a message), and ratio of all expanded chunks to the file.
 _LARGEST_CHUNK, _LARGEST_RATIO = 64 << 20, 1000
 #: Errors of parser and decompressors on damaged data.
@@ -77,28 +73,29 @@ class ChunkBuilder:
 
     def __init__(self) -> None:
         self._newest = 0
-        self._messages = bytearray()
+        self._messages = RecordBuilder()
         self._indexes: dict[int, MessageIndex] = {}
 
     @property
     def size(self) -> int:
         """Bytes."""
-        return len(self._messages)
+        return int(self._messages.count)
 
     def add(self, channel: int, time: int, payload: bytes) -> None:
         """Add a message; time in ns."""
         self._newest = max(time, self._newest)
         index = self._indexes.setdefault(channel, MessageIndex(channel, []))
-        index.records.append((self._newest, len(self._messages)))
-        self._messages += _HEAD.pack(Opcode.MESSAGE, _MESSAGE.size + len(payload))
-        self._messages += _MESSAGE.pack(channel, 0, self._newest, max(time, 0)) + payload
+        index.records.append((self._newest, self._messages.count))
+        Message(
+            channel_id=channel, sequence=0, log_time=self._newest, publish_time=max(time, 0), data=payload
+        ).write(self._messages)  # fmt: skip
 
     def take(self) -> PackedChunk | None:
         """Return a chunk of the new messages, or None."""
         if not self._indexes:
             return None
         indexes, self._indexes = self._indexes, {}
-        raw, self._messages = bytes(self._messages), bytearray()
+        raw = self._messages.end()
         chunk = Chunk(
             compression="zstd",
             data=zstandard.compress(raw, _COMPRESSION_LEVEL),
@@ -228,29 +225,18 @@ def _end_of_file(data_size: int, *summary: McapRecord) -> bytes:
     return data_end + _serialized(*summary, footer) + MAGIC
 
 
-def _records(file: BinaryIO, size: int) -> Iterator[tuple[int, bytes]]:
-    """Yield opcode and content of each record; an incomplete record raises `EOFError`."""
-    while head := file.read(_HEAD.size):
-        opcode, length = _HEAD.unpack(head) if len(head) == _HEAD.size else (0, size + 1)
-        content = file.read(length) if length <= size else b""
-        if len(content) < length:
-            raise EOFError
-        yield opcode, content
-
-
-def _with_open_chunks(file: BinaryIO, size: int) -> Iterator[tuple[int, bytes]]:
-    """Yield the records of a file, and in place of a chunk the records in it."""
+def _records(file: BinaryIO, size: int) -> Iterator[McapRecord]:
     expanded = 0
-    for opcode, content in _records(file, size):
-        if opcode != Opcode.CHUNK:
-            yield opcode, content
+    reader = StreamReader(file, skip_magic=True, emit_chunks=True, validate_crcs=True, record_size_limit=size)
+    for record in reader.records:
+        if not isinstance(record, Chunk):
+            yield record
             continue
-        chunk = Chunk.read(_stream(content))
-        if chunk.compression not in ("", "zstd"):
-            raise ValueError(f"chunk compression {chunk.compression!r}; valid: 'zstd', ''")
-        declared, contained = chunk.uncompressed_size, len(chunk.data)
-        if chunk.compression == "zstd":
-            contained = zstandard.frame_content_size(chunk.data)  # -1 if unknown; then `declared` limits it
+        if record.compression not in ("", "zstd"):
+            raise ValueError(f"chunk compression {record.compression!r}; valid: 'zstd', ''")
+        declared, contained = record.uncompressed_size, len(record.data)
+        if record.compression == "zstd":
+            contained = zstandard.frame_content_size(record.data)  # -1 if unknown; then `declared` limits it
         if contained not in (-1, declared):
             raise ValueError(f"chunk declares {declared} bytes, but contains {contained}")
         expanded += declared
@@ -258,12 +244,7 @@ def _with_open_chunks(file: BinaryIO, size: int) -> Iterator[tuple[int, bytes]]:
             raise ValueError(
                 f"chunk expands to {declared} bytes (limit {_LARGEST_CHUNK}, in total {_LARGEST_RATIO} × file)"
             )
-        data, length = get_chunk_data_stream(chunk, validate_crc=True)
-        yield from _records(io.BytesIO(data.read(length)), length)
-
-
-def _stream(content: bytes) -> ReadDataStream:
-    return ReadDataStream(io.BytesIO(content))
+        yield from breakup_chunk(record, validate_crc=True)
 
 
 class McapMessages:
@@ -276,30 +257,29 @@ class McapMessages:
 
     def __iter__(self) -> Iterator[tuple[Topic, int, bytes]]:
         """Yield topic, time of arrival in ns, and serialized message; another file type raises `ValueError`."""
+        schemas: dict[int, Schema] = {}
         with self.path.open("rb") as file:
             if file.read(len(MAGIC)) != MAGIC:
                 raise ValueError("not an MCAP file")
-            try:
-                yield from self._messages(file)
-            except EOFError:
-                self.damage = "the last record is incomplete"
-            except _DAMAGE as error:
-                at_end = file.read(1) == b""
-                self.damage = "the last record is incomplete" if at_end else f"a record is damaged ({error})"
-
-    def _messages(self, file: BinaryIO) -> Iterator[tuple[Topic, int, bytes]]:
-        schemas: dict[int, Schema] = {}
-        for opcode, content in _with_open_chunks(file, os.fstat(file.fileno()).st_size):
-            if opcode == Opcode.MESSAGE:
-                channel, _, _, time = _MESSAGE.unpack_from(content)
-                yield self.topics[channel], time, content[_MESSAGE.size :]
-            elif opcode == Opcode.SCHEMA:
-                schema = Schema.read(_stream(content))
-                schemas[schema.id] = schema
-            elif opcode == Opcode.CHANNEL:
-                record = Channel.read(_stream(content))
-                schema = schemas[record.schema_id]
-                self.topics[record.id] = Topic(record.id, record.topic, schema.name, schema.data.decode())
-            elif opcode == Opcode.DATA_END:
-                return
-        raise EOFError
+            size = os.fstat(file.fileno()).st_size
+            records = _records(file, size)
+            while True:
+                try:
+                    record = next(records)
+                    if isinstance(record, DataEnd):
+                        return
+                    if isinstance(record, Schema):
+                        schemas[record.id] = record
+                    elif isinstance(record, Channel):
+                        schema = schemas[record.schema_id]
+                        self.topics[record.id] = Topic(record.id, record.topic, schema.name, schema.data.decode())
+                    topic = self.topics[record.channel_id] if isinstance(record, Message) else None
+                except (EndOfFile, RecordLengthLimitExceeded):
+                    self.damage = "the last record is incomplete"
+                    return
+                except _DAMAGE as error:
+                    at_end = file.read(1) == b""
+                    self.damage = "the last record is incomplete" if at_end else f"a record is damaged ({error})"
+                    return
+                if topic is not None and isinstance(record, Message):
+                    yield topic, record.publish_time, record.data
