@@ -29,8 +29,8 @@ from wbc_controller.walking.swing_kernels import LATE_SPEED, TOUCHDOWN_SPEED, La
 from wbc_controller.walking.touchdown import LATEST, lands, rebounds
 
 GAIT = Gait(
-    single=0.5, double=0.1, shift=0.8, lowering=0.02, clearance=0.05, width=0.2, least_width=0.14, length=0.45,
-    greatest_width=0.55, reaction=0.08, braking=4.0, speed=(0.5, 0.2, 0.5),
+    single=0.5, double=0.1, shift=0.8, height=0.7, lowering=0.02, clearance=0.05, width=0.2, least_width=0.14,
+    length=0.45, greatest_width=0.55, reaction=0.08, braking=4.0, speed=(0.5, 0.2, 0.5),
 )  # fmt: skip
 DT = 0.002
 

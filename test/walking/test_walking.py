@@ -74,6 +74,21 @@ def test_a_robot_walks_and_stops_far_from_the_origin(robot):
     assert not simulation.plant.fallen
 
 
+@pytest.mark.parametrize(("robot", "lowering"), [("g1", 0.032), ("go2", 0.02)])
+def test_a_second_walk_is_as_high_as_the_first(robot, lowering):
+    """The robot stands as high as it has walked."""
+    simulation = wbc.Simulation(wbc.load(robot).replace({"walking.lowering": lowering}))
+    nominal, heights = simulation.controller.dynamics.com[2], []
+    for _ in range(2):
+        simulation.controller.walk(0.0)
+        simulation.run(1.2)
+        simulation.controller.stand()
+        simulation.run(2.6)
+        assert simulation.controller.walker.phase is Phase.STAND
+        heights.append(simulation.controller.dynamics.com[2])
+    np.testing.assert_allclose(heights, nominal - lowering, atol=0.006)
+
+
 def test_a_fast_robot_stops_within_three_steps():
     """Asked just before a touchdown, which counts as the first step."""
     simulation = wbc.Simulation(wbc.load("g1").replace({"walking.max_speed": 0.8}))

@@ -245,8 +245,7 @@ class BipedWalker(Walker):
         self, dynamics: Dynamics, soles: Mapping[int, Sole], orientations: Mapping[str, Array], decision: Decision
     ) -> None:
         """Start from standing."""
-        ground, self._height = 0.5 * (soles[1].height + soles[-1].height), float(dynamics.com[2])
-        self._clearance = self._height - ground - self.gait.lowering
+        self._height, self._clearance = float(dynamics.com[2]), self.gait.height - self.gait.lowering
         self._heading = mean_angle(soles[1].heading, soles[-1].heading)
         self._references = {foot.task: foot.at_rest(dynamics) for foot in self._feet.values()}
         self.steps, self.velocity, self._step = 0, Velocity(), None

@@ -31,7 +31,8 @@ class Gait(SpeedLimits):
     single: float  # nominal duration of the single support, s
     double: float  # duration of the double support, s
     shift: float  # duration of the first and the last shift of the weight, s
-    lowering: float  # of the centre of mass from standing, m: long steps need bent knees
+    height: float  # of the centre of mass above the ground in the nominal posture, m
+    lowering: float  # of the centre of mass from this height while walking, m: long steps need bent knees
     clearance: float  # height of the swing foot above the ground, m
     width: float  # nominal distance between the feet, m
     least_width: float  # smallest distance between the feet, m
@@ -55,7 +56,8 @@ class QuadrupedGait(SpeedLimits):
     swing: float  # duration of a swing, s
     pause: tuple[float, ...]  # duration of the support by all feet before each swing, s
     shift: float  # the same before the first swing, and after the last, s
-    lowering: float  # of the centre of mass from standing, m
+    height: float  # of the centre of mass above the ground in the nominal posture, m
+    lowering: float  # of the centre of mass from this height while walking, m
     clearance: float  # height of a swing foot above the ground, m
     length: float  # largest distance of a foot from its nominal place below the body, m
 

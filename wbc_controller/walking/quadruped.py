@@ -177,8 +177,7 @@ class QuadrupedWalker(Walker):
         self._swings, self._landings, self._places[:] = {}, {}, feet[:, :3]
         com = dynamics.com
         self._body = complex(com[0], com[1])
-        self._height = float(com[2])
-        self._clearance = self._height - Ground.below(self._places).height_at(self._body) - self.gait.lowering
+        self._height, self._clearance = float(com[2]), self.gait.height - self.gait.lowering
         _, self._heading = self._stance(feet)
         self._references = {}
         self.steps, self.velocity, self._sway, self._group = 0, Velocity(), (0.0, 0.0, 0.0), 0

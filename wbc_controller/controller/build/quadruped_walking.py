@@ -122,6 +122,7 @@ def make_quadruped_gait(settings: Settings, walking: WalkingSettings, qp: WholeB
         swing=value_or(walking.single_support, swing * math.sqrt(z / gravity)),
         pause=pause,
         shift=0.6,
+        height=z,
         lowering=value_or(walking.lowering, 0.0),
         clearance=value_or(walking.clearance, 0.18 * z),
         length=value_or(walking.max_step_length, 0.6 * z),

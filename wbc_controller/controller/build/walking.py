@@ -148,6 +148,7 @@ def make_gait(settings: Settings, left: Foot, right: Foot, qp: WholeBodyQP) -> B
         single=value_or(walking.single_support, 1.5 * math.sqrt(z / gravity)),
         double=value_or(walking.double_support, 0.05),
         shift=0.8,
+        height=z,
         lowering=value_or(walking.lowering, min(0.03 * z, 0.2 * lift)),
         clearance=value_or(walking.clearance, min(0.07 * z, 0.6 * lift)),
         width=value_or(walking.width, 0.85 * apart),
