@@ -47,10 +47,10 @@ def at_rest(place: complex, height: float, heading: float) -> Array:
 
 
 def rising_time(single: float, landing: Landing, foot: Array) -> float:
-    """Return the time after lift-off in which the foot, (3, 4), only rises along an edge, s; 0 once it moves forward.
+    """Return the time after lift-off in which the foot, (3, 4), only rises, s; 0 once it has moved horizontally.
 
-    A fast step, with a time T and a way D, moves forward at once: the largest speed of a quintic is 1.875 D / T. A
-    sideways step also does: a narrow sole that lands with more speed tips faster. `single` is the nominal time, s.
+    Also 0 in fast steps (the largest speed of a quintic is 1.875 D / T) and in sideways steps, which would land faster.
+    `single` is the nominal time of the step, s.
     """
     x, y, _, heading = foot[0].tolist()
     way = (landing.place - complex(x, y)) * cmath.rect(1.0, -heading)
