@@ -29,8 +29,8 @@ _LARGEST_BIAS = 0.5
 _FALSE_SLIP = 1.0e-5
 #: Largest motion, m, and its duration, s, after which a slipping contact is at rest.
 _MOVED, _RESTED = 0.004, 0.04
-#: Least creep of soles and of balls of a stepping robot, m/s/√Hz (impacts between two samples of the IMU, and small
-#: motions at touchdown, would become a tilt), and the time since the last touchdown for which a robot is stepping, s.
+#: Least creep of soles and of balls of a stepping robot, m/s/√Hz (impacts between IMU samples would become a tilt), and
+#: the time since the last touchdown for which a robot is stepping, s.
 _SOLE_STEPS, _BALL_STEPS, _STEPPING_TIME = 2.4e-3, 8.0e-4, 1.0
 #: Creep of a point of a tipping sole per speed above the least one, √s, and this speed, m/s.
 _TIPPING, _LEAST_TIPPING = 0.3, 0.02

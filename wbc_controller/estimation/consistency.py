@@ -5,8 +5,8 @@ By the filter's R, v, b_g, a contact point at y from the IMU moves in the world 
     u = v + R ((ω - b_g) × y + ẏ)
 
 If all points move, the IMU is wrong or no contact holds, and the estimate is lost; a tipping sole rests at a point. The
-filter cannot detect this: it rejects the contacts, or explains a slow contradiction by creep. It would follow a tipping
-sole with its tilt; the vertical velocities relative to the resting point tell how fast the other points move.
+filter cannot detect this: it rejects the contacts, or explains a slow contradiction by creep. A tipping sole
+would tilt the estimate, so its points creep with their vertical speed relative to the resting point.
 """
 
 from __future__ import annotations
