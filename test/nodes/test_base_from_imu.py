@@ -16,7 +16,6 @@ from wbc_controller.middleware.setpoints import wrench_stamped
 from wbc_controller.records import Mode
 from wbc_controller.settings.config import load
 from wbc_controller.simulation.measurement import imu_message
-from wbc_controller.walking.footsteps import Velocity
 
 IMU = {"estimation": {"base_state": "imu", "settling": 0.1, "imu_frame": ""}}
 GRAVITY = (0.0, 0.0, 9.81)
@@ -151,18 +150,6 @@ def test_friction_of_a_slipping_foot_is_reduced_until_it_rests(robot):
     assert bench.loop.controller.board.slipping == ()
     report = robot.cycle(round(2.1 / bench.period))
     assert report.result.references.friction == dict.fromkeys(FEET, 1.0)
-
-
-def test_friction_of_a_foot_that_settles_stays_while_the_robot_walks(robot):
-    robot.activate()
-    bench = robot.bench
-    bench.loop.controller.walker.ask(Velocity())
-    bench.q = bench.q.copy()
-    bench.q[bench.model.q_index[bench.model.joints.index("RR_calf_joint")]] += 0.1
-    report = robot.cycle()
-    assert bench.loop._inputs.estimator.slipping == ("rear_right_foot",)
-    for each in (report, robot.cycle(5)):
-        assert set(each.result.references.friction.values()) == {1.0}
 
 
 def test_a_contact_that_is_switched_off_does_not_hold_the_estimate(robot):

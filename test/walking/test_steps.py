@@ -25,15 +25,7 @@ from wbc_controller.walking.feet import Foot, about_z
 from wbc_controller.walking.footsteps import Stance, Velocity, nominal_step
 from wbc_controller.walking.gait import Gait
 from wbc_controller.walking.pendulum_kernels import before, later
-from wbc_controller.walking.swing_kernels import (
-    LATE_SPEED,
-    TOUCHDOWN_SPEED,
-    Landing,
-    at_rest,
-    integrate_foot,
-    moved,
-    rising_time,
-)
+from wbc_controller.walking.swing_kernels import LATE_SPEED, TOUCHDOWN_SPEED, Landing, at_rest, integrate_foot, moved
 from wbc_controller.walking.touchdown import LATEST, lands, rebounds
 
 GAIT = Gait(
@@ -189,24 +181,6 @@ def test_a_foot_lands_at_its_target_at_rest(change):
     assert max(heights) == pytest.approx(landing.height + GAIT.clearance, abs=2e-3)
 
 
-def test_a_foot_of_a_slow_step_rises_along_an_edge_before_it_moves_forward():
-    foot, landing = at_rest(0j, 0.0, 0.1), Landing(0.28 + 0j, 0.0, 0.2, 0.45)
-    assert rising_time(0.45, landing, foot) == pytest.approx(0.09)
-    assert rising_time(0.45, replace(landing, place=0.5 + 0j), foot) == 0.0  # fast
-    assert rising_time(0.45, replace(landing, time=0.3), foot) == 0.0
-    feet = []
-    for i in range(225):
-        foot = moved(foot, landing, GAIT.clearance, i * DT, DT, rising=rising_time(0.45, landing, foot))
-        feet.append(foot)
-    x, y, z, heading = np.array([foot[0] for foot in feet]).T
-    assert not x[:45].any()
-    assert not y.any()
-    assert (heading[:45] == 0.1).all()
-    assert z[44] > 0.015
-    assert z[x > 0.005][0] > 0.03
-    assert feet[-1][0] == pytest.approx([0.28, 0.0, 0.0, 0.2], abs=1e-6)
-
-
 def test_the_push_of_a_swing_is_the_integral_of_its_acceleration():
     """A foot that starts at rest pushes the DCM forward: its acceleration grows longer than its deceleration."""
     omega, feet = 3.8, [at_rest(0.1j, 0.0, 0.0)]
@@ -236,7 +210,7 @@ def test_the_reference_of_the_frame_moves_with_the_sole():
     def reference(time):
         a, b, c = np.array([[0.3, 0.1, 0.2, 0.7], [1.0, -0.5, 0.4, 1.5], [2.0, 1.0, -3.0, -2.0]])
         motion = np.array([a + b * time + c * time**2, b + 2.0 * c * time, 2.0 * c])
-        return foot.swung(motion, Landing(0j, 0.0, 0.0, 0.5), 0j, 0.05, 0.0, 0.0, 0.0, 0.0)[2]
+        return foot.swung(motion, Landing(0j, 0.0, 0.0, 0.5), 0j, 0.05, 0.0, 0.0, 0.0)[2]
 
     now = reference(0.0)
     sole = pin.SE3(about_z(0.7), np.array([0.3, 0.1, 0.2]))

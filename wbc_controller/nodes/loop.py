@@ -172,8 +172,8 @@ class ControlLoop:
             trusted = result.solution if result.mode is Mode.ACTIVE else None
             audit = self._audit.check(state, qp.dynamics, trusted, result.command)
             # Torques do not explain impacts of the feet, and zero torque would drop a walking robot.
-            trusted = None if self._walks else trusted
-            self._bring_up.check(state, qp.dynamics, trusted, result.command, qp.contact_jacobian)
+            walks = controller.walker is not None and controller.walker.moves
+            self._bring_up.check(state, qp.dynamics, None if walks else trusted, result.command, qp.contact_jacobian)
         stages = {
             "read": read,
             **result.stage_seconds,
@@ -190,16 +190,9 @@ class ControlLoop:
         self._cycle += 1
         return report
 
-    @property
-    def _walks(self) -> bool:
-        return self.controller.walker is not None and self.controller.walker.moves
-
     def _changed_slips(self) -> tuple[tuple[SetSlippingContacts], ...]:
-        """Return a change if the estimate has other slipping contacts than the controller.
-
-        Feet of a walking robot tip and settle after touchdowns; with little friction it would fall.
-        """
-        slipping = () if self.estimator is None or self._walks else self.estimator.slipping
+        """Return a change if the estimate has other slipping contacts than the controller."""
+        slipping = () if self.estimator is None else self.estimator.slipping
         return () if slipping == self.controller.board.slipping else ((SetSlippingContacts(slipping),),)
 
     def _clock_stall(self, stall: float, timeout: float) -> str:

@@ -20,7 +20,7 @@ from wbc_controller.walking.pendulum_kernels import before, later, leading, natu
 from wbc_controller.walking.plan import WalkingPlan, margin
 from wbc_controller.walking.references_kernels import smooth_step
 from wbc_controller.walking.support_kernels import nearest_in_support
-from wbc_controller.walking.swing_kernels import Landing, at_rest, rising_time
+from wbc_controller.walking.swing_kernels import Landing, at_rest
 from wbc_controller.walking.terrain import FOOTHOLDS, Ground, plane_through
 from wbc_controller.walking.touchdown import COUNTS, lands
 from wbc_controller.walking.walker import Decision, TaskSets, Walker
@@ -45,10 +45,6 @@ _HEADING_RATE = 6.0
 _BESIDE, _NEAR, _AT_LAST = 0.04, 0.1, 3
 #: Largest commanded speed for a stop, m/s.
 _SLOW = 0.02
-#: Distance of a foothold from the plane of the ground, m, from which the ground is rough.
-_ROUGH = 0.004
-#: Speed of a foot at rest, m/s, and duration after which it has landed at any height, s.
-_AT_REST, _RESTED = 0.05, 0.03
 
 
 @dataclass(slots=True)  # not frozen: faster construction
@@ -63,8 +59,6 @@ class Step:
     ground: Ground  # plane through the last footholds
     slope: complex  # of the swing foot, dz/dx + i dz/dy
     planned: bool  # True for a planned footstep
-    lift: float  # height of the swing foot at lift-off, m
-    rested: float = 0.0  # time for which the swing foot has been at rest, s
 
 
 class _Cycle(NamedTuple):
@@ -316,9 +310,6 @@ class BipedWalker(Walker):
         earlier = [replace(each, height=each.height + drift) for each in self._footholds[: FOOTHOLDS - 1]]
         self._footholds = (sole.ground, *earlier)
         ground = plane_through(self._footholds)
-        rough = max(abs(each.height - ground.height_at(each.place)) for each in self._footholds)
-        if rough > _ROUGH:  # a foot that lands early disturbs less than a late one
-            ground = replace(ground, height=ground.height - rough)
         self._step = Step(
             stance=stance,
             nominal=nominal,
@@ -328,7 +319,6 @@ class BipedWalker(Walker):
             ground=ground,
             slope=foot.slope,
             planned=planned,
-            lift=foot.height,
         )
         self._blend = self._dcm_wanted - start
 
@@ -357,21 +347,15 @@ class BipedWalker(Walker):
         self._dcm_wanted = wanted + self._blend * (1.0 - share)
         if dt > 0.0:
             slope += (step.ground.slope - slope) * min(1.0, dt / _LEVELLING)
-        sole = cycle.soles[-self._stance]
-        clearance = gait.clearance + max(0.0, step.lift - landing.height)
-        rising = rising_time(gait.single, landing, swing)
         swing, acceleration, self._references[foot.task] = foot.swung(
-            swing, landing, slope, clearance, rising, elapsed - dt, dt, self._lag
+            swing, landing, slope, gait.clearance, elapsed - dt, dt, self._lag
         )
-        rested = step.rested + dt if sole.speed < _AT_REST else 0.0
-        self._step = step = Step(
-            stance, nominal, landing, swing, acceleration, step.ground, slope, step.planned, step.lift, rested
-        )
+        self._step = step = Step(stance, nominal, landing, swing, acceleration, step.ground, slope, step.planned)
         share, late = elapsed / landing.time, elapsed - landing.time
         sensor = self._sensor(foot.contact, cycle.touching) if cycle.touching else None
+        sole = cycle.soles[-self._stance]
         low = max(swing.item(0, 2), sole.height) - landing.height < _LOW * gait.clearance
-        near = low or rested > _RESTED
-        if near and share >= COUNTS and lands(share, late, swing.item(1, 2), sole.rise, sole.speed, sensor):
+        if low and share >= COUNTS and lands(share, late, swing.item(1, 2), sole.rise, sole.speed, sensor):
             self._land(step, cycle, late, decision)
         return self._corrected(stance.place, cycle, stance.place, stance.place)
 

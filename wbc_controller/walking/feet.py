@@ -73,9 +73,8 @@ class Foot:
         return Reference(pin.SE3ToXYZQUAT(dynamics.placement(self.frame)), np.zeros(6), np.zeros(6))
 
     def swung(
-        self, swing: Array, landing: Landing, slope: complex, clearance: float, rising: float, elapsed: float,
-        dt: float, lag: float,
-    ) -> tuple[Array, complex, Reference]:  # fmt: skip
+        self, swing: Array, landing: Landing, slope: complex, clearance: float, elapsed: float, dt: float, lag: float
+    ) -> tuple[Array, complex, Reference]:
         """Return the motion of a sole in the air, (3, 4), after one cycle, and the reference of the frame.
 
         The acceleration of the reference is planned for the time at which the torques act, after `lag`, s; its
@@ -84,8 +83,8 @@ class Foot:
         """
         motion, out = np.empty((3, 4)), np.empty(19)
         acceleration = move_sole(
-            swing, landing.place, landing.height, landing.heading, landing.time, clearance, elapsed, dt, DESCENT,
-            rising, lag, slope, self.frame_in_sole, motion, out,
+            swing, landing.place, landing.height, landing.heading, landing.time, clearance, elapsed, dt, DESCENT, lag,
+            slope, self.frame_in_sole, motion, out,
         )  # fmt: skip
         return motion, acceleration, Reference(out[:7], out[7:13], out[13:])
 

@@ -6,7 +6,6 @@ rad. A coordinate x with the rates v and a moves after the time t to x + v t + a
 
 from __future__ import annotations
 
-import cmath
 import math
 from dataclasses import dataclass
 
@@ -18,8 +17,6 @@ from wbc_controller.records import Array
 
 #: Share of the step at which the foot is highest.
 APEX = 0.45
-#: Longest share of a step in which the foot only rises, and largest speed of steps with this rise, m/s.
-_RISING, _GENTLE = 0.2, 1.5
 #: Speed at touchdown, m/s.
 TOUCHDOWN_SPEED = 0.1
 #: Downward acceleration and speed of a late foot, m/s² and m/s.
@@ -44,19 +41,6 @@ class Landing:
 def at_rest(place: complex, height: float, heading: float) -> Array:
     """Return the motion, (3, 4), of a foot at rest at a place, x + i y in m, a height, m, and a heading, rad."""
     return np.array([[place.real, place.imag, height, heading], [0.0] * 4, [0.0] * 4])
-
-
-def rising_time(single: float, landing: Landing, foot: Array) -> float:
-    """Return the time after lift-off in which the foot, (3, 4), only rises, s; 0 once it has moved horizontally.
-
-    Also 0 in fast steps (the largest speed of a quintic is 1.875 D / T) and in sideways steps, which would land faster.
-    `single` is the nominal time of the step, s.
-    """
-    x, y, _, heading = foot[0].tolist()
-    way = (landing.place - complex(x, y)) * cmath.rect(1.0, -heading)
-    if foot.item(1, 0) != 0.0 or foot.item(1, 1) != 0.0 or abs(way.imag) > 0.5 * abs(way.real):
-        return 0.0
-    return max(0.0, min(_RISING * single, landing.time - 1.875 * abs(way) / _GENTLE))
 
 
 @part
@@ -94,7 +78,7 @@ def move_axis(x: float, v: float, a: float, goal: float, speed: float, left: flo
 @compiled
 def move_foot(
     foot: Matrix, place: complex, height: float, heading: float, duration: float, clearance: float, elapsed: float,
-    dt: float, descent: float, rising: float, out: OutMatrix,
+    dt: float, descent: float, out: OutMatrix,
 ) -> None:  # fmt: skip
     """Write the motion after one cycle to a touchdown; arguments of `moved`."""
     if foot.shape != (3, 4) or out.shape != (3, 4):
@@ -103,9 +87,7 @@ def move_foot(
     goals = (place.real, place.imag, height, heading)
     for i in range(4):
         x, v, a = foot[0, i], foot[1, i], foot[2, i]
-        if i != 2 and elapsed < rising:
-            moved = x, 0.0, 0.0
-        elif i != 2:
+        if i != 2:
             moved = move_axis(x, v, a, goals[i], 0.0, left, dt)
         elif top - elapsed > descent:
             moved = move_axis(x, v, a, height + clearance, 0.0, top - elapsed, dt)
@@ -118,13 +100,7 @@ def move_foot(
 
 
 def moved(
-    foot: Array,
-    landing: Landing,
-    clearance: float,
-    elapsed: float,
-    dt: float,
-    descent: float = DESCENT,
-    rising: float = 0.0,
+    foot: Array, landing: Landing, clearance: float, elapsed: float, dt: float, descent: float = DESCENT
 ) -> Array:
     """Return the motion of a foot, (3, 4), after one cycle; a late foot accelerates downwards. All times in s.
 
@@ -132,11 +108,10 @@ def moved(
         clearance: height of the foot above the ground at the apex, m.
         elapsed: time since lift-off.
         descent: time before the apex at which the plan changes to the ground.
-        rising: time after lift-off without horizontal motion.
     """
     place, height, heading, time = landing.place, landing.height, landing.heading, landing.time
     out = np.empty((3, 4))
-    move_foot(foot, place, height, heading, time, clearance, elapsed, dt, descent, rising, out)
+    move_foot(foot, place, height, heading, time, clearance, elapsed, dt, descent, out)
     return out
 
 
