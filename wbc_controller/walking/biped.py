@@ -35,8 +35,8 @@ _FREEZE = 0.05
 _ON_TIME, _SHORTEST_DOUBLE = 0.03, 0.02
 #: Height of the foot and its reference below which a touchdown counts, as a share of the clearance.
 _LOW = 0.5
-#: Error of the DCM at touchdown, m, after which the double support is the shortest one.
-_ASTRAY = 0.03
+#: Errors of the DCM at touchdown along and across the heading, m, after which the double support is the shortest one.
+_ASTRAY = 0.1, 0.03
 #: Time constant of the swing foot's rotation to the slope of the ground, s.
 _LEVELLING = 0.05
 #: Rate at which the heading follows its goal, 1/s.
@@ -376,7 +376,8 @@ class BipedWalker(Walker):
         for duration in (self._double_support, _SHORTEST_DOUBLE):
             begin = leading(start, step.stance.place, sole.place, duration, cycle.omega)
             self._double_support, self._touchdown = duration, (begin, step.stance.place, sole.place)
-            if abs(cycle.dcm - begin) < _ASTRAY:
+            error = (cycle.dcm - begin) * cmath.rect(1.0, -sole.heading)
+            if abs(error.real) < _ASTRAY[0] and abs(error.imag) < _ASTRAY[1]:
                 break
         self._stopping = self._stopping + 1 if self.command is None else 0
         if step.planned and not self.footsteps:
