@@ -80,14 +80,14 @@ def test_a_sole_that_tips_over_a_corner_rests_there(robot_of):
         consistency.update((name,), np.eye(3), -np.cross(omega, corner), omega, 0.01)
     assert consistency.speed == pytest.approx(0.0, abs=1e-9)
     rising = np.cross(omega, legs.contact_points((name,)).positions - corner)[:, 2]
-    np.testing.assert_allclose(consistency.tipping[name], np.abs(rising), atol=1e-6)
-    assert consistency.tipping[name].max() > 0.1
+    np.testing.assert_allclose(consistency.tipping(name), np.abs(rising), atol=1e-6)
+    assert consistency.tipping(name).max() > 0.1
     for _ in range(50):  # and slides
         consistency.update((name,), np.eye(3), -np.cross(omega, corner) + [0.0, 0.2, 0.0], omega, 0.01)
     assert consistency.speed > LIMIT
     for _ in range(50):  # a sliding or lifted sole does not tip
         consistency.update((name,), np.eye(3), np.array([0.2, 0.0, 0.1]), OMEGA, 0.01)
-    np.testing.assert_allclose(consistency.tipping[name], 0.0, atol=1e-6)
+    np.testing.assert_allclose(consistency.tipping(name), 0.0, atol=1e-6)
 
 
 def test_the_motion_before_a_touchdown_does_not_count(robot_of):

@@ -5,8 +5,9 @@ By the filter's R, v, b_g, a contact point at y from the IMU moves in the world 
     u = v + R ((ω - b_g) × y + ẏ)
 
 If all points move, the IMU is wrong or no contact holds, and the estimate is lost; a tipping sole rests at a point. The
-filter cannot detect this: it rejects the contacts, or explains a slow contradiction by creep. A tipping sole
-would tilt the estimate, so its points creep with their vertical speed relative to the resting point.
+filter cannot detect this: it rejects the contacts, or explains a slow contradiction by creep.
+
+A tipping sole would tilt the estimate; so its points creep with their vertical speed relative to the resting point.
 """
 
 from __future__ import annotations
@@ -30,17 +31,20 @@ class ContactConsistency:
     """Velocities of the contact points; inactive contacts count until they move.
 
     The speed of a point is the smaller of those of its present and its mean velocity: neither a single wrong sample nor
-    the motion before a touchdown decides. `speed` is that of the slowest point, m/s; 0 without contacts. `tipping` are
-    the mean vertical speeds of the points of each contact relative to its slowest one, (k,) in m/s.
+    the motion before a touchdown decides. `speed` is that of the slowest point, m/s; 0 without contacts.
     """
 
     def __init__(self, kinematics: LegKinematics) -> None:
         self.speed = 0.0
-        self.tipping: dict[str, Array] = {}
         self._kinematics = kinematics
         self._speeds: dict[str, float] = {}  # of the slowest point of each contact, m/s
         self._means: dict[str, Array] = {}  # velocities of the points of each contact, (k, 3) in m/s
         self._rising: dict[str, Array] = {}  # the same, vertical, (k,)
+
+    def tipping(self, contact: str) -> Array | float:
+        """Return the mean vertical speeds of a contact's points relative to its slowest one, (k,) in m/s; 0 without."""
+        rising = self._rising.get(contact)
+        return 0.0 if rising is None else np.abs(rising - rising[np.abs(rising).argmin()])
 
     def update(self, active_contacts: tuple[str, ...], R: Array, velocity: Array, omega: Array, elapsed: float) -> None:
         """Average the velocities of the points, from zero for a new contact.
@@ -70,7 +74,6 @@ class ContactConsistency:
         self._rising = {
             name: (1.0 - share) * before.get(name, 0.0) + share * v for name, v in zip(contacts, rising, strict=True)
         }
-        self.tipping = {name: np.abs(v - v[np.abs(v).argmin()]) for name, v in self._rising.items()}
         slowest = np.minimum.reduceat(np.minimum(np.linalg.norm(means, axis=1), speeds), starts)
         self._means = dict(zip(contacts, np.split(means, starts[1:]), strict=True))
         self._speeds = dict(zip(contacts, slowest.tolist(), strict=True))

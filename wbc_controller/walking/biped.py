@@ -363,7 +363,8 @@ class BipedWalker(Walker):
         """Begin a double support with the swing foot at its present place.
 
         The centre of pressure begins to move later if the foot lands early on higher ground, and arrives sooner if it
-        lands late on lower ground: otherwise the DCM would differ from its plan.
+        lands late on lower ground: otherwise the DCM would differ from its plan. If the DCM is far from the plan, the
+        double support is the shortest one.
         """
         foot, sole = self._feet[-self._stance], cycle.soles[-self._stance]
         decision.changes.append(EnableContact(foot.contact, True, 0.0))
