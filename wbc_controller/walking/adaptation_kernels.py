@@ -29,7 +29,7 @@ from wbc_controller.walking.swing_kernels import integrate_foot
 #: Weights of place and offset, 1/m², and of time.
 W_PLACE, W_OFFSET, W_TIME = 1.0, 200.0, 0.02
 #: Shortest and longest single support, as shares of the nominal one.
-SHORTEST, LONGEST = 0.35, 1.6
+SHORTEST, LONGEST = 0.5, 1.6
 #: Rate of change of the step time, and the one of a large decrease.
 TIME_RATE, SHORTENING = 1.0, 10.0
 #: Shortest remaining time of an adaptation, s.

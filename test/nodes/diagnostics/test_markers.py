@@ -239,7 +239,7 @@ def test_the_plan_of_a_step_is_drawn_and_in_the_diagnostics(bench, make):
     np.testing.assert_allclose(np.ptp(outline, axis=0)[:2], np.ptp(corners, axis=0), atol=5e-3)
     path = points(found["swing_paths", 0])
     np.testing.assert_allclose(path[-1], plan.landings[foot], atol=5e-3)
-    assert path[:, 2].max() > plan.landings[foot][2] + 5e-3  # the foot lands early, as this robot does not move
+    assert path[:, 2].max() > plan.landings[foot][2] + 0.01  # the foot lands early, as this robot does not move
     wanted = points(found["capture_point", 1])[0]
     np.testing.assert_allclose(wanted[:2], [plan.wanted_dcm.real, plan.wanted_dcm.imag], atol=0.02)
     (status,) = controller.received("diagnostics")[-1].status
