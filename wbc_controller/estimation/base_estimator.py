@@ -414,7 +414,7 @@ class _RunningEstimate:
         for name in dict.fromkeys(point.rpartition("/")[0] for point in self.filter.names):
             least = (_BALL_STEPS if name in self._kinematics.rolling else _SOLE_STEPS) if steps else 0.0
             excess = np.maximum(self._consistency.tipping(name) - _LEAST_TIPPING, 0.0)
-            creep.append(np.full(len(self._kinematics.points[name]), max(noise, least)) + _TIPPING * excess)
+            creep.append(max(noise, least) + _TIPPING * excess)
         return np.concatenate([np.empty(0), *creep])
 
     def _correct_by_contacts(self, active_contacts: Sequence[str]) -> None:

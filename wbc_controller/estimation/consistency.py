@@ -17,6 +17,7 @@ import math
 import numpy as np
 
 from wbc_controller.estimation.leg_kinematics import LegKinematics
+from wbc_controller.inverse_dynamics.arrays import cross
 from wbc_controller.records import Array
 
 #: Mean speed of the slowest point above which the estimate is lost, m/s.
@@ -38,13 +39,13 @@ class ContactConsistency:
         self.speed = 0.0
         self._kinematics = kinematics
         self._speeds: dict[str, float] = {}  # of the slowest point of each contact, m/s
-        self._means: dict[str, Array] = {}  # velocities of the points of each contact, (k, 3) in m/s
-        self._rising: dict[str, Array] = {}  # the same, vertical, (k,)
+        self._means: dict[str, Array] = {}  # velocities of points, and vertical for tipping, (k, 4) in m/s
 
-    def tipping(self, contact: str) -> Array | float:
+    def tipping(self, contact: str) -> Array:
         """Return the mean vertical speeds of a contact's points relative to its slowest one, (k,) in m/s; 0 without."""
-        rising = self._rising.get(contact)
-        return 0.0 if rising is None else np.abs(rising - rising[np.abs(rising).argmin()])
+        none = np.zeros((len(self._kinematics.points[contact]), 4))
+        rising = self._means.get(contact, none)[:, 3]
+        return np.asarray(np.abs(rising - rising[np.abs(rising).argmin()]))
 
     def update(self, active_contacts: tuple[str, ...], R: Array, velocity: Array, omega: Array, elapsed: float) -> None:
         """Average the velocities of the points, from zero for a new contact.
@@ -52,29 +53,34 @@ class ContactConsistency:
         R is from IMU to world; `velocity` in the world, m/s, `omega` without bias in IMU axes, rad/s, (3,) each.
         """
         if not active_contacts:
-            self.speed, self._speeds, self._means, self._rising = 0.0, {}, {}, {}
+            self.speed, self._speeds, self._means = 0.0, {}, {}
             return
         former = (name for name, speed in self._speeds.items() if name not in active_contacts and speed <= LIMIT)
         contacts, legs = (*active_contacts, *former), self._kinematics
         seen = legs.contact_points(contacts)
-        starts, counts = [0, *seen.ends[:-1].tolist()], np.diff(seen.ends, prepend=0)
-        # A ball's contact point is at -r n from its centre and rotates with the link.
-        radii = np.array([legs.rolling.get(name, np.zeros(3)) for name in contacts])
-        spin = (seen.link_angular_velocities - legs.imu_motion[3:]) @ legs.imu_rotation + omega
-        u = velocity + (np.cross(omega, seen.positions) + seen.velocities) @ R.T  # (k, 3)
-        u -= np.repeat(np.cross(spin @ R.T, radii), counts, axis=0)
+        ends = [0, *seen.ends.tolist()]
+        rows = dict(zip(contacts, map(slice, ends[:-1], ends[1:]), strict=True))
+        u = velocity + (_cross(omega, seen.positions) + seen.velocities) @ R.T  # (k, 3)
+        if legs.rolling:  # a ball's contact point, at -r n from its centre, rotates with the link
+            spins = (seen.link_angular_velocities - legs.imu_motion[3:]) @ legs.imu_rotation + omega
+            for spin, name in zip(spins @ R.T, contacts, strict=True):
+                if name in legs.rolling:
+                    u[rows[name]] -= cross(spin, legs.rolling[name])
         speeds = np.linalg.norm(u, axis=1)
         u *= _FASTEST / np.maximum(speeds, _FASTEST)[:, None]
-        means = np.concatenate(
-            [self._means.get(name, np.zeros((k, 3))) for name, k in zip(contacts, counts.tolist(), strict=True)]
-        )
-        means += (1.0 - math.exp(-elapsed / _MEAN)) * (u - means)
-        rising, share = np.split(u[:, 2], starts[1:]), 1.0 - math.exp(-elapsed / _TIPPING_MEAN)
-        before = self._rising
-        self._rising = {
-            name: (1.0 - share) * before.get(name, 0.0) + share * v for name, v in zip(contacts, rising, strict=True)
-        }
-        slowest = np.minimum.reduceat(np.minimum(np.linalg.norm(means, axis=1), speeds), starts)
-        self._means = dict(zip(contacts, np.split(means, starts[1:]), strict=True))
+        means = np.zeros((len(u), 4))
+        for name in rows.keys() & self._means.keys():
+            means[rows[name]] = self._means[name]
+        means[:, :3] += (1.0 - math.exp(-elapsed / _MEAN)) * (u - means[:, :3])
+        share = 1.0 - math.exp(-elapsed / _TIPPING_MEAN)
+        means[:, 3] = (1.0 - share) * means[:, 3] + share * u[:, 2]
+        slowest = np.minimum.reduceat(np.minimum(np.linalg.norm(means[:, :3], axis=1), speeds), ends[:-1])
+        self._means = {name: means[own] for name, own in rows.items()}
         self._speeds = dict(zip(contacts, slowest.tolist(), strict=True))
         self.speed = min(self._speeds.values())
+
+
+def _cross(omega: Array, positions: Array) -> Array:
+    """Return ω × y, (k, 3)."""
+    (a, b, c), (x, y, z) = omega.tolist(), positions.T
+    return np.asarray(np.array([b * z - c * y, c * x - a * z, a * y - b * x]).T)

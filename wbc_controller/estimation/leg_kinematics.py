@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,27 +34,15 @@ class ContactPoints:
 
 @dataclass(frozen=True, slots=True)
 class _PointSet:
-    """Points of some contacts: positions in joint axes, (k, 3) in m, and each contact's joint and end, (c,)."""
+    """Points of c contacts."""
 
     names: tuple[str, ...]
-    joints: np.ndarray
     ends: np.ndarray
-    points: Array
-
-    @property
-    def links(self) -> np.ndarray:
-        """Index of the joint of each point, (k,)."""
-        return np.repeat(self.joints, np.diff(self.ends, prepend=0))
-
-    @staticmethod
-    def merge(point_sets: Sequence[_PointSet]) -> _PointSet:
-        """Concatenate point sets."""
-        return _PointSet(
-            tuple(name for point_set in point_sets for name in point_set.names),
-            np.array([point_set.joints[0] for point_set in point_sets], dtype=np.int64),
-            np.cumsum([len(point_set.names) for point_set in point_sets], dtype=np.int64),
-            np.concatenate([np.empty((0, 3)), *(point_set.points for point_set in point_sets)]),
-        )
+    links: list[int]
+    points: Array  # in joint axes, m
+    moves: Array  # rows of `support_matrix`, (c, nv)
+    signs: Array  # by point, minus the IMU's, (k, 1, nv)
+    noise: Array  # covariance, m²
 
 
 class LegKinematics:
@@ -96,8 +84,8 @@ class LegKinematics:
         self.points: dict[str, tuple[str, ...]] = {}
         self.rolling: dict[str, Array] = {}
         self.soles: tuple[str, ...] = ()
-        self._point_sets: dict[str, _PointSet] = {}
-        self._merged: dict[tuple[str, ...], _PointSet] = {}
+        self._contacts: dict[str, tuple[int, Array]] = {}  # joint, points
+        self._point_sets: dict[tuple[str, ...], _PointSet] = {}
         self._cache: dict[tuple[str, ...], ContactPoints] = {}  # at the joints' present state
         dynamics = Dynamics(model)
         for name, contact in contacts.items():
@@ -117,12 +105,7 @@ class LegKinematics:
             frame = self._pinocchio.frames[link]
             to_joint = frame.placement * dynamics.placement(link).inverse()
             self.points[name] = tuple(f"{name}/{i}" for i in range(len(corners)))
-            self._point_sets[name] = _PointSet(
-                self.points[name],
-                np.array([int(frame.parentJoint)]),
-                np.array([len(corners)]),
-                np.array([to_joint.act(corner) for corner in corners]),
-            )
+            self._contacts[name] = int(frame.parentJoint), np.array([to_joint.act(corner) for corner in corners])
         self.update(model.posture, np.zeros(model.nj))
 
     def update(self, q: Array, v: Array) -> None:
@@ -163,38 +146,43 @@ class LegKinematics:
 
     def positions(self, contacts: tuple[str, ...]) -> Array:
         """Return y of some contacts in IMU axes, (k, 3) in m."""
-        return np.asarray((self._points(self._merged_set(contacts)) - self.imu_position) @ self.imu_rotation)
+        return np.asarray((self._points(self._point_set(contacts)) - self.imu_position) @ self.imu_rotation)
 
-    def _merged_set(self, contacts: tuple[str, ...]) -> _PointSet:
-        if contacts not in self._merged:
-            self._merged[contacts] = _PointSet.merge([self._point_sets[name] for name in contacts])
-        return self._merged[contacts]
+    def _point_set(self, contacts: tuple[str, ...]) -> _PointSet:
+        if contacts not in self._point_sets:
+            joints = np.array([self._contacts[name][0] for name in contacts], dtype=np.int64)
+            counts = [len(self.points[name]) for name in contacts]
+            moves = self._moves[joints].astype(np.float64)
+            self._point_sets[contacts] = _PointSet(
+                names=tuple(point for name in contacts for point in self.points[name]),
+                ends=np.cumsum(counts, dtype=np.int64),
+                links=np.repeat(joints, counts).tolist(),
+                points=np.concatenate([np.empty((0, 3)), *(self._contacts[name][1] for name in contacts)]),
+                moves=moves,
+                signs=np.repeat(moves - self._moves[self._imu_joint], counts, axis=0)[:, None],
+                noise=self._noise[1] ** 2 * np.eye(3 * sum(counts)),
+            )
+        return self._point_sets[contacts]
 
     def _points(self, point_set: _PointSet) -> Array:
-        placements = self._data.oMi
-        return np.array(
-            [
-                placements[link].act(point)
-                for link, point in zip(point_set.links.tolist(), point_set.points, strict=True)
-            ]
-        )
+        placements, pairs = self._data.oMi, zip(point_set.links, point_set.points, strict=True)
+        return np.array([placements[link].act(point) for link, point in pairs])
 
     def _measure(self, contacts: tuple[str, ...]) -> ContactPoints:
         """Compute y = Rᵀ (r - p) and ẏ = D v, D = Rᵀ (Δ_linear - r × Δ_angular).
 
         Δ are the columns of joints that move the point's link, minus columns that move the IMU's link.
         """
-        point_set, R, J = self._merged_set(contacts), self.imu_rotation, self._data.J
-        k, links, r = len(point_set.names), point_set.links, self._points(point_set)
-        difference = J * (self._moves[links] - self._moves[self._imu_joint])[:, None]  # (k, 6, nv)
+        point_set, R, J = self._point_set(contacts), self.imu_rotation, self._data.J
+        k, r = len(point_set.names), self._points(point_set)
+        difference = J * point_set.signs  # (k, 6, nv)
         D = (R.T @ (difference[:, :3] - hats(r) @ difference[:, 3:])).reshape(3 * k, -1)
-        joint_noise, point_noise = self._noise
         return ContactPoints(
             names=point_set.names,
             ends=point_set.ends,
             positions=(r - self.imu_position) @ R,
-            covariance=joint_noise**2 * D @ D.T + point_noise**2 * np.eye(3 * k),
-            link_angular_velocities=(self._moves[point_set.joints] * self._v) @ J[3:].T,
+            covariance=self._noise[0] ** 2 * D @ D.T + point_set.noise,
+            link_angular_velocities=(point_set.moves * self._v) @ J[3:].T,
             velocities=(D @ self._v).reshape(k, 3),
         )
 
@@ -202,5 +190,7 @@ class LegKinematics:
 def hats(vectors: Array) -> Array:
     """Return the cross-product matrices of vectors, (k, 3): (k, 3, 3)."""
     x, y, z = vectors.T
-    zero = np.zeros(len(vectors))
-    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
+    matrices = np.zeros((len(vectors), 3, 3))
+    matrices[:, 0, 1], matrices[:, 0, 2], matrices[:, 1, 2] = -z, y, -x
+    matrices[:, 1, 0], matrices[:, 2, 0], matrices[:, 2, 1] = z, -y, x
+    return matrices
