@@ -18,9 +18,12 @@ demo: $(VENV)/demo.installed  ## watch a robot stand, sway, squat, reach and be 
 play: $(VENV)/demo.installed  ## play with a robot in the browser: push it, drag its hands: make play ROBOT=go2
 	$(BIN)/wbc play $(ROBOT)
 
+# Files with live tests: reading of all others would take each process seconds.
+LIVE_TESTS = $(shell grep -rl --include='test_*.py' 'mark\.live' test)
+
 test: $(VENV)/dev.installed  ## run all tests: in parallel, then those that wait for wall time, three at a time
 	$(BIN)/python -m pytest -n logical --dist worksteal --durations 12 -m "not live and not browser"
-	$(BIN)/python -m pytest -n 3 --dist worksteal --durations 12 -m live
+	$(BIN)/python -m pytest -n 3 --dist worksteal --durations 12 -m live $(LIVE_TESTS)
 
 test-kilted:  ## test nodes and transports with the wheels of ROS 2 Kilted, in .venv-kilted
 	$(MAKE) VENV=.venv-kilted .venv-kilted/kilted.installed
@@ -99,9 +102,10 @@ $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.version_info >= (3, 10) or sys.exit("wbc_controller needs Python 3.10 or newer; $(PYTHON) is " + sys.version.split()[0] + ". Name another one: make PYTHON=python3.12 …")'
 	$(PYTHON) -m venv $(VENV)
 
-# The locked requirements first, by hash; then this package itself, in place.
+# The locked requirements first, by hash; then this package itself, in place. They are complete, so that pip need not
+# resolve them, and Python compiles the imported modules only.
 $(VENV)/%.installed: requirements/%.txt pyproject.toml setup.py | $(BIN)/python
 	@echo "Installing the locked requirements into $(VENV): about 395 MB to download the first time."
-	$(BIN)/python -m pip install --disable-pip-version-check --require-hashes --requirement $<
+	$(BIN)/python -m pip install --disable-pip-version-check --no-deps --no-compile --require-hashes --requirement $<
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
