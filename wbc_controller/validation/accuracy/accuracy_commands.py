@@ -148,20 +148,17 @@ def walking(
     Prints commanded and mean velocity, drift as a share of the path, cycles with relaxed limits, `WalkFigures`, falls,
     and the shortest time from a fault to the ground contact of another link. Exit status 1: a robot fell.
     """
-    from wbc_controller.validation.accuracy.walking_commands import FIGURES, figures_of
+    from wbc_controller.validation.accuracy.walking_commands import FIGURES, figures_of, walking_robots
     from wbc_controller.validation.accuracy.walks import COMMANDS, RANDOM, walk
 
-    kinds = robots or tuple(COMMANDS)
-    require_known(kinds, COMMANDS, "unknown walking robot")
+    kinds = walking_robots(robots)
     rows = [(kind, name) for kind in kinds for name in (*COMMANDS[kind], RANDOM) if not names or name in names]
     if not rows:
         known = sorted({name for kind in kinds for name in (*COMMANDS[kind], RANDOM)})
         require_known(names, known, "unknown command")
     click.echo(f"{seeds} seeds on {sensors}, {seconds:g} s, velocities times {scale:g}\n")
-    click.echo(
-        f"| Robot | Command | m/s, m/s, rad/s | reached | drift of the path | relaxed | {FIGURES} | fell | lead |"
-    )
-    click.echo(f"|---|---|---|---|---|---|{'---|' * FIGURES.count('|')}---|---|---|")
+    motion = ("m/s, m/s, rad/s", "reached", "drift of the path", "relaxed")
+    print_header("Robot", "Command", *motion, *FIGURES, "fell", "lead")
     fallen = 0
     for kind, name in rows:
         found = run_parallel(walk, [(kind, name, sensors, seed, seconds, scale) for seed in range(seeds)], jobs)
@@ -174,10 +171,10 @@ def walking(
         )  # fmt: skip
         drift = max((each.drift / max(each.distance, 1.0) for each in whole), default=math.nan)
         relaxed = sum(each.relaxed for each in found)
-        lead = min((each.lead for each in fell if not math.isnan(each.lead)), default=math.nan)
-        click.echo(
-            f"| {kind} | {name} | {commanded} | {reached} | {100.0 * drift:.1f} % | {relaxed} | "
-            f"{figures_of(found)} | {len(fell)} | {'' if math.isnan(lead) else f'{lead:.2f} s'} |"
+        leads = [each.lead for each in fell if not math.isnan(each.lead)]
+        lead = f"{min(leads):.2f} s" if leads else ""
+        print_row(
+            kind, name, commanded, reached, f"{100.0 * drift:.1f} %", relaxed, *figures_of(found), len(fell), lead
         )
         for each in fell:
             click.echo(f"{kind}, {name}, seed {each.seed}: {each.ended.splitlines()[0]}", err=True)

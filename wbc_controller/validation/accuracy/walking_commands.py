@@ -11,36 +11,35 @@ from typing import TYPE_CHECKING
 import click
 import numpy as np
 
-from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.errors import ConfigurationError, require_known
 from wbc_controller.extras import require_libraries
 from wbc_controller.settings.service import SensorQuality
-from wbc_controller.validation.accuracy.parallel import common_options, run_parallel
+from wbc_controller.validation.accuracy.parallel import common_options, print_header, print_row, run_parallel
 
 if TYPE_CHECKING:
     from wbc_controller.validation.accuracy.walks import Walk
 
 #: Headings of the cells of `figures_of`.
-FIGURES = "torque | rate at touchdown | chatter | slip | outside the cone"
+FIGURES = ("torque", "rate at touchdown", "chatter", "slip", "outside the cone")
 #: Required impulse as a multiple of a standing robot's, and in how many directions of 8.
 RATIO, DIRECTIONS = 1.5, 0.75
 #: Largest share of falls: of 10 walks on a ground, and of the walks with changes of velocity.
 FALLS, FALLS_BY_CHANGES = 0.1, 0.05
 
 
-def figures_of(walks: Sequence[Walk]) -> str:
+def figures_of(walks: Sequence[Walk]) -> tuple[str, ...]:
     """Return the largest figures of walks as cells."""
     torque, rate, chatter, slip, outside = (
         max(getattr(each.figures, key) for each in walks) for key in ("torque", "rate", "chatter", "slip", "outside")
     )
-    return f"{torque:.2f} | {rate:.2f} | {100.0 * chatter:.1f} % | {1e3 * slip:.1f} mm | {outside:.1g} N"
+    return f"{torque:.2f}", f"{rate:.2f}", f"{100.0 * chatter:.1f} %", f"{1e3 * slip:.1f} mm", f"{outside:.1g} N"
 
 
-def _walking_robots(robots: Sequence[str]) -> Sequence[str]:
+def walking_robots(robots: Sequence[str]) -> Sequence[str]:
+    """Return the robots, by default all that walk; an unknown one raises `ConfigurationError`."""
     from wbc_controller.validation.accuracy.walks import COMMANDS
 
-    for robot in robots:
-        if robot not in COMMANDS:
-            raise ConfigurationError(f"unknown walking robot {robot!r}; {valid_choices(robot, COMMANDS)}")
+    require_known(robots, COMMANDS, "unknown walking robot")
     return robots or tuple(COMMANDS)
 
 
@@ -62,10 +61,9 @@ def walking_grounds(
     for name in names:
         terrain_of(name, 0)
     click.echo(f"{seeds} seeds on {sensors}, {seconds:g} s\n")
-    click.echo(f"| Robot | Ground | distance | relaxed | {FIGURES} | fell |")
-    click.echo(f"|---|---|---|---|{'---|' * (FIGURES.count('|') + 1)}---|")
+    print_header("Robot", "Ground", "distance", "relaxed", *FIGURES, "fell")
     good = True
-    for robot in _walking_robots(robots):
+    for robot in walking_robots(robots):
         for ground in names or GROUNDS:
             calls = [(robot, ground, sensors, seed, seconds) for seed in range(seeds)]
             found = run_parallel(walk_on, calls, jobs)
@@ -73,9 +71,7 @@ def walking_grounds(
             good = good and len(fell) <= max(FALLS * seeds, 0.0 if seeds < 10 else 1.0)
             distance = float(np.mean([each.distance for each in found]))
             relaxed = sum(each.relaxed for each in found)
-            click.echo(
-                f"| {robot} | {ground} | {distance:.1f} m | {relaxed} | {figures_of(found)} | {len(fell)} of {seeds} |"
-            )
+            print_row(robot, ground, f"{distance:.1f} m", relaxed, *figures_of(found), f"{len(fell)} of {seeds}")
             for each in fell:
                 click.echo(f"{robot}, {ground}, seed {each.seed}: {each.ended}", err=True)
     sys.exit(0 if good else 1)
@@ -93,15 +89,15 @@ def walking_starts(robots: tuple[str, ...], sensors: SensorQuality, jobs: int, s
     from wbc_controller.validation.accuracy.walk_starts import MOST_STEPS, start_and_stop
 
     click.echo(f"{seeds} seeds with {count} starts and stops each, on {sensors}\n")
-    click.echo("| Robot | Stops | stops by number of steps | fell |\n|---|---|---|---|")
+    print_header("Robot", "Stops", "stops by number of steps", "fell")
     good = True
-    for robot in _walking_robots(robots):
+    for robot in walking_robots(robots):
         found = run_parallel(start_and_stop, [(robot, sensors, seed, count) for seed in range(seeds)], jobs)
         steps = [number for each in found for number in each.steps]
         fell = [each for each in found if each.ended]
         good = good and not fell and max(steps, default=0) <= MOST_STEPS
         by_number = ", ".join(f"{number}: {steps.count(number)}" for number in sorted(set(steps)))
-        click.echo(f"| {robot} | {len(steps)} | {by_number} | {len(fell)} |")
+        print_row(robot, len(steps), by_number, len(fell))
         for each in fell:
             click.echo(f"{robot}, seed {each.seed}, after {len(each.steps)} stops: {each.ended}", err=True)
     sys.exit(0 if good else 1)
@@ -134,7 +130,7 @@ def walking_pushes(
     """
     from wbc_controller.validation.accuracy.walk_pushes import Push, change_velocity, largest_impulse
 
-    kinds = _walking_robots(robots)
+    kinds = walking_robots(robots)
     if plot is not None and len(kinds) > 1:
         raise ConfigurationError(f"--plot shows one robot, got {', '.join(kinds)}")
     if plot is not None:
@@ -147,14 +143,11 @@ def walking_pushes(
         impulses = np.array(found).reshape(directions, 1 + phases)
         standing, walking = impulses[:, 0], impulses[:, 1:]
         click.echo(f"{robot} on {sensors}, pushes of 0.1 s at the base, {phases} phases\n")
-        click.echo("| Direction | standing | in place, smallest | in place, mean | smallest / standing |")
-        click.echo("|---|---|---|---|---|")
+        print_header("Direction", "standing", "in place, smallest", "in place, mean", "smallest / standing")
         ratios = walking.min(axis=1) / np.maximum(standing, 1.0e-9)
         for angle, still, steps, ratio in zip(angles, standing, walking, ratios, strict=True):
-            click.echo(
-                f"| {math.degrees(angle):.0f}° | {still:.1f} N·s | {steps.min():.1f} N·s | {steps.mean():.1f} N·s | "
-                f"{ratio:.2f} |"
-            )
+            cells = [f"{each:.1f} N·s" for each in (still, steps.min(), steps.mean())]
+            print_row(f"{math.degrees(angle):.0f}°", *cells, f"{ratio:.2f}")
         good = good and bool(np.mean(ratios >= RATIO) >= DIRECTIONS and np.all(ratios >= 1.0))
         if plot is not None:
             _write_plot(plot, robot, angles, standing, walking)
