@@ -61,15 +61,6 @@ class RecordedCycle:
         return int(self.scalar("stamp_seconds")) * 1_000_000_000 + int(self.scalar("stamp_nanoseconds"))
 
 
-@dataclass(frozen=True, slots=True)
-class RecordedFault:
-    """Fault of a recording."""
-
-    cycle: int  # number of the cycle with the detection
-    time: int  # of the cycle, ns
-    fault: Fault  # with its final sentence
-
-
 class Recording:
     """A recording. The attribute `config` is the configuration of the run with the URDF."""
 
@@ -257,19 +248,16 @@ class Recording:
         return next((each for each in sorted(self.memories) if each >= cycle), None)
 
     @property
-    def faults(self) -> list[RecordedFault]:
-        """Faults in order, each once."""
-        found: list[RecordedFault] = []
-        before: Fault | None = None
+    def faults(self) -> dict[int, Fault]:
+        """Faults with their final sentences, by the cycle with the detection."""
+        found: dict[int, Fault] = {}
+        before, detected = None, 0
         for cycle in sorted(self.events):
-            event = self.events[cycle]
-            if "fault" not in event:
-                continue
-            fault = event["fault"]
-            if fault is not None and before is not None and fault.code == before.code:
-                found[-1] = RecordedFault(found[-1].cycle, found[-1].time, fault)  # with its explanation
-            elif fault is not None:
-                found.append(RecordedFault(cycle, event["time"], fault))
+            fault = self.events[cycle].get("fault", before)
+            if fault is not None:
+                if before is None or fault.code != before.code:
+                    detected = cycle
+                found[detected] = fault  # with its explanation
             before = fault
         return found
 

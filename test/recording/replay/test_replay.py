@@ -129,8 +129,8 @@ def test_after_a_failed_cycle_the_replay_resumes_at_the_next_memory(record, tmp_
     controller.fail(ZeroDivisionError("once"))  # as `ControlLoop` does
     run.go(60)
     recorded = run.finish(tmp_path / "a.mcap")
-    (fault,) = recorded.faults
-    assert fault.fault.code == "INTERNAL_ERROR"
+    (fault,) = recorded.faults.values()
+    assert fault.code == "INTERNAL_ERROR"
     replay = Replay(recorded)
     solved = list(replay.run())
     assert all(each.is_identical for each in solved)
@@ -155,7 +155,7 @@ def test_a_cycle_whose_torques_were_not_sent_is_replayed(record, tmp_path, monke
     monkeypatch.undo()
     run.go(5)
     recorded = run.finish(tmp_path / "a.mcap")
-    assert [fault.fault.code for fault in recorded.faults] == ["STALE_INPUT"]
+    assert [fault.code for fault in recorded.faults.values()] == ["STALE_INPUT"]
     assert len([event for event in recorded.events.values() if "torques sent" in event]) == 1
     solved = list(Replay(recorded).run())
     assert len(solved) == recorded.count

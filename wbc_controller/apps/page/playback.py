@@ -133,8 +133,8 @@ class Playback:
                 if at - pushed > _PUSH_GAP:
                     yield Mark(at, "push", f"unmodelled force of {unmodelled_force:.0f} N: push or collision")
                 pushed = at
-        for fault in recorded.faults:
-            yield Mark(recorded.elapsed(fault.time), "fault", f"{fault.fault.code}: {fault.fault.sentence}")
+        for number, fault in recorded.faults.items():
+            yield Mark(recorded.elapsed(recorded.events[number]["time"]), "fault", f"{fault.code}: {fault.sentence}")
 
     def _read_statuses(self) -> tuple[list[float], list[RobotStatus]]:
         times: list[float] = []

@@ -31,10 +31,10 @@ def summarize(recorded: Recording) -> str:
     if recorded.damage:
         lines.append(f"the file is damaged, read up to there: {recorded.damage}")
     lines += differences_of_software(recorded)
-    for each in recorded.faults:
+    for cycle, fault in recorded.faults.items():
+        at = recorded.events[cycle]["time"]
         lines.append(
-            f"fault {each.fault.code} in cycle {each.cycle}, at {recorded.elapsed(each.time):.3f} s "
-            f"({clock_time(each.time)}): {each.fault.sentence}"
+            f"fault {fault.code} in cycle {cycle}, at {recorded.elapsed(at):.3f} s ({clock_time(at)}): {fault.sentence}"
         )
     if not recorded.faults:
         lines.append("no fault")
