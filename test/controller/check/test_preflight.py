@@ -9,7 +9,7 @@ import pytest
 from wbc_controller.apps.new.draft import new_configuration
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.check import contact_shapes
-from wbc_controller.controller.check.preflight import check, stops_after_ramp, support_margin
+from wbc_controller.controller.check.preflight import check, longest_ramp, support_margin
 from wbc_controller.controller.controller import Controller
 from wbc_controller.errors import ConfigurationError
 
@@ -108,10 +108,28 @@ def test_a_line_of_contacts_is_no_support(robot_of, changed):
     assert "mass is above the edge of the support; a sway of 1 mm must be possible, not only 0.0 mm forward" in sentence
 
 
-@pytest.mark.parametrize(("robot", "ramp", "stops"), [("g1", 0.2, True), ("g1", 0.5, False), ("go2", 60.0, True)])
-def test_arms_fall_during_the_activation_ramp(robot_of, robot, ramp, stops):
+@pytest.mark.parametrize(
+    ("robot", "ramp", "longest", "fastest"),
+    [("g1", 0.2, 0.2, "right_elbow_joint"), ("g1", 0.5, 0.2, "right_elbow_joint"),
+     ("talos", 0.2, 0.1, "arm_right_4_joint"), ("go2", 60.0, 60.0, None)],
+)  # fmt: skip
+def test_arms_fall_during_the_activation_ramp(robot_of, changed, robot, ramp, longest, fastest):
+    """In simulation on the hoist, the elbows of G1 move by 0.31 rad in 0.2 s and by 0.73 rad in 0.5 s."""
     settings, model = robot_of(robot)
-    assert stops_after_ramp(settings, make_qp(settings, model), ramp) is stops
+    settings = changed(settings, {"safety": {"activation_ramp": ramp}})
+    found = longest_ramp(settings, make_qp(settings, model))
+    assert found[0] == longest
+    assert fastest in (None, found[1])
+    text = f"safety.activation_ramp = {ramp:g} s: unsupported joints fall meanwhile ({fastest} fastest), "
+    warning = findings(settings).get("warning", "")
+    assert warning.startswith(text) is (longest < ramp)
+    assert f"use at most {longest:g} s" in warning or longest == ramp
+
+
+def test_an_infeasible_posture_gets_no_other_ramp(robot_of, changed):
+    settings, model = robot_of("g1")
+    weak = changed(settings, {"robot": {"effort_limit_scale": 0.02}})
+    assert longest_ramp(weak, make_qp(weak, model))[0] == weak.safety.activation_ramp
 
 
 def test_too_small_a_normal_force(robot_of, changed):

@@ -6,7 +6,7 @@ import pytest
 
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.validation.campaign.recordings import TrialRecordings
-from wbc_controller.validation.campaign.trial import run_trial
+from wbc_controller.validation.campaign.trial import ALL_KINDS, run_trial
 
 
 @pytest.mark.parametrize("kind", ["joint_absurd", "odom_jump", "stamp_zero", "estop_in_flood"])
@@ -18,7 +18,23 @@ def test_recordings_name_their_fault_and_are_replayed(kind, tmp_path):
     assert re.fullmatch(rf"go2-{kind}-0-\d+-\d+-{outcome.code}\.mcap", path.name)
 
 
-@pytest.mark.parametrize("kind", ["joint_absurd", "estop"])
+#: A kind of fault by place.
+WALKING = {
+    "joint sensors": "joint_absurd",
+    "odometry and IMU": "odom_jump",
+    "stamps and clock": "clock_frozen",
+    "user": "estop",
+}
+#: Places in `test/recording/replay/test_walking_replay.py`.
+REPLAYED = {"delivery", "delivery of commands", "actuators", "world and model"}
+
+
+def test_each_place_of_faults_is_tested_during_a_step():
+    assert {kind.place for kind in ALL_KINDS.values()} == WALKING.keys() | REPLAYED
+    assert all(ALL_KINDS[kind].place == place for place, kind in WALKING.items())
+
+
+@pytest.mark.parametrize("kind", [*WALKING.values(), "stamp_zero"])
 def test_a_fault_during_a_step_leaves_a_recording_that_names_it(kind, tmp_path):
     outcome = run_trial("g1", kind, 0, True, recordings=tmp_path)
     assert (outcome.result, dict(outcome.violations), outcome.walking) == ("damped", {}, True)

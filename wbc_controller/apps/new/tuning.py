@@ -14,7 +14,7 @@ from wbc_controller.controller.build.footprint import simplify_polygon
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.build.walking import find_feet, make_gait
-from wbc_controller.controller.check.preflight import stops_after_ramp
+from wbc_controller.controller.check.preflight import longest_ramp
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts.support import are_corners
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
@@ -196,9 +196,8 @@ def put_activation_ramp(urdf: str, draft: Draft) -> None:
         qp = make_qp(settings, make_model(settings, urdf))
     except ConfigurationError:  # the check of the draft reports it
         return
-    ramps = (settings.safety.activation_ramp, 0.1, 0.05, 0.02, 0.0)
-    ramp = next((ramp for ramp in ramps if stops_after_ramp(settings, qp, ramp)), ramps[0])
-    if ramp < ramps[0]:
+    ramp = longest_ramp(settings, qp)[0]
+    if ramp < settings.safety.activation_ramp:
         draft.put("safety.activation_ramp", ramp, "Joints without support fall meanwhile.", "guess")
 
 

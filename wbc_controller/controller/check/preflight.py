@@ -61,6 +61,8 @@ _LEAST_SWAY = 1.0e-3
 _PART = 0.1
 #: Smallest component of a joint in the null space of tasks and contacts.
 _FREE = 1.0e-6
+#: Suggested values of `safety.activation_ramp`, s.
+_RAMPS = (0.2, 0.1, 0.05, 0.02, 0.0)
 
 
 def stance(
@@ -114,6 +116,8 @@ def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str 
         findings += model_plausibility.limits(settings, model, np.array(frames))
         findings += model_plausibility.motors_without_effort(settings, config.urdf or read_urdf(settings.robot.urdf))
         if model.floating_base:
+            findings += _activation_ramp(settings, qp)
+            qp.dynamics.update(q, np.zeros(model.nv))
             findings += reserves(
                 qp,
                 active,
@@ -354,27 +358,49 @@ def _standing_failure(qp: WholeBodyQP, active: tuple[str, ...], normal: Array) -
     )
 
 
-def stops_after_ramp(settings: Settings, qp: WholeBodyQP, ramp: float) -> bool:
-    """Return True if the torques can meet all joint limits after a ramp of T s on a hoist, without moving the base.
+def _activation_ramp(settings: Settings, qp: WholeBodyQP) -> list[Finding]:
+    ramp = settings.safety.activation_ramp
+    longest, fastest = longest_ramp(settings, qp)
+    if longest == ramp:
+        return []
+    return [
+        Finding(
+            "warning",
+            f"safety.activation_ramp = {ramp:g} s: unsupported joints fall meanwhile ({fastest} fastest), and the "
+            f"torques cannot stop them within their limits; use at most {longest:g} s, or let them hang at activation",
+        )
+    ]
 
-    Torques that grow from zero to gravity's permit v = a T / 2 and a motion of a T² / 3 by the acceleration a of free
-    fall.
+
+def longest_ramp(settings: Settings, qp: WholeBodyQP) -> tuple[float, str]:
+    """Return the longest usable `safety.activation_ramp` up to the configured one, s, and the fastest falling joint.
+
+    The torques must meet all joint limits after a ramp of T s on a hoist, without moving the base. If they cannot at
+    rest either, the configured ramp is returned. Torques that grow from zero to gravity's permit v = a T / 2 and a
+    motion of a T² / 3 by the acceleration a of free fall.
     """
-    model, dynamics = qp.model, qp.dynamics
+    model, dynamics, ramp = qp.model, qp.dynamics, settings.safety.activation_ramp
     active = [name for name, contact in settings.contacts.items() if contact.enabled]
-    q = stance(model, qp, active)
-    dynamics.update(q, np.zeros(model.nv))
+    start = stance(model, qp, active)
+    dynamics.update(start, np.zeros(model.nv))
     board = make_board(settings, qp)
     board.reset(dynamics, 0.0)
+    references = board.sample(0.0)
     held = [qp.contacts[name].jacobian(dynamics) for name in active]
     J = np.vstack([np.eye(6, model.nv), model.actuation.C, *held])
     fall = np.linalg.solve(dynamics.M, split_force(dynamics.M, J, -dynamics.h)[0])
     fall[:6] = 0.0  # exactly
-    q = np.asarray(pin.integrate(model.pinocchio, q, ramp**2 / 3.0 * fall))
-    state = RobotState(0, frozen(q), frozen(0.5 * ramp * fall))
-    problem = qp.formulation.build(state, board.sample(0.0)).snapshot().problem
-    problem.x_lower[:6] = problem.x_upper[:6] = 0.0
-    return make_solver("daqp", problem).solve(problem).x is not None
+
+    def stops_after(ramp: float) -> bool:
+        q = np.asarray(pin.integrate(model.pinocchio, start, ramp**2 / 3.0 * fall))
+        state = RobotState(0, frozen(q), frozen(0.5 * ramp * fall))
+        problem = qp.formulation.build(state, references).snapshot().problem
+        problem.x_lower[:6] = problem.x_upper[:6] = 0.0
+        return make_solver("daqp", problem).solve(problem).x is not None
+
+    ramps = (ramp, *(each for each in _RAMPS if each < ramp))
+    fastest = model.joints[int(np.argmax(np.abs(fall[model.v_index])))]
+    return next((each for each in ramps if stops_after(each)), ramp), fastest
 
 
 def unsupported_passive_joints(qp: WholeBodyQP, active: Sequence[str]) -> list[int]:
