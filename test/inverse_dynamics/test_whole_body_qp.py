@@ -258,13 +258,13 @@ def test_minimal_relaxation(bench, robot):
 
 
 @pytest.mark.usefixtures("keep_contacts")
-@pytest.mark.parametrize(("robot", "seed", "most"), [("talos", 3926, 1.0e-7), ("g1", 7686, 1.0e-5)])
+@pytest.mark.parametrize(("robot", "seed", "most"), [("talos", 3926, 1.0e-6), ("g1", 7686, 1.0e-5)])
 def test_unsolved_soft_program_has_least_violations(bench, robot, seed, most):
     """DAQP reports a feasible soft program of Talos as infeasible; joints of G1 violate bounds by 10⁴ rad/s²."""
     robot = bench("talos").on_soles(half_length=0.1) if robot == "talos" else bench(robot)
     solution = robot.controller.solve(*robot.random_problem(seed))
     assert solution.relaxed == ("torque_rate", "joint_motion")
-    assert max(solution.residuals.values()) < most  # DAQP's 1e-8 is for rows of norm 1
+    assert max(solution.residuals.values()) < most  # DAQP's 1e-8 is for rows of norm 1; 5e-7 on some processors
 
 
 def test_a_change_of_contacts_starts_with_the_active_set_of_the_last_such_change(bench):

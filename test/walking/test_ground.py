@@ -65,10 +65,11 @@ def heights(simulation):
     ("block", "height"),
     [
         ({"position": [0.4, 0.0, 0.02], "size": [10.0, 10.0, 0.02]}, 0.02),
+        ({"position": [0.4, 0.0, 0.035], "size": [10.0, 10.0, 0.035]}, 0.035),  # higher than half of the clearance
         ({"position": [0.4, 0.0, 0.0], "size": [10.0, 10.0, 0.2], "rpy": [0.0, -0.087, 0.0]}, None),
         ({"position": [0.0, 0.2, 0.0], "size": [10.0, 20.0, 0.2], "rpy": [0.0, -0.087, 1.5708]}, None),  # across
     ],
-    ids=["step", "up", "across"],
+    ids=["step", "high step", "up", "across"],
 )
 def test_a_robot_walks_onto_a_step_and_a_slope(block, height):
     simulation = wbc.Simulation(wbc.load("g1").replace({"mock.terrain": {"ahead": block}}))
@@ -119,7 +120,7 @@ def test_the_stance_foot_does_not_turn_on_slippery_ground():
     trial.walk(2.5, lambda now: np.array([0.3, 0.0, 0.0]), record)
     assert walker.steps >= 3
     assert trial.meter.figures().slip < 0.002
-    assert np.mean(errors) < 0.009  # 0.012 m with a tenth of the weight of the DCM
+    assert np.mean(errors) < 0.011  # 0.015 m with a tenth of the weight of the DCM
 
 
 def test_a_robot_walks_on_soft_ground():
@@ -129,3 +130,12 @@ def test_a_robot_walks_on_soft_ground():
     simulation.run(6.0)
     assert simulation.controller.walker.steps >= 8
     assert simulation.plant.state()[0][0] > 1.0
+
+
+def test_a_robot_walks_on_uneven_ground():
+    """Soles on edges tipped, and swing feet hit higher cells: it fell after 4.9 s."""
+    trial = WalkTrial("g1", "good", 3, {**terrain_of("uneven", 3), "estimation.base_state": "odom"})
+    trial.stand()
+    trial.walk(6.0, lambda now: np.array([0.3, 0.0, 0.0]))
+    assert trial.mock.plant.state()[0][0] > 1.4
+    assert trial.controller.walker._unevenness > 0.005

@@ -104,7 +104,7 @@ def walked(disturbance, *, elapsed=0.1, cycles=150):
         *_, place, time, _ = adapt(
             True, nominal.place, nominal.heading, nominal.offset, 0j, 0.0, landing.place, landing.time,
             at.place, at.heading, at.side, at.omega, GAIT.single, GAIT.double, GAIT.width, GAIT.least_width,
-            GAIT.greatest_width, GAIT.length, GAIT.reaction, dcm, swing, 0.0, elapsed, DT,
+            GAIT.greatest_width, GAIT.length, GAIT.reaction, at.place, dcm, swing, 0.0, elapsed, DT,
         )  # fmt: skip
         landing = Landing(place, 0.0, 0.0, time)
         landings.append(landing)
@@ -270,7 +270,9 @@ def test_a_late_foot_moves_further_down():
     ],
 )
 def test_a_touchdown_is_told_by_sensor_or_motion(share, late, wanted, velocity, touching, landed):
-    assert lands(share, late, wanted, velocity[2], math.hypot(*velocity), touching) is landed
+    speed = math.hypot(*velocity)
+    assert lands(share, late, True, wanted, TOUCHDOWN_SPEED, velocity[2], speed, touching) is landed
+    assert lands(share, late, False, wanted, TOUCHDOWN_SPEED, velocity[2], speed, touching) is (late >= LATEST)
 
 
 def test_a_point_foot_rebounds_from_the_ground():

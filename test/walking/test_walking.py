@@ -161,7 +161,7 @@ def test_a_touchdown_counts_only_near_the_ground(monkeypatch, on_the_ground):
 
     `on_the_ground`: the walker believes that the reference is there; the foot follows the true one.
     """
-    monkeypatch.setattr("wbc_controller.walking.biped.lands", lambda *arguments: True)
+    monkeypatch.setattr("wbc_controller.walking.biped.lands", lambda share, late, low, *others: share > 0.6 and low)
     swung, motions = Foot.swung, []
 
     def lowered(foot, swing, landing, *others):

@@ -27,6 +27,7 @@ class Sole(NamedTuple):
     slope: complex  # increase of the height along x and y, dz/dx + i dz/dy
     rise: float  # vertical velocity of the centre, m/s
     speed: float  # of the centre, m/s
+    rotation: complex  # angular velocity about the heading and the axis to its left, ω_x + i ω_y in rad/s
 
     @property
     def ground(self) -> Ground:
@@ -52,6 +53,11 @@ class Foot:
     def __post_init__(self) -> None:
         object.__setattr__(self, "usable", (_SOLE_SHARE[0] * self.half[0], _SOLE_SHARE[1] * self.half[1]))
         object.__setattr__(self, "frame_in_sole", placement_numbers(self.placement.inverse()))
+
+    @property
+    def strip(self) -> tuple[float, float]:
+        """Ends of the usable width, m from the centre to the left."""
+        return -self.usable[1], self.usable[1]
 
     def sole(self, dynamics: Dynamics) -> Sole:
         """Return pose and speed of the sole."""
@@ -83,8 +89,8 @@ class Foot:
         """
         motion, out = np.empty((3, 4)), np.empty(19)
         acceleration = move_sole(
-            swing, landing.place, landing.height, landing.heading, landing.time, clearance, elapsed, dt, DESCENT, lag,
-            slope, self.frame_in_sole, motion, out,
+            swing, landing.place, landing.height, landing.heading, landing.time, landing.speed, clearance, elapsed, dt,
+            DESCENT, lag, slope, self.frame_in_sole, motion, out,
         )  # fmt: skip
         return motion, acceleration, Reference(out[:7], out[7:13], out[13:])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 
 import numpy as np
@@ -47,7 +48,7 @@ def motion_of_points(joints: Matrix, links: Matrix, on: Indices, offsets: Matrix
 @compiled
 def motion_of_sole(
     joints: Matrix, links: Matrix, link: int, mount: Vector
-) -> tuple[complex, float, float, complex, float, float]:
+) -> tuple[complex, float, float, complex, float, float, complex]:
     """Return the fields of `feet.Sole` for the placement of a sole on a link, (12,); other arguments as above."""
     if len(joints) != len(links) or not 0 <= link < len(links) or len(mount) != 12:
         raise ValueError("motion_of_sole: wrong sizes")
@@ -56,7 +57,9 @@ def motion_of_sole(
     x, y, z = three(sole, 9)
     v = _velocity(links[link], (x, y, z))
     slope = complex(-sole[6] / sole[8], -sole[7] / sole[8])
-    return complex(x, y), z, math.atan2(sole[1], sole[0]), slope, v[2], math.sqrt(dot(v, v))
+    heading = math.atan2(sole[1], sole[0])
+    rotation = complex(links[link, 3], links[link, 4]) * cmath.rect(1.0, -heading)
+    return complex(x, y), z, heading, slope, v[2], math.sqrt(dot(v, v)), rotation
 
 
 @part
@@ -97,18 +100,19 @@ def _put_frame(out: Array, motion: Array, slope: complex, mount: Array) -> None:
 
 @compiled
 def move_sole(
-    sole: Matrix, place: complex, height: float, heading: float, duration: float, clearance: float, elapsed: float,
-    dt: float, descent: float, lag: float, slope: complex, mount: Vector, motion: OutMatrix, out: OutVector,
+    sole: Matrix, place: complex, height: float, heading: float, duration: float, speed: float, clearance: float,
+    elapsed: float, dt: float, descent: float, lag: float, slope: complex, mount: Vector, motion: OutMatrix,
+    out: OutVector,
 ) -> complex:  # fmt: skip
     """Write the motion of a sole after one cycle, and the reference of its frame; see `Foot.swung`."""
     if sole.shape != (3, 4) or motion.shape != (3, 4) or len(mount) != 12 or len(out) != 19:
         raise ValueError("move_sole: wrong sizes")
     if dt > 0.0:
-        move_foot(sole, place, height, heading, duration, clearance, elapsed, dt, descent, motion)
+        move_foot(sole, place, height, heading, duration, speed, clearance, elapsed, dt, descent, motion)
     else:
         motion[:] = sole
     ahead = np.empty((3, 4))
-    move_foot(motion, place, height, heading, duration, clearance, elapsed + dt, lag, descent, ahead)
+    move_foot(motion, place, height, heading, duration, speed, clearance, elapsed + dt, lag, descent, ahead)
     ahead[:2] = motion[:2]
     _put_frame(out, ahead, slope, mount)
     return complex(ahead[2, 0], ahead[2, 1])

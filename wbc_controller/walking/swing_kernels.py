@@ -17,7 +17,7 @@ from wbc_controller.records import Array
 
 #: Share of the step at which the foot is highest.
 APEX = 0.45
-#: Speed at touchdown, m/s.
+#: Downward speed at touchdown on even ground, m/s.
 TOUCHDOWN_SPEED = 0.1
 #: Downward acceleration and speed of a late foot, m/s² and m/s.
 _LATE_ACCELERATION, LATE_SPEED = 10.0, 0.5
@@ -36,6 +36,7 @@ class Landing:
     height: float  # of the ground there, m
     heading: float  # of the foot, rad; less than half a turn away from the present one; 0 for a point foot
     time: float  # T, after lift-off, s
+    speed: float = TOUCHDOWN_SPEED  # downwards, m/s
 
 
 def at_rest(place: complex, height: float, heading: float) -> Array:
@@ -77,8 +78,8 @@ def move_axis(x: float, v: float, a: float, goal: float, speed: float, left: flo
 
 @compiled
 def move_foot(
-    foot: Matrix, place: complex, height: float, heading: float, duration: float, clearance: float, elapsed: float,
-    dt: float, descent: float, out: OutMatrix,
+    foot: Matrix, place: complex, height: float, heading: float, duration: float, speed: float, clearance: float,
+    elapsed: float, dt: float, descent: float, out: OutMatrix,
 ) -> None:  # fmt: skip
     """Write the motion after one cycle to a touchdown; arguments of `moved`."""
     if foot.shape != (3, 4) or out.shape != (3, 4):
@@ -92,9 +93,9 @@ def move_foot(
         elif top - elapsed > descent:
             moved = move_axis(x, v, a, height + clearance, 0.0, top - elapsed, dt)
         elif left > _SHORTEST:
-            moved = move_axis(x, v, a, height, -TOUCHDOWN_SPEED, left, dt)
+            moved = move_axis(x, v, a, height, -speed, left, dt)
         else:
-            v = max(min(v, -TOUCHDOWN_SPEED) - _LATE_ACCELERATION * dt, -LATE_SPEED)
+            v = max(min(v, -speed) - _LATE_ACCELERATION * dt, -LATE_SPEED)
             moved = (x + v * dt, v, -_LATE_ACCELERATION if v > -LATE_SPEED else 0.0)
         out[0, i], out[1, i], out[2, i] = moved
 
@@ -111,7 +112,7 @@ def moved(
     """
     place, height, heading, time = landing.place, landing.height, landing.heading, landing.time
     out = np.empty((3, 4))
-    move_foot(foot, place, height, heading, time, clearance, elapsed, dt, descent, out)
+    move_foot(foot, place, height, heading, time, landing.speed, clearance, elapsed, dt, descent, out)
     return out
 
 

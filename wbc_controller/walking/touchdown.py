@@ -1,12 +1,10 @@
 """Touchdown by a contact sensor or by motion."""
 
-from wbc_controller.walking.swing_kernels import TOUCHDOWN_SPEED
-
 #: Least share of the planned swing for a touchdown.
 COUNTS = 0.6
 #: Share of the reference's downward speed below which the ground has stopped the foot.
 _STOPPED = 0.5
-#: Least downward speed of the reference for the comparison of the motion, m/s; the swing ends at 0.1 m/s.
+#: Least downward speed of the reference for the comparison of the motion, m/s.
 _DESCENDING = 0.07
 #: Largest speed of a foot stopped by the ground, m/s.
 _SLOW = 0.2
@@ -14,13 +12,23 @@ _SLOW = 0.2
 LATEST = 0.15
 
 
-def lands(share: float, late: float, wanted: float, rise: float, speed: float, touching: bool | None) -> bool:
+def lands(
+    share: float,
+    late: float,
+    low: bool,
+    wanted: float,
+    landing: float,
+    rise: float,
+    speed: float,
+    touching: bool | None,
+) -> bool:
     """Return whether the foot has touched the ground.
 
     Args:
         share: elapsed share of the planned swing.
         late: time after the planned touchdown, s; negative before.
-        wanted: vertical velocity of the reference, m/s.
+        low: True if the foot and its reference are near the ground.
+        wanted, landing: vertical velocity of the reference, and its downward speed at the planned touchdown, m/s.
         rise, speed: vertical velocity and speed of the centre of the sole, m/s.
         touching: state of the contact sensor; None without one.
     """
@@ -28,9 +36,11 @@ def lands(share: float, late: float, wanted: float, rise: float, speed: float, t
         return False
     if late >= LATEST:
         return True
+    if not low:
+        return False
     if touching:
         return True
-    stopped = wanted <= -_DESCENDING and rise > _STOPPED * max(wanted, -TOUCHDOWN_SPEED)
+    stopped = wanted <= -_DESCENDING and rise > _STOPPED * max(wanted, -landing)
     return stopped and speed < _SLOW
 
 
