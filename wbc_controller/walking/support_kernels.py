@@ -13,8 +13,10 @@ from wbc_controller.compilation import compiled
 
 #: Least angular velocity of a tipping sole, rad/s.
 _TIPPING = 1.0
-#: Largest distance of the line from the centre, that of the strip from the line, and its least width, m.
-_FARTHEST, _INSIDE, _NARROWEST = 0.03, 0.005, 0.004
+#: Largest distance of the line from the centre, as a share of the usable half width.
+_FARTHEST = 1.7
+#: Distance of the strip from the line, and its least width, m.
+_INSIDE, _NARROWEST = 0.005, 0.004
 #: Rate at which both ends of the strip return, m/s.
 _RETURN = 0.1
 
@@ -48,13 +50,13 @@ def supported_strip(
 
     Args:
         right, left: ends in the last cycle.
-        width: half width of the whole strip, m.
+        width: usable half width of the sole, m.
         rise, rotation: vertical velocity of the centre, m/s, and ω_x + i ω_y about the heading and to its left, rad/s.
         dt: period, s.
     """
     right, left = max(-width, right - _RETURN * dt), min(width, left + _RETURN * dt)
     rolling = rotation.real
-    if abs(rolling) < max(_TIPPING, abs(rotation.imag)) or abs(rise) > _FARTHEST * abs(rolling):
+    if abs(rolling) < max(_TIPPING, abs(rotation.imag)) or abs(rise) > _FARTHEST * width * abs(rolling):
         return right, left
     line = -rise / rolling
     if rolling > 0.0:
