@@ -42,13 +42,10 @@ class ContactConsistency:
         self._means: dict[str, Array] = {}  # velocities of points, and vertical for tipping, (k, 4) in m/s
 
     def tipping(self, contact: str) -> Array:
-        """Return the mean vertical speeds of a contact's points relative to its slowest place, (k,) in m/s; 0 without.
-
-        That place is a point, or a line between points that rise and points that sink.
-        """
+        """Return the mean vertical speeds of a contact's points relative to its slowest one, (k,) in m/s; 0 without."""
         none = np.zeros((len(self._kinematics.points[contact]), 4))
         rising = self._means.get(contact, none)[:, 3]
-        return np.asarray(np.abs(rising - max(min(0.0, rising.max()), rising.min())))
+        return np.asarray(np.abs(rising - rising[np.abs(rising).argmin()]))
 
     def update(self, active_contacts: tuple[str, ...], R: Array, velocity: Array, omega: Array, elapsed: float) -> None:
         """Average the velocities of the points, from zero for a new contact.
@@ -80,22 +77,7 @@ class ContactConsistency:
         slowest = np.minimum.reduceat(np.minimum(np.linalg.norm(means[:, :3], axis=1), speeds), ends[:-1])
         self._means = {name: means[own] for name, own in rows.items()}
         self._speeds = dict(zip(contacts, slowest.tolist(), strict=True))
-        for name, speed in self._speeds.items():
-            if speed > LIMIT:
-                self._speeds[name] = min(speed, _slowest(u[rows[name]]), _slowest(means[rows[name], :3]))
         self.speed = min(self._speeds.values())
-
-
-def _slowest(velocities: Array) -> float:
-    """Return the speed of the slowest place between the points that sink and rise most, m/s; velocities (k, 3).
-
-    A sole that tips over the edge of a stone rests on a line between its points.
-    """
-    sinking, rising = velocities[velocities[:, 2].argmin()], velocities[velocities[:, 2].argmax()]
-    way = rising - sinking
-    squared = float(way @ way)
-    share = min(max(-float(sinking @ way) / squared, 0.0), 1.0) if squared > 0.0 else 0.0
-    return float(np.linalg.norm(sinking + share * way))
 
 
 def _cross(omega: Array, positions: Array) -> Array:

@@ -370,8 +370,7 @@ class BipedWalker(Walker):
         share, late = elapsed / landing.time, elapsed - landing.time
         sensor = self._sensor(foot.contact, cycle.touching) if cycle.touching else None
         sole = cycle.soles[-self._stance]
-        height = max(swing.item(0, 2), sole.height) - landing.height
-        low = height < max(_LOW * gait.clearance, _HIGHER * rough)
+        low = max(swing.item(0, 2), sole.height) - landing.height < _LOW * gait.clearance
         if lands(share, late, low, swing.item(1, 2), landing.speed, sole.rise, sole.speed, sensor):
             self._land(step, cycle, late, decision)
         return self._corrected(middle, cycle, stance.place, stance.place)
