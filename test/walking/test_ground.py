@@ -133,9 +133,28 @@ def test_a_robot_walks_on_soft_ground():
 
 
 def test_a_robot_walks_on_uneven_ground():
-    """Soles on edges tipped, and swing feet hit higher cells: it fell after 4.9 s."""
+    """Slow feet landed late on lower cells: it fell after 4.9 s."""
     trial = WalkTrial("g1", "good", 3, {**terrain_of("uneven", 3), "estimation.base_state": "odom"})
     trial.stand()
     trial.walk(6.0, lambda now: np.array([0.3, 0.0, 0.0]))
     assert trial.mock.plant.state()[0][0] > 1.4
     assert trial.controller.walker._unevenness > 0.005
+
+
+def test_after_a_foothold_at_an_unexpected_height_the_feet_land_faster():
+    simulation = wbc.Simulation("g1")
+    walker, speeds = simulation.controller.walker, []
+
+    def look(robot):
+        if walker.phase is Phase.SINGLE:
+            speeds.append((walker.steps, walker._step.landing.speed, walker._step.swing[1, 2]))
+
+    simulation.controller.walk(0.0)
+    simulation.run(1.0)
+    walker._unevenness = 0.015
+    simulation.run(1.8, look)
+    last = {step: (planned, -speed) for step, planned, speed in speeds}  # the reference at touchdown
+    even, first, *_, late = last.values()
+    assert even == pytest.approx([0.1, 0.1], abs=0.02)
+    assert first == pytest.approx([0.3, 0.3], abs=0.02)
+    assert 0.15 < late[0] < 0.27  # steps on even ground

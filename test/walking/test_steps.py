@@ -104,7 +104,7 @@ def walked(disturbance, *, elapsed=0.1, cycles=150):
         *_, place, time, _ = adapt(
             True, nominal.place, nominal.heading, nominal.offset, 0j, 0.0, landing.place, landing.time,
             at.place, at.heading, at.side, at.omega, GAIT.single, GAIT.double, GAIT.width, GAIT.least_width,
-            GAIT.greatest_width, GAIT.length, GAIT.reaction, at.place, dcm, swing, 0.0, elapsed, DT,
+            GAIT.greatest_width, GAIT.length, GAIT.reaction, dcm, swing, 0.0, elapsed, DT,
         )  # fmt: skip
         landing = Landing(place, 0.0, 0.0, time)
         landings.append(landing)
@@ -273,6 +273,12 @@ def test_a_touchdown_is_told_by_sensor_or_motion(share, late, wanted, velocity, 
     speed = math.hypot(*velocity)
     assert lands(share, late, True, wanted, TOUCHDOWN_SPEED, velocity[2], speed, touching) is landed
     assert lands(share, late, False, wanted, TOUCHDOWN_SPEED, velocity[2], speed, touching) is (late >= LATEST)
+
+
+def test_a_foot_with_a_fast_planned_touchdown_has_landed_at_half_of_its_speed():
+    assert lands(0.9, -0.05, True, -0.3, 0.3, -0.1, 0.1, None)
+    assert not lands(0.9, -0.05, True, -0.3, 0.1, -0.1, 0.1, None)
+    assert not lands(0.9, -0.05, True, -0.3, 0.3, -0.18, 0.18, None)
 
 
 def test_a_point_foot_rebounds_from_the_ground():

@@ -61,10 +61,10 @@ def _within_reach(
 
 @compiled
 def dcm_towards(
-    place: complex, offset: complex, pressure: complex, omega: float, reaction: float, swing: Matrix, left: float
+    place: complex, offset: complex, stance: complex, omega: float, reaction: float, swing: Matrix, left: float
 ) -> complex:
     """Return the DCM that leads to an offset from a touchdown at a place after the time `left`, s."""
-    return before(place + offset, pressure, omega, left, reaction / omega * integrate_foot(swing, place, left, omega))
+    return before(place + offset, stance, omega, left, reaction / omega * integrate_foot(swing, place, left, omega))
 
 
 @compiled
@@ -72,7 +72,7 @@ def adapt(
     planned: bool, nominal_place: complex, nominal_heading: float, nominal_offset: complex, velocity: complex,
     turning: float, place: complex, time: float, stance: complex, heading: float, side: int, omega: float,
     single: float, double: float, width: float, least_width: float, greatest_width: float, length: float,
-    reaction: float, pressure: complex, dcm: complex, swing: Matrix, ground: float, elapsed: float, dt: float,
+    reaction: float, dcm: complex, swing: Matrix, ground: float, elapsed: float, dt: float,
 ) -> tuple[complex, float, complex, complex, float, complex]:  # fmt: skip
     """Return the nominal step, place and time of the touchdown for the measured DCM, and the DCM that leads to them.
 
@@ -80,11 +80,11 @@ def adapt(
         planned: the nominal step, u*, heading and b*, is that of the last cycle; otherwise it follows the velocity.
         velocity, turning: command, m/s and rad/s.
         place, time: u and T of the last cycle, x + i y in m in the world, and s.
-        stance, heading: place and heading of the stance foot.
+        stance, heading: place p and heading of the stance foot.
         side: 1 if the swing foot is the left one, -1 for the right one.
         omega: ω, 1/s.
         single, double, width, least_width, greatest_width, length, reaction: T* and the other fields of `Gait`.
-        pressure, dcm: p, planned, and ξ, measured.
+        dcm: ξ, measured.
         swing: motion of the swing foot, (3, 4).
         ground: height of the ground, m.
         elapsed: t, since the start of the single support, s.
@@ -101,7 +101,7 @@ def adapt(
         T = max(earliest, min(latest, time + rate * dt))
         left = T - elapsed
         push = reaction / omega * integrate_foot(swing, place, left, omega)
-        end = later(dcm, pressure, omega, left) + push  # ξ_T
+        end = later(dcm, stance, omega, left) + push  # ξ_T
         u = nominal_place + W_OFFSET / (W_PLACE + W_OFFSET) * (end - nominal_offset - nominal_place)
         u = _within_reach(u, stance, axes, side, length, least_width, greatest_width)
         present = complex(swing[0, 0], swing[0, 1])
@@ -114,5 +114,5 @@ def adapt(
         if cost < lowest:
             lowest, best = cost, (u, T)
     left = max(best[1] - elapsed, 0.0)
-    wanted = dcm_towards(nominal_place, nominal_offset, pressure, omega, reaction, swing, left)
+    wanted = dcm_towards(nominal_place, nominal_offset, stance, omega, reaction, swing, left)
     return nominal_place, nominal_heading, nominal_offset, best[0], best[1], wanted

@@ -19,7 +19,7 @@ from wbc_controller.walking.gait import Gait, Phase
 from wbc_controller.walking.pendulum_kernels import before, later, leading, natural_frequency, transferred
 from wbc_controller.walking.plan import WalkingPlan, margin
 from wbc_controller.walking.references_kernels import smooth_step
-from wbc_controller.walking.support_kernels import nearest_in_support, supported_strip
+from wbc_controller.walking.support_kernels import nearest_in_support
 from wbc_controller.walking.swing_kernels import TOUCHDOWN_SPEED, Landing, at_rest
 from wbc_controller.walking.terrain import FOOTHOLDS, Ground, plane_through
 from wbc_controller.walking.touchdown import lands
@@ -35,8 +35,8 @@ _FREEZE = 0.05
 _ON_TIME, _SHORTEST_DOUBLE = 0.03, 0.02
 #: Height of the foot and its reference below which a touchdown counts, as a share of the clearance.
 _LOW = 0.5
-#: Share of the unevenness kept from one foothold to the next, and additional clearance per unevenness.
-_KEPT, _HIGHER = 0.8, 2.0
+#: Share of the unevenness kept from one foothold to the next.
+_KEPT = 0.8
 #: Additional touchdown speed per unevenness, 1/s, and largest speed, m/s: a slow foot lands late on lower ground.
 _FASTER, _FASTEST = 20.0, 0.3
 #: Errors of the DCM at touchdown along and across the heading, m, after which the double support is the shortest one.
@@ -88,8 +88,8 @@ class BipedWalker(Walker):
     STATE_FIELDS = (
         "phase", "command", "goal", "footsteps", "leaving", "velocity", "steps", "_until", "_since", "_last", "_stance",
         "_clearance", "_height", "_heading", "_begun", "_orientations", "_step", "_lifted", "_blend", "_dcm_wanted",
-        "_touchdown", "_stopping", "_references", "_footholds", "_unevenness", "_strip", "_early", "_double_support",
-        "_captured", "watched", "fall",
+        "_touchdown", "_stopping", "_references", "_footholds", "_unevenness", "_early", "_double_support", "_captured",
+        "watched", "fall",
     )  # fmt: skip
 
     def __init__(self, gait: Gait, left: Foot, right: Foot, tasks: TaskSets, gravity: float, lag: float = 0.0) -> None:
@@ -112,7 +112,6 @@ class BipedWalker(Walker):
         self._early = self._double_support = 0.0  # time until the planned touchdown, and until lift-off after it, s
         self._footholds: tuple[Ground, ...] = ()  # newest first
         self._unevenness = 0.0  # largest error of the expected heights of the last footholds, m
-        self._strip = self._feet[1].strip  # supported strip of the stance foot, m
         self._captured = math.inf  # last time at which no fall was predicted, s
         self._latest: tuple[_Cycle, complex] | None = None  # last cycle and its centre of pressure, for `plan`
 
@@ -338,33 +337,29 @@ class BipedWalker(Walker):
         """Adapt the step, and move the swing foot; return the centre of pressure."""
         gait, elapsed, dt = self.gait, cycle.time - self._since, cycle.dt
         foot, stance, nominal = self._feet[-self._stance], step.stance, step.nominal
-        standing, below = self._feet[self._stance], cycle.soles[self._stance]
-        self._strip = supported_strip(*self._strip, standing.usable[1], below.rise, below.rotation, dt)
-        right, left = self._strip
-        middle = stance.place + 1j * max(right, min(left, 0.0)) * cmath.rect(1.0, stance.heading)
-        landing, swing, slope, rough = step.landing, step.swing, step.slope, self._unevenness
+        landing, swing, slope = step.landing, step.swing, step.slope
         if landing.time - elapsed > _FREEZE:
             to, facing, offset, place, duration, wanted = adapt(
                 step.planned, nominal.place, nominal.heading, nominal.offset, self.velocity.linear,
                 self.velocity.turning, landing.place, landing.time, stance.place, stance.heading, stance.side,
                 stance.omega, gait.single, gait.double, gait.width, gait.least_width, gait.greatest_width,
-                gait.length, gait.reaction, middle, cycle.dcm, swing, landing.height, elapsed, dt,
+                gait.length, gait.reaction, cycle.dcm, swing, landing.height, elapsed, dt,
             )  # fmt: skip
             nominal = NominalStep(to, facing, offset)
             heading = swing.item(0, 3)
             heading += math.remainder(nominal.heading - heading, math.tau)
             # The ground has sunk since lift-off, also by drift of the estimate.
-            sunk = below.height - self._footholds[0].height
+            sunk = cycle.soles[self._stance].height - self._footholds[0].height
             landing = Landing(place, step.ground.height_at(place) + sunk, heading, duration, landing.speed)
         else:
             left = max(landing.time - elapsed, 0.0)
-            wanted = dcm_towards(nominal.place, nominal.offset, middle, stance.omega, gait.reaction, swing, left)
+            wanted = dcm_towards(nominal.place, nominal.offset, stance.place, stance.omega, gait.reaction, swing, left)
         share, _ = smooth_step(elapsed / _BLEND)
         self._dcm_wanted = wanted + self._blend * (1.0 - share)
         if dt > 0.0:
             slope += (step.ground.slope - slope) * min(1.0, dt / _LEVELLING)
         swing, acceleration, self._references[foot.task] = foot.swung(
-            swing, landing, slope, gait.clearance + min(_HIGHER * rough, gait.clearance), elapsed - dt, dt, self._lag
+            swing, landing, slope, gait.clearance, elapsed - dt, dt, self._lag
         )
         self._step = step = Step(stance, nominal, landing, swing, acceleration, step.ground, slope, step.planned)
         share, late = elapsed / landing.time, elapsed - landing.time
@@ -373,7 +368,7 @@ class BipedWalker(Walker):
         low = max(swing.item(0, 2), sole.height) - landing.height < _LOW * gait.clearance
         if lands(share, late, low, swing.item(1, 2), landing.speed, sole.rise, sole.speed, sensor):
             self._land(step, cycle, late, decision)
-        return self._corrected(middle, cycle, stance.place, stance.place)
+        return self._corrected(stance.place, cycle, stance.place, stance.place)
 
     def _land(self, step: Step, cycle: _Cycle, late: float, decision: Decision) -> None:
         """Begin a double support with the swing foot at its present place.
@@ -384,7 +379,6 @@ class BipedWalker(Walker):
         """
         foot, sole = self._feet[-self._stance], cycle.soles[-self._stance]
         self._unevenness = max(abs(sole.height - step.landing.height), _KEPT * self._unevenness)
-        self._strip = foot.strip
         decision.changes.append(EnableContact(foot.contact, True, 0.0))
         self._references[foot.task] = foot.at_rest(cycle.dynamics)
         self.phase, self._since, self.steps = Phase.DOUBLE, cycle.time, self.steps + 1
@@ -427,7 +421,7 @@ class BipedWalker(Walker):
         """
         foot, heading = self._feet[self._stance], cycle.soles[self._stance].heading
         pressure += (1.0 + GAIN / cycle.omega) * (cycle.dcm - self._dcm_wanted)
-        return nearest_in_support(pressure, first, second, heading, foot.usable[0], *self._strip)
+        return nearest_in_support(pressure, first, second, heading, *foot.usable)
 
     def _turn(self, soles: Mapping[int, Sole], dt: float) -> float:
         """Turn the heading to that of the feet; return its rate, rad/s."""

@@ -27,7 +27,6 @@ class Sole(NamedTuple):
     slope: complex  # increase of the height along x and y, dz/dx + i dz/dy
     rise: float  # vertical velocity of the centre, m/s
     speed: float  # of the centre, m/s
-    rotation: complex  # angular velocity about the heading and the axis to its left, ω_x + i ω_y in rad/s
 
     @property
     def ground(self) -> Ground:
@@ -53,11 +52,6 @@ class Foot:
     def __post_init__(self) -> None:
         object.__setattr__(self, "usable", (_SOLE_SHARE[0] * self.half[0], _SOLE_SHARE[1] * self.half[1]))
         object.__setattr__(self, "frame_in_sole", placement_numbers(self.placement.inverse()))
-
-    @property
-    def strip(self) -> tuple[float, float]:
-        """Ends of the usable width, m from the centre to the left."""
-        return -self.usable[1], self.usable[1]
 
     def sole(self, dynamics: Dynamics) -> Sole:
         """Return pose and speed of the sole."""

@@ -16,7 +16,7 @@ from wbc_controller.walking.footsteps import Velocity
 from wbc_controller.walking.gait import Phase, QuadrupedGait
 from wbc_controller.walking.plan import WalkingPlan, margin
 from wbc_controller.walking.references_kernels import smooth_step
-from wbc_controller.walking.swing_kernels import TOUCHDOWN_SPEED, Landing, at_rest, move_axis, moved
+from wbc_controller.walking.swing_kernels import Landing, at_rest, move_axis, moved
 from wbc_controller.walking.terrain import Ground
 from wbc_controller.walking.touchdown import COUNTS, lands, rebounds
 from wbc_controller.walking.trot_kernels import motion_of_body, next_pair
@@ -234,7 +234,7 @@ class QuadrupedWalker(Walker):
             if share >= COUNTS:
                 wanted, (vx, vy, vz) = swing.item(1, 2), cycle.feet[foot.row, 3:].tolist()
                 if rebounds(wanted, vz) or lands(
-                    share, late, True, wanted, TOUCHDOWN_SPEED, vz, math.hypot(vx, vy, vz), sensor
+                    share, late, True, wanted, landing.speed, vz, math.hypot(vx, vy, vz), sensor
                 ):
                     decision.changes.append(EnableContact(name, True, 0.0))
                     del self._swings[name]
