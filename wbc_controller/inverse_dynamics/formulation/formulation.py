@@ -110,8 +110,9 @@ class Formulation:
         layout.set_friction(references.friction)
         if self.torque_limit.curve is not None:
             layout.available[:2] = self.torque_limit.available(self.model.actuation.rates(v[self.model.v_places]))
-        share = -1.0 if tau_before is None else self.torque_limit.rate * self.period
-        before = layout.available[2] if tau_before is None else tau_before
+        before, share = layout.available[2], -1.0
+        if tau_before is not None:
+            before, share = tau_before, self.torque_limit.rate * self.period
         first, errors = costs[0], costs[0].set_references(references)
         if layout.python_contacts:
             link_terms(dynamics.motion, v)
@@ -160,12 +161,12 @@ class Formulation:
             first.redundant_rows[:, :nv], first.redundant_rows[:, -1] = soft[:, :-1], soft[:, -1]
             first.add_redundant_rows()
 
-    def add_effort_errors(self, value: Array) -> None:
-        """Add the errors of effort tasks at [x; C x] to `task_errors`."""
+    def add_effort_errors(self, x: Array) -> None:
+        """Add the errors of effort tasks at a solution (n,) to `task_errors`."""
         costs = () if self.structure is None else self.structure.costs
         for level, cost in enumerate(costs):
             for rows, place in cost.effort_rows:
-                self.task_errors[level][1][place] = rows[:, :-1] @ value[: rows.shape[1] - 1] - rows[:, -1]
+                self.task_errors[level][1][place] = rows[:, :-1] @ x - rows[:, -1]
 
     def _current_structure(self, references: References) -> Structure:
         known, structure = self.parameters, self.structure

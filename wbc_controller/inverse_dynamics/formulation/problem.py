@@ -93,7 +93,6 @@ class QuadraticProgram:
     x_lower: Array = field(init=False)  # view of `bounds`, (n,)
     x_upper: Array = field(init=False)  # view of `bounds`, (n,)
     constraints: Constraints = field(init=False)  # for kernels
-    sizes: tuple[int, int, int] = field(init=False)  # n + m_in, m_eq, of `Residuals.memory`
 
     def __post_init__(self) -> None:
         n = self.n = int(self.memory.shape[1]) - 1
@@ -104,8 +103,6 @@ class QuadraticProgram:
         self.A, self.b = rows[:equalities, :n], rows[:equalities, n]
         self.C = rows[equalities:, :n]
         self.constraints = Constraints(rows=rows, bounds=self.bounds, offset=self.offset)
-        total = n + len(self.lower)
-        self.sizes = total, equalities, 3 * total + equalities + len(self.offset)
 
     @classmethod
     def empty(cls, n: int, equalities: int, inequalities: int, room: int = 0, outputs: int = 0) -> "QuadraticProgram":
@@ -170,8 +167,8 @@ class Residuals:
     __slots__ = ("_sizes", "largest_equality", "least_room", "memory", "outputs", "value")
 
     def __init__(self, problem: QuadraticProgram) -> None:
-        total, m, size = self._sizes = problem.sizes
-        self.memory = np.empty(size)
+        total, m = self._sizes = problem.bounds.shape[1], len(problem.b)
+        self.memory = np.empty(3 * total + m + len(problem.offset))
         self.value, self.outputs = self.memory[:total], self.memory[3 * total + m :]
         self.least_room = self.largest_equality = math.nan
 
@@ -184,7 +181,7 @@ class Residuals:
     @property
     def equalities(self) -> Array:
         """|A x - b|, (m_eq,)."""
-        total, m, _ = self._sizes
+        total, m = self._sizes
         return self.memory[3 * total : 3 * total + m]
 
     @property

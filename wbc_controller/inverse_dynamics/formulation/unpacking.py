@@ -116,7 +116,7 @@ def unpack(
     value = residuals.value
     value.setflags(write=False)
     residuals.outputs.setflags(write=False)
-    formulation.add_effort_errors(value)
+    formulation.add_effort_errors(value[: layout.problem.n])
     return _LazySolution(layout, answer, residuals, formulation.task_errors, formulation.model.nv, stages, references)
 
 

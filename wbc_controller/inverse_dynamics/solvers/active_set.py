@@ -30,9 +30,9 @@ class LevelWorkspace:
 
     def __init__(self, problem: QuadraticProgram, base: int, kept: int = 0) -> None:
         """Allocate arrays for `base` accelerations, and `kept` rows of all levels."""
-        self.rows = np.empty((problem.sizes[1] + kept, problem.n + 1 - base))
+        self.rows = np.empty((len(problem.b) + kept, problem.n + 1 - base))
         self.above = 0
-        self.multipliers = np.empty(problem.sizes[0])
+        self.multipliers = np.empty(problem.bounds.shape[1])
         self.residuals = Residuals(problem)
 
 
