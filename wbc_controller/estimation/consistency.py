@@ -7,7 +7,8 @@ By the filter's R, v, b_g, a contact point at y from the IMU moves in the world 
 If all points move, the IMU is wrong or no contact holds, and the estimate is lost; a tipping sole rests at a point. The
 filter cannot detect this: it rejects the contacts, or explains a slow contradiction by creep.
 
-A tipping sole would tilt the estimate; so its points creep with their vertical speed relative to the resting point.
+A tipping sole would tilt the estimate. Therefore its points creep with their vertical speed relative to the resting
+point.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pinocchio as pin
 
 from wbc_controller.estimation.leg_kinematics import LegKinematics
 from wbc_controller.inverse_dynamics.arrays import cross
@@ -60,7 +62,7 @@ class ContactConsistency:
         seen = legs.contact_points(contacts)
         ends = [0, *seen.ends.tolist()]
         rows = dict(zip(contacts, map(slice, ends[:-1], ends[1:]), strict=True))
-        u = velocity + (_cross(omega, seen.positions) + seen.velocities) @ R.T  # (k, 3)
+        u = velocity + (seen.positions @ pin.skew(omega).T + seen.velocities) @ R.T  # (k, 3)
         if legs.rolling:  # a ball's contact point, at -r n from its centre, rotates with the link
             spins = (seen.link_angular_velocities - legs.imu_motion[3:]) @ legs.imu_rotation + omega
             for spin, name in zip(spins @ R.T, contacts, strict=True):
@@ -78,9 +80,3 @@ class ContactConsistency:
         self._means = {name: means[own] for name, own in rows.items()}
         self._speeds = dict(zip(contacts, slowest.tolist(), strict=True))
         self.speed = min(self._speeds.values())
-
-
-def _cross(omega: Array, positions: Array) -> Array:
-    """Return ω × y, (k, 3)."""
-    (a, b, c), (x, y, z) = omega.tolist(), positions.T
-    return np.asarray(np.array([b * z - c * y, c * x - a * z, a * y - b * x]).T)
