@@ -35,6 +35,8 @@ LOADING = 10.0
 #: Sway requests, one per block in turn.
 SWAY = [["com", "20mm", side] for side in ("right", "left", "left", "right")]
 PATIENCE = 120.0
+#: Scheduling class of the browsers: idle processor time only, as if they were on another computer.
+BROWSERS = os.SCHED_IDLE
 #: Settings that measure late robots too, and keep the robot in motion.
 CHANGES = {"safety.state_timeout": 1.0, "mock.command_timeout": 1.0, "tasks.com.setpoint_duration": BLOCK}
 
@@ -62,10 +64,11 @@ def measure(robot: str, minutes: float, count: int, scheduling: str, folder: Pat
         view = processes.launch("view", command)
         until(lambda: "page: " in processes.log("view"), "the page", patience=PATIENCE)
         port = int(re.search(r"page: http://[^:]+:(\d+)", processes.log("view"))[1])
-        # of this thread, inherited by the threads of the browsers
-        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
-        browsers = [Browser(port) for _ in range(count)]
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        os.sched_setscheduler(0, BROWSERS, os.sched_param(0))  # the threads of the browsers inherit it
+        try:
+            browsers = [Browser(port) for _ in range(count)]
+        finally:
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
         time.sleep(LOADING)
         first, used = memory(view.pid), processor_time(view.pid)
         for block in range(round(60.0 * minutes / BLOCK)):

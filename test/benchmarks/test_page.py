@@ -1,5 +1,7 @@
 """Benchmark of the page for a few seconds."""
 
+import os
+
 import pytest
 
 pytest.importorskip("viser", reason="the page requires viser: pip install 'wbc_controller[view]'")
@@ -12,6 +14,7 @@ pytestmark = pytest.mark.live
 def test_loop_is_measured_with_and_without_the_page(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(page, "LOADING", 1.0)
     monkeypatch.setattr(page, "BLOCK", 1.2)
+    monkeypatch.setattr(page, "BROWSERS", os.SCHED_OTHER)  # a busy computer has no idle time: the page drops them
     found = dict(page.measure("go2", 4 * page.BLOCK / 60.0, 3, "other", tmp_path))
     said = capsys.readouterr().out
     assert "3 browsers" in said
