@@ -1,8 +1,8 @@
 """Measure cycle times with and without the page, its drawing rate, and the growth of its memory.
 
-A mock robot sways on its controller, which records every cycle. Browsers without a screen open `wbc view`, which is
-halted in every other block. The browsers use idle processor time only, as if on another computer. Run: python
-benchmarks/page.py [ROBOT] [--minutes M] [--browsers N] [--scheduling fifo]
+A mock robot, whose simulated time waits for a late controller, sways on its controller, which records every cycle.
+Browsers without a screen open `wbc view`, which is halted in every other block. The browsers use idle processor time
+only, as if on another computer. Run: python benchmarks/page.py [ROBOT] [--minutes M] [--browsers N] [--scheduling fifo]
 """
 
 import argparse
@@ -25,6 +25,7 @@ from browser import Browser
 from wbc_controller.apps.page.page_service import free_domain
 from wbc_controller.apps.terminal.request_parser import parse_request
 from wbc_controller.apps.terminal.session import Session
+from wbc_controller.middleware.stamps import time_of
 from wbc_controller.nodes.processes import Processes, memory, processor_time, until
 from wbc_controller.recording.recording_file import Recording
 
@@ -37,8 +38,8 @@ SWAY = [["com", "20mm", side] for side in ("right", "left", "left", "right")]
 PATIENCE = 120.0
 #: Scheduling class of the browsers: idle processor time only, as if they were on another computer.
 BROWSERS = os.SCHED_IDLE
-#: Settings that measure late robots too, and keep the robot in motion.
-CHANGES = {"safety.state_timeout": 1.0, "mock.command_timeout": 1.0, "tasks.com.setpoint_duration": BLOCK}
+#: Settings that keep the robot in motion.
+CHANGES = {"tasks.com.setpoint_duration": BLOCK}
 
 
 def measure(robot: str, minutes: float, count: int, scheduling: str, folder: Path) -> list[tuple[str, np.ndarray]]:
@@ -54,9 +55,10 @@ def measure(robot: str, minutes: float, count: int, scheduling: str, folder: Pat
         ) as processes,
         Session(processes.settings, patience=PATIENCE) as session,
     ):
-        processes.start("mock")
-        processes.start("controller", "--activate", "--record", str(recording))
+        processes.start("mock", "--patient")
+        processes.start("controller", "--activate", "--use-sim-time", "--record", str(recording))
         session.listen("controller", "state")
+        session.listen("mock", "clock")
         session.until(lambda: session.mode().startswith("active"), "the controller did not become active", PATIENCE)
         time.sleep(processes.settings.safety.activation_ramp)
         session.execute(parse_request(["release"], processes.settings))
@@ -76,12 +78,11 @@ def measure(robot: str, minutes: float, count: int, scheduling: str, folder: Pat
             view.send_signal(signal.SIGCONT if kind == "with" else signal.SIGSTOP)
             session.execute(parse_request(SWAY[block % len(SWAY)], processes.settings))
             time.sleep(SETTLE)
-            before, begin = [Counter(each.moved) for each in browsers], time.time_ns()
+            before, began, begin = [Counter(each.moved) for each in browsers], time.monotonic(), simulated_time(session)
             time.sleep(BLOCK - SETTLE)
-            end = time.time_ns()
-            windows[kind].append((begin, end))
+            seconds = time.monotonic() - began
+            windows[kind].append((begin, simulated_time(session)))
             if kind == "with":
-                seconds = 1e-9 * (end - begin)
                 rates += [
                     max((each.moved - old).values(), default=0) / seconds
                     for each, old in zip(browsers, before, strict=True)
@@ -99,6 +100,11 @@ def measure(robot: str, minutes: float, count: int, scheduling: str, folder: Pat
     print(f"memory of the page: {first / 1024:.1f} MB at the start, {last / 1024:.1f} MB at the end")
     print(f"processor time of the page: {100.0 * used / (30.0 * minutes):.0f} % of one processor")
     return loop_times(recording, windows)
+
+
+def simulated_time(session: Session) -> int:
+    """Return the newest simulated time, ns."""
+    return time_of(session.newest("mock", "clock").clock, "clock")
 
 
 def loop_times(recording: Path, windows: dict[str, list[tuple[int, int]]]) -> list[tuple[str, np.ndarray]]:
