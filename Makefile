@@ -21,9 +21,9 @@ play: $(VENV)/demo.installed  ## play with a robot in the browser: push it, drag
 # Files with live tests: reading of all others would take each process seconds.
 LIVE_TESTS = $(shell grep -rl --include='test_*.py' 'mark\.live' test)
 
-test: $(VENV)/dev.installed  ## run all tests: in parallel, then those that wait for wall time, three at a time
+test: $(VENV)/dev.installed  ## run all tests: in parallel, then those that wait for wall time, two at a time
 	$(BIN)/python -m pytest -n logical --dist worksteal --durations 12 -m "not live and not browser"
-	$(BIN)/python -m pytest -n 3 --dist worksteal --durations 12 -m live $(LIVE_TESTS)
+	$(BIN)/python -m pytest -n 2 --dist worksteal --durations 12 -m live $(LIVE_TESTS)
 
 test-kilted:  ## test nodes and transports with the wheels of ROS 2 Kilted, in .venv-kilted
 	$(MAKE) VENV=.venv-kilted .venv-kilted/kilted.installed

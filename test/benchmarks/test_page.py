@@ -18,7 +18,7 @@ def test_loop_is_measured_with_and_without_the_page(monkeypatch, tmp_path, capsy
     found = dict(page.measure("go2", 4 * page.BLOCK / 60.0, 3, "other", tmp_path))
     said = capsys.readouterr().out
     assert "3 browsers" in said
-    for seconds in found.values():  # two of four blocks each; a late machine prolongs them
-        assert 100 < seconds.size < 4 * 500 * page.BLOCK
+    for seconds in found.values():  # two of four blocks each; a busy computer slows the simulated time
+        assert 10 < seconds.size < 4 * 500 * page.BLOCK
         assert (seconds > 0.0).all()
     assert set(found) == {"with", "without"}
