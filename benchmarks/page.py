@@ -14,6 +14,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -66,11 +67,8 @@ def measure(robot: str, minutes: float, count: int, scheduling: str, folder: Pat
         view = processes.launch("view", command)
         until(lambda: "page: " in processes.log("view"), "the page", patience=PATIENCE)
         port = int(re.search(r"page: http://[^:]+:(\d+)", processes.log("view"))[1])
-        os.sched_setscheduler(0, BROWSERS, os.sched_param(0))  # the threads of the browsers inherit it
-        try:
+        with scheduling_class(BROWSERS):
             browsers = [Browser(port) for _ in range(count)]
-        finally:
-            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
         time.sleep(LOADING)
         first, used = memory(view.pid), processor_time(view.pid)
         for block in range(round(60.0 * minutes / BLOCK)):
@@ -100,6 +98,17 @@ def measure(robot: str, minutes: float, count: int, scheduling: str, folder: Pat
     print(f"memory of the page: {first / 1024:.1f} MB at the start, {last / 1024:.1f} MB at the end")
     print(f"processor time of the page: {100.0 * used / (30.0 * minutes):.0f} % of one processor")
     return loop_times(recording, windows)
+
+
+@contextlib.contextmanager
+def scheduling_class(number: int) -> Iterator[None]:
+    """Run in a scheduling class without priorities, which threads started meanwhile inherit."""
+    before = os.sched_getscheduler(0)
+    os.sched_setscheduler(0, number, os.sched_param(0))
+    try:
+        yield
+    finally:
+        os.sched_setscheduler(0, before, os.sched_param(0))
 
 
 def simulated_time(session: Session) -> int:

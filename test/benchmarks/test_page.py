@@ -22,3 +22,17 @@ def test_loop_is_measured_with_and_without_the_page(monkeypatch, tmp_path, capsy
         assert 10 < seconds.size < 4 * 500 * page.BLOCK
         assert (seconds > 0.0).all()
     assert set(found) == {"with", "without"}
+
+
+def test_a_process_returns_to_its_scheduling_class_after_an_error():
+    """Idle threads get no time on a busy computer: the following tests of this process waited in vain."""
+
+    def fail():
+        with page.scheduling_class(os.SCHED_IDLE):
+            assert os.sched_getscheduler(0) == os.SCHED_IDLE
+            raise ConnectionError
+
+    before = os.sched_getscheduler(0)
+    with pytest.raises(ConnectionError):
+        fail()
+    assert os.sched_getscheduler(0) == before
