@@ -3,6 +3,7 @@
 import cmath
 import math
 from contextlib import nullcontext
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -46,7 +47,8 @@ def test_steps_capture_the_dcm_up_to_the_largest_distance(time, excess, falls):
     omega, step_time, half = 3.8, SHORTEST * GAIT.single + GAIT.double, (0.1, 0.05)
     most = GAIT.length / (math.exp(omega * step_time) - 1.0)
     dcm = later(GAIT.length + most + excess, half[0], omega, -time)  # the centre of pressure is at the edge of the sole
-    distance, limit = missed(dcm, 0j, 0.0, 0j, 0.0, *half, GAIT.length, GAIT.length, step_time, omega, time)
+    sizes = replace(GAIT, single=SHORTEST * GAIT.single, greatest_width=GAIT.length).sizes
+    distance, limit = missed(dcm, 0j, 0.0, 0j, 0.0, *half, sizes, omega, time)
     assert distance == pytest.approx(most + excess)
     assert limit == pytest.approx(most + MARGIN)
     foot, dcm = GAIT.length, later(dcm, half[0], omega, time)

@@ -103,8 +103,7 @@ def walked(disturbance, *, elapsed=0.1, cycles=150):
     for _ in range(cycles):
         *_, place, time, _ = adapt(
             True, nominal.place, nominal.heading, nominal.offset, 0j, 0.0, landing.place, landing.time,
-            at.place, at.heading, at.side, at.omega, GAIT.single, GAIT.double, GAIT.width, GAIT.least_width,
-            GAIT.greatest_width, GAIT.length, GAIT.reaction, dcm, swing, 0.0, elapsed, DT,
+            at.place, at.heading, at.side, at.omega, GAIT.sizes, dcm, swing, 0.0, elapsed, DT,
         )  # fmt: skip
         landing = Landing(place, 0.0, 0.0, time)
         landings.append(landing)

@@ -22,7 +22,7 @@ import cmath
 import math
 
 from wbc_controller.compilation import Matrix, compiled, part
-from wbc_controller.walking.footsteps_kernels import periodic_step
+from wbc_controller.walking.footsteps_kernels import StepSizes, periodic_step
 from wbc_controller.walking.pendulum_kernels import before, later
 from wbc_controller.walking.swing_kernels import integrate_foot
 
@@ -49,13 +49,11 @@ def descent_time(height: float, speed: float) -> float:
 
 
 @part
-def _within_reach(
-    place: complex, stance: complex, axes: complex, side: int, length: float, least_width: float, greatest_width: float
-) -> complex:
+def _within_reach(place: complex, stance: complex, axes: complex, side: int, sizes: StepSizes) -> complex:
     """Clip a place to the longest step and the smallest and largest width."""
     local = (place - stance) / axes
-    x = max(-length, min(length, local.real))
-    y = max(least_width, min(greatest_width, side * local.imag))
+    x = max(-sizes.length, min(sizes.length, local.real))
+    y = max(sizes.least_width, min(sizes.greatest_width, side * local.imag))
     return stance + complex(x, side * y) * axes
 
 
@@ -71,8 +69,7 @@ def dcm_towards(
 def adapt(
     planned: bool, nominal_place: complex, nominal_heading: float, nominal_offset: complex, velocity: complex,
     turning: float, place: complex, time: float, stance: complex, heading: float, side: int, omega: float,
-    single: float, double: float, width: float, least_width: float, greatest_width: float, length: float,
-    reaction: float, dcm: complex, swing: Matrix, ground: float, elapsed: float, dt: float,
+    sizes: StepSizes, dcm: complex, swing: Matrix, ground: float, elapsed: float, dt: float,
 ) -> tuple[complex, float, complex, complex, float, complex]:  # fmt: skip
     """Return the nominal step, place and time of the touchdown for the measured DCM, and the DCM that leads to them.
 
@@ -83,7 +80,7 @@ def adapt(
         stance, heading: place p and heading of the stance foot.
         side: 1 if the swing foot is the left one, -1 for the right one.
         omega: ω, 1/s.
-        single, double, width, least_width, greatest_width, length, reaction: T* and the other fields of `Gait`.
+        sizes: of the steps; `sizes.single` is T*.
         dcm: ξ, measured.
         swing: motion of the swing foot, (3, 4).
         ground: height of the ground, m.
@@ -92,8 +89,9 @@ def adapt(
     """
     if not planned:
         nominal_place, nominal_heading, nominal_offset = periodic_step(
-            velocity, turning, time, stance, heading, side, omega, single, double, width, least_width, reaction
+            velocity, turning, time, stance, heading, side, omega, sizes
         )
+    single, reaction = sizes.single, sizes.reaction
     earliest = max(SHORTEST * single, elapsed + max(_AHEAD, descent_time(swing[0, 2] - ground, swing[1, 2])))
     latest = max(LONGEST * single, earliest)
     axes, lowest, best = cmath.rect(1.0, heading), math.inf, (place, time)
@@ -103,7 +101,7 @@ def adapt(
         push = reaction / omega * integrate_foot(swing, place, left, omega)
         end = later(dcm, stance, omega, left) + push  # ξ_T
         u = nominal_place + W_OFFSET / (W_PLACE + W_OFFSET) * (end - nominal_offset - nominal_place)
-        u = _within_reach(u, stance, axes, side, length, least_width, greatest_width)
+        u = _within_reach(u, stance, axes, side, sizes)
         present = complex(swing[0, 0], swing[0, 1])
         far, reachable = abs(u - present), FOOT_SPEED * max(left, 0.0)
         if far > reachable:

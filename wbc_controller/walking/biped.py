@@ -216,7 +216,7 @@ class BipedWalker(Walker):
         second = first if one else cycle.soles[-self._stance]
         distance, most = missed(
             cycle.dcm, first.place, first.heading, second.place, second.heading, *self._feet[1].half,
-            gait.length, gait.greatest_width, gait.step_time, cycle.omega, remaining,
+            gait.sizes, cycle.omega, remaining,
         )  # fmt: skip
         self._compare(cycle.time, distance, most)
 
@@ -342,8 +342,7 @@ class BipedWalker(Walker):
             to, facing, offset, place, duration, wanted = adapt(
                 step.planned, nominal.place, nominal.heading, nominal.offset, self.velocity.linear,
                 self.velocity.turning, landing.place, landing.time, stance.place, stance.heading, stance.side,
-                stance.omega, gait.single, gait.double, gait.width, gait.least_width, gait.greatest_width,
-                gait.length, gait.reaction, cycle.dcm, swing, landing.height, elapsed, dt,
+                stance.omega, gait.sizes, cycle.dcm, swing, landing.height, elapsed, dt,
             )  # fmt: skip
             nominal = NominalStep(to, facing, offset)
             heading = swing.item(0, 3)

@@ -19,6 +19,7 @@ import cmath
 import math
 
 from wbc_controller.compilation import compiled, part
+from wbc_controller.walking.footsteps_kernels import StepSizes
 
 #: Time for which the DCM must be out of reach, s: an impact of a foot changes the velocity for a few cycles.
 PERSISTS = 0.02
@@ -58,15 +59,14 @@ def nearest_support(
 @compiled
 def missed(
     dcm: complex, first: complex, first_heading: float, second: complex, second_heading: float, length: float,
-    width: float, step_length: float, step_width: float, step_time: float, omega: float, time: float,
+    width: float, sizes: StepSizes, omega: float, time: float,
 ) -> tuple[float, float]:  # fmt: skip
     """Return the distance from the DCM to the nearest foothold at the earliest touchdown, and the largest one, m.
 
     Crossing feet are allowed: a late alarm is better than a false one. Other arguments as above.
 
     Args:
-        step_length, step_width: reach of a step, m.
-        step_time: nominal duration of a step T, s.
+        sizes: of the steps.
         omega: ω, 1/s.
         time: until the earliest touchdown t, s.
     """
@@ -75,5 +75,6 @@ def missed(
     distance = math.inf
     for place, heading in ((first, first_heading), (second, second_heading)):
         local = (end - place) / cmath.rect(1.0, heading)
-        distance = min(distance, abs(local - _clipped(local, step_length, step_width)))
-    return distance, max(step_length, step_width) / math.expm1(omega * step_time) + MARGIN
+        distance = min(distance, abs(local - _clipped(local, sizes.length, sizes.greatest_width)))
+    longest, step_time = max(sizes.length, sizes.greatest_width), sizes.single + sizes.double
+    return distance, longest / math.expm1(omega * step_time) + MARGIN

@@ -74,9 +74,5 @@ class NominalStep:
 
 def nominal_step(velocity: Velocity, stance: Stance, gait: Gait, single: float) -> NominalStep:
     """Return the next step, with a single support of the given duration in s."""
-    return NominalStep(
-        *periodic_step(
-            velocity.linear, velocity.turning, single, stance.place, stance.heading, stance.side, stance.omega,
-            gait.single, gait.double, gait.width, gait.least_width, gait.reaction,
-        )
-    )  # fmt: skip
+    on = stance.place, stance.heading, stance.side, stance.omega
+    return NominalStep(*periodic_step(velocity.linear, velocity.turning, single, *on, gait.sizes))

@@ -4,12 +4,24 @@ from __future__ import annotations
 
 import cmath
 
-from wbc_controller.compilation import compiled
+from wbc_controller.compilation import Struct, compiled
 from wbc_controller.walking.pendulum_kernels import periodic_offset
 from wbc_controller.walking.swing_kernels import integrate_axis
 
 #: Margin of the nominal width over the smallest one, m.
 _MARGIN = 0.01
+
+
+class StepSizes(Struct):
+    """Durations, s, and distances, m, of a biped's steps; fields of `Gait`."""
+
+    single: float
+    double: float
+    width: float
+    least_width: float
+    greatest_width: float
+    length: float
+    reaction: float
 
 
 @compiled
@@ -21,19 +33,20 @@ def swing_push(reaction: float, single: float, omega: float) -> float:
 @compiled
 def periodic_step(
     velocity: complex, turning: float, duration: float, stance: complex, heading: float, side: int, omega: float,
-    single: float, double: float, width: float, least_width: float, reaction: float,
+    sizes: StepSizes,
 ) -> tuple[complex, float, complex]:  # fmt: skip
     """Return the fields of the `NominalStep` with a single support of a duration, s.
 
     The middle between the feet moves by velocity times step time in the mean heading. Sideways steps widen the stance,
-    so that the inward step keeps the smallest distance between the feet. The other arguments are fields of `Velocity`,
-    `Stance` and `Gait`.
+    so that the inward step keeps the smallest distance between the feet. The other arguments are fields of `Velocity`
+    and `Stance`.
     """
+    single, double = sizes.single, sizes.double
     progress, turn = velocity * (duration + double), turning * (duration + double)
-    wide = max(width, least_width + _MARGIN + abs(progress.imag)) * side * 1j
+    wide = max(sizes.width, sizes.least_width + _MARGIN + abs(progress.imag)) * side * 1j
     before, after = cmath.rect(1.0, heading), cmath.rect(1.0, heading + turn)
     middle = cmath.rect(1.0, heading + 0.5 * turn)
     place = stance + 0.5 * wide * before + progress * middle + 0.5 * wide * after
-    push = swing_push(reaction, single, omega)
+    push = swing_push(sizes.reaction, single, omega)
     offset = periodic_offset(velocity * (single + double), wide, omega, single, double, push) * after
     return place, heading + turn, offset

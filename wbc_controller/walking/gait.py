@@ -1,7 +1,9 @@
 """Phases and parameters of gaits."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
+
+from wbc_controller.walking.footsteps_kernels import StepSizes
 
 
 class Phase(Enum):
@@ -39,6 +41,11 @@ class Gait(SpeedLimits):
     length: float  # longest step forward or backward, m
     greatest_width: float  # largest distance between the feet, m
     reaction: float  # μ of the swing foot's acceleration ẍ, c̈ = ω² (c - p) + μ ẍ
+    sizes: StepSizes = field(init=False, repr=False, compare=False)  # the fields of the same names, for kernels
+
+    def __post_init__(self) -> None:
+        sizes = StepSizes(**{name: getattr(self, name) for name in StepSizes.__annotations__})
+        object.__setattr__(self, "sizes", sizes)
 
     @property
     def step_time(self) -> float:
