@@ -119,7 +119,7 @@ def test_a_fast_robot_stops_within_three_steps():
 
 
 @pytest.mark.parametrize(
-    ("kick", "elapsed"), [(0.5, 0.1), (-0.5, 0.1), (0.5j, 0.1), (-0.5j, 0.1), (0.5j, 0.0), (0.5j, 0.04)]
+    ("kick", "elapsed"), [(0.5, 0.1), (-0.5, 0.1), (0.5j, 0.1), (-0.5j, 0.1), (0.5j, 0.0), (0.5j, 0.04), (0.7j, 0.1)]
 )
 def test_a_stepping_robot_survives_a_change_of_its_velocity(kick, elapsed):
     """After a time in the swing of the right foot; 0.5j is outwards, where the right foot cannot follow."""

@@ -39,6 +39,10 @@ _LOW = 0.5
 _KEPT = 0.8
 #: Additional touchdown speed per unevenness, 1/s, and largest speed, m/s: a slow foot lands late on lower ground.
 _FASTER, _FASTEST = 20.0, 0.3
+#: Distance beyond the side of the stance foot to which the demanded centre of pressure may move, m per m of height:
+#: the angular momentum of trunk and arms replaces the missing moment. None of it on ground of this unevenness, m, where
+#: an edge may support the sole.
+_BEYOND, _EDGES = 0.16, 0.01
 #: Errors of the DCM at touchdown along and across the heading, m, after which the double support is the shortest one.
 _ASTRAY = 0.1, 0.03
 #: Time constant of the swing foot's rotation to the slope of the ground, s.
@@ -367,7 +371,8 @@ class BipedWalker(Walker):
         low = max(swing.item(0, 2), sole.height) - landing.height < _LOW * gait.clearance
         if lands(share, late, low, swing.item(1, 2), landing.speed, sole.rise, sole.speed, sensor):
             self._land(step, cycle, late, decision)
-        return self._corrected(stance.place, cycle, stance.place, stance.place)
+        beyond = _BEYOND * self._clearance * max(0.0, 1.0 - self._unevenness / _EDGES)
+        return self._corrected(stance.place, cycle, stance.place, stance.place, beyond)
 
     def _land(self, step: Step, cycle: _Cycle, late: float, decision: Decision) -> None:
         """Begin a double support with the swing foot at its present place.
@@ -413,14 +418,17 @@ class BipedWalker(Walker):
             self._lift_off(cycle, decision)
         return self._corrected(pressure, cycle, old, new)
 
-    def _corrected(self, pressure: complex, cycle: _Cycle, first: complex, second: complex) -> complex:
-        """Return the centre of pressure that moves the DCM to its reference, within the support by two feet.
+    def _corrected(
+        self, pressure: complex, cycle: _Cycle, first: complex, second: complex, beyond: float = 0.0
+    ) -> complex:
+        """Return the centre of pressure that moves the DCM to its reference, in the support or `beyond` its sides, m.
 
         ξ̇ = ω (ξ - p) = ξ̇* - k (ξ - ξ*) needs p = p* + (1 + k / ω) (ξ - ξ*).
         """
         foot, heading = self._feet[self._stance], cycle.soles[self._stance].heading
         pressure += (1.0 + GAIN / cycle.omega) * (cycle.dcm - self._dcm_wanted)
-        return nearest_in_support(pressure, first, second, heading, *foot.usable)
+        length, width = foot.usable
+        return nearest_in_support(pressure, first, second, heading, length, width + beyond)
 
     def _turn(self, soles: Mapping[int, Sole], dt: float) -> float:
         """Turn the heading to that of the feet; return its rate, rad/s."""
