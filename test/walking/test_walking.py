@@ -122,7 +122,7 @@ def test_a_fast_robot_stops_within_three_steps():
     ("kick", "elapsed"), [(0.5, 0.1), (-0.5, 0.1), (0.5j, 0.1), (-0.5j, 0.1), (0.5j, 0.0), (0.5j, 0.04), (0.7j, 0.1)]
 )
 def test_a_stepping_robot_survives_a_change_of_its_velocity(kick, elapsed):
-    """After a time in the swing of the right foot; 0.5j is outwards, where the right foot cannot follow."""
+    """After a time in the swing of the right foot, which cannot follow an outward change, to the left."""
     simulation = wbc.Simulation("g1")
     walker = simulation.controller.walker
     simulation.controller.walk(0.0)
@@ -135,7 +135,6 @@ def test_a_stepping_robot_survives_a_change_of_its_velocity(kick, elapsed):
     simulation.run(2.0)
     assert walker.phase in (Phase.SINGLE, Phase.DOUBLE)
     moved = simulation.plant.state()[0][:2] - start[:2]
-    print(moved)
     assert np.abs(moved).max() < 0.2  # about 0.1 m of sway
 
 
