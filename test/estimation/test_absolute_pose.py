@@ -10,8 +10,8 @@ from wbc_controller.controller.build.contacts import make_contact
 from wbc_controller.controller.build.estimation import make_estimator
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.estimation.absolute_pose import AGREEMENT_TIME, SPEED, PoseSample
-from wbc_controller.estimation.base_estimator import ImuSample
 from wbc_controller.estimation.planar_transform import heading_of, planar_transform
+from wbc_controller.estimation.running_estimate import ImuSample
 
 PERIOD = 0.004
 #: True pose of the base in the world of the poses.

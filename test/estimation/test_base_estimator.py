@@ -12,7 +12,7 @@ import pytest
 from wbc_controller import Simulation
 from wbc_controller.controller.build.estimation import make_estimator
 from wbc_controller.estimation.absolute_pose import PoseSample
-from wbc_controller.estimation.base_estimator import ImuSample
+from wbc_controller.estimation.running_estimate import ImuSample
 from wbc_controller.settings.config import load
 
 ROBOTS = ("g1", "talos", "go2")

@@ -2,44 +2,27 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from scipy.special import chdtri
 
 from wbc_controller.estimation.absolute_pose import AbsolutePoses, PoseSample, PoseSensor
-from wbc_controller.estimation.anchoring import Anchoring
-from wbc_controller.estimation.consistency import LIMIT, ContactConsistency
 from wbc_controller.estimation.invariant_filter import ImuNoise, InvariantFilter
-from wbc_controller.estimation.leg_kinematics import ContactPoints, LegKinematics
-from wbc_controller.estimation.rolling import Rolling
-from wbc_controller.estimation.sensor_agreement import PERIOD, SensorAgreement, gravity_contradiction
-from wbc_controller.inverse_dynamics.arrays import all_true, cross, sum_of_squares
-from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
+from wbc_controller.estimation.leg_kinematics import LegKinematics
+from wbc_controller.estimation.running_estimate import GAP, ImuSample, RunningEstimate
+from wbc_controller.estimation.sensor_agreement import gravity_contradiction
 from wbc_controller.records import Array
 
 #: Largest relative difference of specific force and gravity.
 _GRAVITY_TOLERANCE = 0.1
 #: Largest mean angular velocity at the start, rad/s.
 _LARGEST_BIAS = 0.5
-#: Probability of a false slip detection per update.
-_FALSE_SLIP = 1.0e-5
-#: Largest motion, m, and its duration, s, after which a slipping contact is at rest.
-_MOVED, _RESTED = 0.004, 0.04
-#: Least creep of soles and of balls of a stepping robot, m/s/√Hz (impacts between IMU samples would become a tilt), and
-#: the time since the last touchdown for which a robot is stepping, s.
-_SOLE_STEPS, _BALL_STEPS, _STEPPING_TIME = 2.4e-3, 8.0e-4, 1.0
-#: Creep of a point of a tipping sole per speed above the least one, √s, and this speed, m/s.
-_TIPPING, _LEAST_TIPPING = 0.3, 0.02
 #: Share of the settling time that the samples must span.
 _SETTLED = 0.9
 #: Variance of the initial velocity, (m/s)².
 _INITIAL_VELOCITY_VARIANCE = 1.0e-4
-#: Largest gap between two IMU samples, s.
-_GAP = 0.1
 #: Variance of the initial position and heading, m² and rad².
 _INITIAL_POSE_VARIANCE = 1.0e-8
 
@@ -52,15 +35,6 @@ class Sensors:
     accelerometer_bias: float  # standard deviation of the initial bias, m/s²
     settling: float  # duration of the initial rest, s
     stillness: float  # of the angular velocity at rest, rad/s
-
-
-@dataclass(frozen=True, slots=True)
-class ImuSample:
-    """IMU measurement in IMU axes: stamp in s, ω (3,) in rad/s, acceleration minus gravity (3,) in m/s²."""
-
-    stamp: float
-    angular_velocity: Array
-    specific_force: Array
 
 
 class BaseEstimator:
@@ -88,7 +62,7 @@ class BaseEstimator:
         self._sensors = sensors
         self._gravity = gravity
         self._still: list[ImuSample] = []
-        self._running: _RunningEstimate | None = None
+        self._running: RunningEstimate | None = None
 
     @property
     def waits_for(self) -> str:
@@ -187,7 +161,7 @@ class BaseEstimator:
 
     def _wait_for_rest(self, samples: Sequence[ImuSample], active_contacts: Sequence[str]) -> None:
         sensors = self._sensors
-        if self._still and samples and not (0.0 < samples[0].stamp - self._still[-1].stamp <= _GAP):
+        if self._still and samples and not (0.0 < samples[0].stamp - self._still[-1].stamp <= GAP):
             self._still = []
         self._still += samples
         if not self._still:
@@ -228,7 +202,7 @@ class BaseEstimator:
             filter = self._initial_filter(turning.mean(axis=0), force.mean(axis=0), active_contacts)
             sensor = self._pose_sensor
             poses = None if sensor is None else AbsolutePoses(sensor, self._kinematics, filter)
-            self._running = _RunningEstimate(filter, self._still[-1], self._kinematics, poses)
+            self._running = RunningEstimate(filter, self._still[-1], self._kinematics, poses)
             self._still, self.lost, self._waits_for = [], "", ""
             self._after_update(self._running.update([], active_contacts))
 
@@ -262,225 +236,3 @@ class BaseEstimator:
             accelerometer_bias=np.zeros(3),
             P=P,
         )
-
-
-class _RunningEstimate:
-    """Started filter with its contacts; `poses` is the correction by absolute poses, or None."""
-
-    def __init__(
-        self,
-        filter: InvariantFilter,
-        last: ImuSample,
-        kinematics: LegKinematics,
-        poses: AbsolutePoses | None,
-    ) -> None:
-        self.filter = filter
-        self.poses = poses
-        self._moving: dict[str, tuple[float, Array]] = {}  # slipping contacts: stamp and points, (k, 3) in m
-        self._last = last
-        self._landed = -np.inf  # last touchdown beside another contact, s
-        self._interval = np.inf  # between the last two samples, s
-        self._kinematics = kinematics
-        self._anchoring = Anchoring()
-        self._rolling = Rolling(kinematics.rolling)
-        self._consistency = ContactConsistency(kinematics)
-        self._agreement = SensorAgreement(kinematics, "the gyroscope", with_displacements=False)
-        self._bias = filter.gyroscope_bias
-        self._agreed = False
-        self._turned, self._compared = np.zeros(3), last.stamp  # turn since the last comparison, rad, and its stamp
-        self._largest_square = {
-            name: float(chdtri(3 * len(points), _FALSE_SLIP)) for name, points in kinematics.points.items()
-        }
-
-    @property
-    def stamp(self) -> float:
-        return self._last.stamp
-
-    @property
-    def slipping(self) -> tuple[str, ...]:
-        return tuple(self._moving)
-
-    def update(self, samples: Sequence[ImuSample], active_contacts: Sequence[str]) -> str | None:
-        """Process measurements; return the reason for a loss of the estimate, or None."""
-        before = self.stamp
-        for sample in samples:
-            dt = sample.stamp - self._last.stamp
-            if dt > _GAP:
-                return f"the IMU was silent for {dt:.3f} s"
-            if dt > 0.0:
-                self._propagate(sample, dt)
-        try:
-            self._correct_by_contacts(active_contacts)
-        except np.linalg.LinAlgError as error:
-            return str(error)
-        lost = self.invalid_reason() or self._check_contacts(tuple(active_contacts), self.stamp - before)
-        if lost is None and self.stamp - self._compared >= PERIOD:
-            lost = self._compare_turns(tuple(active_contacts))
-        if lost is None and self.poses is not None:
-            self.poses.update(self.stamp)
-        elif lost is None and self._anchoring.is_due(self.stamp):
-            self._anchoring.update(self.stamp, self._points())
-        return lost
-
-    def invalid_reason(self) -> str | None:
-        if not math.isfinite(sum_of_squares(self.filter.columns) + sum_of_squares(self.filter.P)):
-            return "the state is not finite"
-        return None
-
-    def _check_contacts(self, active_contacts: tuple[str, ...], elapsed: float) -> str | None:
-        """Return a message if all contacts move relative to the world; None if one is at rest."""
-        found, contacts = self.filter, self._consistency
-        omega = self._last.angular_velocity - found.gyroscope_bias
-        contacts.update(active_contacts, found.rotation, found.velocity, omega, elapsed)
-        if contacts.speed <= LIMIT:
-            return None
-        wrong_axes = self._compare_turns(active_contacts, known_wrong=True)
-        if wrong_axes is not None:
-            return wrong_axes
-        agree = self._agreed or self._agreement.comparison.turns_agree
-        wrong = "accelerometer (the gyroscope agrees with the legs)" if agree else "IMU"
-        return (
-            f"the IMU contradicts all contacts ({', '.join(active_contacts)}): the slowest of them moves at "
-            f"{contacts.speed:.2f} m/s (limit {LIMIT:g} m/s); the {wrong} is wrong, or all contacts slip"
-        )
-
-    def _compare_turns(self, active_contacts: tuple[str, ...], *, known_wrong: bool = False) -> str | None:
-        elapsed, self._compared = self.stamp - self._compared, self.stamp
-        turned, self._turned = self._turned, np.zeros(3)
-        if self._agreed or not active_contacts:
-            return None
-        found = self._agreement.check(elapsed, turned[None], active_contacts, known_wrong=known_wrong)
-        self._agreed = found is None and self._agreement.comparison.agreed
-        return found
-
-    @property
-    def odometry(self) -> pin.SE3:
-        """Transform to a world that no absolute pose moves."""
-        return self._anchoring.transform if self.poses is None else self.poses.odometry
-
-    def _points(self) -> dict[str, Array]:
-        found = self.filter
-        positions: dict[str, list[Array]] = {}
-        for i, point in enumerate(found.names):
-            positions.setdefault(point.rpartition("/")[0], []).append(found.columns[:, 2 + i])
-        return {name: np.array(columns) for name, columns in positions.items()}
-
-    def base(self, to: pin.SE3) -> tuple[Array, Array]:
-        """Return pose, (7,), in a transformed world of the filter, and twist in base axes, (6,)."""
-        found, legs = self.filter, self._kinematics
-        R = found.rotation @ legs.imu_rotation.T
-        linear, angular = legs.imu_motion[:3], legs.imu_motion[3:]
-        omega = legs.imu_rotation @ (self._last.angular_velocity - found.gyroscope_bias) - angular
-        velocity = R.T @ found.velocity - cross(omega, legs.imu_position) - linear
-        position = to.rotation @ (found.position - R @ legs.imu_position) + to.translation
-        pose = np.concatenate([position, quaternion_of(to.rotation @ R)])
-        return pose, np.concatenate([velocity, omega])
-
-    def covariance(self) -> tuple[Array, Array]:
-        """Return the covariances of the base's pose in world axes, and of its twist in base axes, (6, 6) each.
-
-        To first order the base at p has the errors ξ_p - pₓ ξ_R and ξ_R, and its velocity Rᵀ ξ_v + rₓ δω, with the
-        position r of the IMU and the error δω of the gyroscope.
-        """
-        found, legs = self.filter, self._kinematics
-        P, own = found.P, list(range(9)) + list(range(len(found.P) - 6, len(found.P) - 3))
-        R = found.rotation @ legs.imu_rotation.T
-        arm = pin.skew(legs.imu_position)
-        errors = np.zeros((12, 12))
-        errors[0:3, 0:3], errors[0:3, 6:9] = -pin.skew(found.position - R @ legs.imu_position), np.eye(3)
-        errors[3:6, 0:3] = np.eye(3)
-        errors[6:9, 3:6], errors[6:9, 9:12] = R.T, -arm @ legs.imu_rotation
-        errors[9:12, 9:12] = -legs.imu_rotation
-        C = errors @ P[np.ix_(own, own)] @ errors.T
-        noise = np.vstack([arm, np.eye(3)])
-        C[6:, 6:] += found.noise.gyroscope**2 / self._interval * (noise @ noise.T)
-        return C[:6, :6], C[6:, 6:]
-
-    def _propagate(self, sample: ImuSample, dt: float) -> None:
-        last, self._last, self._interval = self._last, sample, dt
-        turning = 0.5 * (sample.angular_velocity + last.angular_velocity)
-        force = 0.5 * (sample.specific_force + last.specific_force)
-        self.filter.propagate(turning, force, dt, self._creep(sample.stamp - self._landed < _STEPPING_TIME))
-        self._turned += dt * (turning - self._bias)
-        if self._rolling.names:
-            found, legs = self.filter, self._kinematics
-            omega = legs.imu_rotation @ (sample.angular_velocity - found.gyroscope_bias) - legs.imu_motion[3:]
-            of_links = omega + legs.contact_points(self._rolling.names).link_angular_velocities
-            self._rolling.integrate(of_links @ legs.imu_rotation @ found.rotation.T, dt)
-
-    def _creep(self, steps: bool) -> Array:
-        """Return the noise density of each contact point of the filter, (N,) in m/s/√Hz."""
-        noise, creep = self.filter.noise.contact, []
-        for name in dict.fromkeys(point.rpartition("/")[0] for point in self.filter.names):
-            least = (_BALL_STEPS if name in self._kinematics.rolling else _SOLE_STEPS) if steps else 0.0
-            excess = np.maximum(self._consistency.tipping(name) - _LEAST_TIPPING, 0.0)
-            creep.append(max(noise, least) + _TIPPING * excess)
-        return np.concatenate([np.empty(0), *creep])
-
-    def _correct_by_contacts(self, active_contacts: Sequence[str]) -> None:
-        found, legs = self.filter, self._kinematics
-        for name in [
-            name for name, points in legs.points.items() if points[0] in found.names and name not in active_contacts
-        ]:
-            self._remove_contact(name)
-        known = tuple(name for name in active_contacts if legs.points[name][0] in found.names)
-        slipping: list[str] = []
-        if known:
-            good = self._try_correction(known)
-            if not all_true(good):
-                slipping = [name for name, holds in zip(known, good, strict=True) if not holds]
-                rest = tuple(name for name in known if name not in slipping)
-                if rest:
-                    self._try_correction(rest)
-        for name in slipping:
-            self._remove_contact(name)
-        if len(known) == len(active_contacts) and not (slipping or self._moving):
-            return
-        alone = not found.names  # the IMU alone drifts
-        self._moving = {name: seen for name, seen in self._moving.items() if name in active_contacts and not alone}
-        for name in active_contacts:
-            if name in slipping or name not in known:
-                contact_points = legs.contact_points((name,))
-                if name in slipping and not alone:
-                    self._moving[name] = (self.stamp, self._points_of(contact_points))
-                    continue
-                steps = name not in self._moving and not alone
-                if self._is_at_rest(name, contact_points):
-                    self._add_contact(name, contact_points)
-                    self._landed = self.stamp if steps else self._landed
-
-    def _try_correction(self, contacts: tuple[str, ...]) -> np.ndarray:
-        """Correct unless a contact contradicts; return a flag per consistent contact, (c,)."""
-        found, contact_points = self.filter, self._kinematics.contact_points(contacts)
-        limits, positions = np.array([self._largest_square[name] for name in contacts]), contact_points.positions
-        if self._rolling.names:  # centres of the balls without their rolling
-            positions = positions - self._rolling.displacements(contacts, contact_points.ends) @ found.rotation
-        covariance, ends = contact_points.covariance, contact_points.ends
-        return found.correct(contact_points.names, positions, covariance, ends=ends, limits=limits) <= limits
-
-    def _points_of(self, contact_points: ContactPoints) -> Array:
-        return np.asarray(contact_points.positions @ self.filter.rotation.T + self.filter.position)
-
-    def _is_at_rest(self, name: str, contact_points: ContactPoints) -> bool:
-        if name not in self._moving:
-            return True
-        since, there = self._moving[name]
-        here = self._points_of(contact_points)
-        if np.abs(here - there).max() > _MOVED:
-            self._moving[name] = (self.stamp, here)
-        elif self.stamp - since >= _RESTED:
-            del self._moving[name]
-        return name not in self._moving
-
-    def _add_contact(self, name: str, contact_points: ContactPoints) -> None:
-        for i, point in enumerate(contact_points.names):
-            self.filter.add(
-                point, contact_points.positions[i], contact_points.covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3]
-            )
-        self._rolling.add(name)
-
-    def _remove_contact(self, name: str) -> None:
-        for point in self._kinematics.points[name]:
-            self.filter.remove(point)
-        self._rolling.remove(name)
-        self._anchoring.release(name)

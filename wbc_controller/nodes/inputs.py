@@ -17,10 +17,11 @@ from typing import Any
 from wbc_controller.controller.report import LatchedInputs
 from wbc_controller.errors import InputRefused
 from wbc_controller.estimation.absolute_pose import PoseSample
-from wbc_controller.estimation.base_estimator import BaseEstimator, ImuSample
+from wbc_controller.estimation.base_estimator import BaseEstimator
 from wbc_controller.estimation.contact_detection import ContactSensing
 from wbc_controller.estimation.joint_velocity import VelocityFilter
 from wbc_controller.estimation.odometry_agreement import OdometryAgreement
+from wbc_controller.estimation.running_estimate import ImuSample
 from wbc_controller.inverse_dynamics.references.changes import Change
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware import decoding
