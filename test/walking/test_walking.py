@@ -138,6 +138,22 @@ def test_a_stepping_robot_survives_a_change_of_its_velocity(kick, elapsed):
     assert np.abs(moved).max() < 0.2  # about 0.1 m of sway
 
 
+@pytest.mark.parametrize(("unevenness", "beyond"), [(0.0, True), (0.01, False)])
+def test_trunk_and_arms_help_after_an_outward_push_on_even_ground(unevenness, beyond):
+    """The demanded centre of pressure leaves the sole, unless an edge may support it."""
+    simulation = wbc.Simulation("g1")
+    walker = simulation.controller.walker
+    simulation.controller.walk(0.0)
+    while walker.steps < 3 or walker.phase is not Phase.SINGLE:
+        simulation.run(0.002)
+    simulation.run(0.1)
+    simulation.plant.data.qvel[1] += 0.5
+    walker._unevenness, margins = unevenness, []
+    simulation.run(0.06, lambda _: margins.append(walker.plan().margin))
+    assert (min(margins) < -0.05) is beyond
+    assert (min(margins) < 0.0) is beyond
+
+
 def test_a_pushed_robot_keeps_its_knees_bent():
     """A higher centre of mass helps to stop the DCM, but straight legs cannot swing."""
     simulation = wbc.Simulation("g1")
