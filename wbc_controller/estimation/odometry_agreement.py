@@ -11,7 +11,6 @@ import pinocchio as pin
 from wbc_controller.estimation.axes_comparison import AxesComparison
 from wbc_controller.estimation.leg_kinematics import LegKinematics
 from wbc_controller.estimation.sensor_agreement import HIGH_PASS, PERIOD, SensorAgreement, gravity_contradiction
-from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
 from wbc_controller.records import Array
 
 #: Largest integration step of the twist, s.
@@ -37,7 +36,7 @@ class OdometryAgreement:
         self._moved, self._measured = np.zeros((2, 3)), np.zeros((2, 3))  # rotation and displacement by pose and twist
         self._twist = np.zeros(6)  # integral since the last comparison, m and rad
         self._stamp, self._elapsed = math.inf, 0.0  # of the newest message, and since the last comparison, s
-        self._before: tuple[Array, Array] | None = None  # rotation and position at the last comparison
+        self._before: pin.SE3 | None = None  # placement of the base at the last comparison
         self._is_twist_wrong = self._agreed = False
 
     def update(
@@ -78,13 +77,14 @@ class OdometryAgreement:
         controlled: bool,
     ) -> None:
         """Compare rotation and displacement by the twist, (2, 3) in rad and m, with pose and legs."""
-        R, position, legs = rotation_of(pose[3:]), pose[:3], self._kinematics
-        before, self._before = self._before, (R, position)
+        legs, base = self._kinematics, pin.XYZQUATToSE3(pose)
+        before, self._before = self._before, base
         if before is None:
             self._moved, self._measured = np.zeros((2, 3)), np.zeros((2, 3))
             return
         keep = math.exp(-elapsed / HIGH_PASS)
-        self._moved = keep * (self._moved + [pin.log3(before[0].T @ R), R.T @ (position - before[1])])
+        back, R = base.actInv(before), base.rotation
+        self._moved = keep * (self._moved - [pin.log3(back.rotation), back.translation])
         self._measured = keep * (self._measured + steps)
         found = self._by_pose.update(elapsed, self._moved, self._measured, R)
         found = found and f"the twist of odometry contradicts its pose: {found}"

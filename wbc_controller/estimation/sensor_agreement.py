@@ -21,7 +21,7 @@ import numpy as np
 
 from wbc_controller.estimation.axes_comparison import AxesComparison, vector_text
 from wbc_controller.estimation.leg_kinematics import LegKinematics
-from wbc_controller.inverse_dynamics.arrays import cross, sum_of_squares
+from wbc_controller.inverse_dynamics.arrays import cross, solved, sum_of_squares
 from wbc_controller.records import Array
 
 #: Time constant T of the high-pass filter, s.
@@ -124,18 +124,17 @@ def _motion(positions: Array, moved: Array) -> Array | None:
 
     With means ȳ, Δȳ and deviations Y, D: (tr(YᵀY) - YᵀY) θ = Σ Dᵢ × Yᵢ and p = ȳ × θ - Δȳ.
     """
-    middle, mean = positions.mean(axis=0), moved.mean(axis=0)
+    middle, mean = np.array([positions, moved]).sum(axis=1) / len(positions)
     Y, D = positions - middle, moved - mean
-    inertia, products = Y.T @ Y, Y.T @ D
-    inertia = float(inertia.trace()) * np.eye(3) - inertia
-    size = 0.5 * float(inertia.trace())
+    products, size = Y.T @ D, sum_of_squares(Y)
+    inertia = size * np.eye(3) - Y.T @ Y
     # Two eigenvalues are about `size`; the third is small for points on a line.
-    if not float(np.linalg.det(inertia)) >= _LEAST_SPREAD**2 * size**2 > 0.0:
+    if not float(inertia[0] @ cross(inertia[1], inertia[2])) >= _LEAST_SPREAD**2 * size**2 > 0.0:
         return None
     torque = np.array(
         [products[2, 1] - products[1, 2], products[0, 2] - products[2, 0], products[1, 0] - products[0, 1]]
     )
-    turn = np.linalg.solve(inertia, torque)
+    turn = solved(inertia, torque)
     left, size = sum_of_squares(D) - float(torque @ turn), sum_of_squares(moved)
     if not left <= _LARGEST_RESIDUAL * size:
         return None

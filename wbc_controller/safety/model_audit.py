@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from wbc_controller.inverse_dynamics.arrays import sum_of_squares
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array, AuditReport, JointCommand, RobotState, Solution, freeze, frozen
@@ -20,7 +21,7 @@ from wbc_controller.settings.service import AuditSettings
 #: Largest time between two compared states, in control periods.
 _LARGEST_GAP = 3.5
 #: Duration of a span, as a share of the filter's time constant.
-_SPAN = 0.05
+_SPAN = 0.1
 
 
 class _Step(NamedTuple):
@@ -132,7 +133,7 @@ class ModelAudit:
             self._torques += share * (dynamics.M @ velocity / predicted - self._torques)
         force, torques = frozen(self._force), freeze(self._to_joints @ self._torques)
         too_large = {
-            "UNMODELLED_FORCE": float(np.linalg.norm(force)) > self._largest_force,
+            "UNMODELLED_FORCE": sum_of_squares(force) > self._largest_force**2,
             "UNMODELLED_TORQUE": bool((np.abs(torques) > self._largest_torques).any()),
             "ENERGY_RESIDUAL": abs(self._energy) > settings.energy * max(self._throughput, settings.power),
         }

@@ -18,7 +18,7 @@ from wbc_controller.walking.plan import WalkingPlan
 from wbc_controller.walking.references_kernels import body_references
 
 #: Time between predictions of a fall, s.
-_WATCH_PERIOD = 0.008
+_WATCH_PERIOD = 0.012
 #: Acceleration of a reference without one.
 STILL = freeze(np.zeros(3))
 
