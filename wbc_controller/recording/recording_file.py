@@ -4,7 +4,7 @@ import bisect
 import contextlib
 import heapq
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -179,12 +179,12 @@ class Recording:
     def cycles(self) -> Iterator[RecordedCycle]:
         """Yield the complete cycles."""
         slots = [slot for slot in self.slots if slot.group != "references"]
-        for time, row, references in self._rows():
+        for time, row, references in self._rows(self.messages()):
             values = split(slots, row)
             named = split(self._groups["references"], references) if len(references) else {}
             yield RecordedCycle(int(values["number"][0]), time, values, named)
 
-    def _rows(self) -> Iterator[tuple[int, Array, Array]]:
+    def _rows(self, messages: Iterable[tuple[Topic, int, bytes]]) -> Iterator[tuple[int, Array, Array]]:
         """Yield time, ns, numbers, and references (empty before the first ones) of the complete cycles."""
         sizes = {name: sum(slot.size for slot in slots) for name, slots in self._groups.items()}
         parts = [name for name in sizes if name != "references"]
@@ -192,7 +192,7 @@ class Recording:
         references = np.zeros(0)
         waiting: tuple[int, Array] | None = None
         with self.translated_errors("its cycles"):
-            for topic, time, payload in self.messages():
+            for topic, time, payload in messages:
                 kind = _kind(topic)
                 if kind not in sizes:
                     continue
@@ -211,16 +211,16 @@ class Recording:
         if waiting is not None:
             yield *waiting, references
 
-    def arrays(self) -> dict[str, Array]:
+    def arrays(self, messages: Iterable[tuple[Topic, int, bytes]] | None = None) -> dict[str, Array]:
         """Return the cycles with a sent command as arrays by slot, with the references.
 
         Numbers are (n,), vectors (n, k), absent values NaN; ``stamp`` and ``time`` are in ns, ``mode`` contains names.
-        Empty without commands.
+        Empty without commands. `messages` are those of the file, after other readers.
         """
         rows, times = [], []
         absent = np.full(sum(slot.size for slot in self.slots if slot.group == "references"), np.nan)
         places = {slot.name: place.start for slot, place in slot_slices(self.slots)}
-        for time, row, references in self._rows():
+        for time, row, references in self._rows(messages or self.messages()):
             if row[places["has_command"]] and not np.isnan(row[places["seconds/total"]]):  # sent
                 rows.append(np.concatenate([row, references if len(references) else absent]))
                 times.append(time)
