@@ -4,7 +4,7 @@ import bisect
 import contextlib
 import heapq
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -178,49 +178,52 @@ class Recording:
 
     def cycles(self) -> Iterator[RecordedCycle]:
         """Yield the complete cycles."""
-        groups = self._groups
-        sizes = {name: sum(slot.size for slot in slots) for name, slots in groups.items()}
-        *_, end = [name for name in groups if name != "references"]
-        complete = sum(len(slots) for name, slots in groups.items() if name != "references")
-        found: dict[str, Array] = {}
-        references: Mapping[str, Array] = {}
-        waiting: RecordedCycle | None = None
-        for topic, time, payload in self.messages():
-            kind = _kind(topic)
-            if kind not in groups:
-                continue
-            with self.translated_errors(f"topic {topic.name}"):
-                row = _numbers(payload, sizes[kind], sizes[kind])
-            if kind == "references":
-                references = split(groups[kind], row)
-                if waiting is not None and int(references["number"][0]) == waiting.number:
-                    waiting = RecordedCycle(waiting.number, waiting.time, waiting.values, references)
-                continue
-            if kind == "cycle":
-                if waiting is not None:
-                    yield waiting
-                    waiting = None
-                found = {}
-            found |= split(groups[kind], row)
-            if kind == end and len(found) == complete:
-                waiting = RecordedCycle(int(found["number"][0]), time, found, references)
-        if waiting is not None:
-            yield waiting
+        slots = [slot for slot in self.slots if slot.group != "references"]
+        for time, row, references in self._rows(self.messages()):
+            values = split(slots, row)
+            named = split(self._groups["references"], references) if len(references) else {}
+            yield RecordedCycle(int(values["number"][0]), time, values, named)
 
-    def arrays(self) -> dict[str, Array]:
+    def _rows(self, messages: Iterable[tuple[Topic, int, bytes]]) -> Iterator[tuple[int, Array, Array]]:
+        """Yield time, ns, numbers, and references (empty before the first ones) of the complete cycles."""
+        sizes = {name: sum(slot.size for slot in slots) for name, slots in self._groups.items()}
+        parts = [name for name in sizes if name != "references"]
+        found: dict[str, Array] = {}
+        references = np.zeros(0)
+        waiting: tuple[int, Array] | None = None
+        with self.translated_errors("its cycles"):
+            for topic, time, payload in messages:
+                kind = _kind(topic)
+                if kind not in sizes:
+                    continue
+                numbers = _numbers(payload, sizes[kind], sizes[kind])
+                if waiting is not None and (kind == "cycle" or (kind == "references" and numbers[0] != waiting[1][0])):
+                    yield *waiting, references
+                    waiting = None
+                if kind == "references":
+                    references = numbers
+                    continue
+                if kind == "cycle":
+                    found = {}
+                found[kind] = numbers
+                if kind == parts[-1] and len(found) == len(parts):
+                    waiting = time, np.concatenate([found[name] for name in parts])
+        if waiting is not None:
+            yield *waiting, references
+
+    def arrays(self, messages: Iterable[tuple[Topic, int, bytes]] | None = None) -> dict[str, Array]:
         """Return the cycles with a sent command as arrays by slot, with the references.
 
         Numbers are (n,), vectors (n, k), absent values NaN; ``stamp`` and ``time`` are in ns, ``mode`` contains names.
-        Empty without commands.
+        Empty without commands. `messages` are those of the file, after other readers.
         """
-        rows, stamps, times = [], [], []
+        rows, times = [], []
         absent = np.full(sum(slot.size for slot in self.slots if slot.group == "references"), np.nan)
-        for cycle in self.cycles():
-            if not cycle.scalar("has_command") or np.isnan(cycle.scalar("seconds/total")):  # not sent
-                continue
-            rows.append(np.concatenate([*cycle.values.values(), *(cycle.references.values() or [absent])]))
-            stamps.append(cycle.stamp)
-            times.append(cycle.time)
+        places = {slot.name: place.start for slot, place in slot_slices(self.slots)}
+        for time, row, references in self._rows(messages or self.messages()):
+            if row[places["has_command"]] and not np.isnan(row[places["seconds/total"]]):  # sent
+                rows.append(np.concatenate([row, references if len(references) else absent]))
+                times.append(time)
         if not rows:
             return {}
         table = np.array(rows)
@@ -232,7 +235,7 @@ class Recording:
         return {
             **arrays,
             "number": arrays["number"].astype(np.int64),
-            "stamp": np.array(stamps),
+            "stamp": 10**9 * arrays["stamp_seconds"].astype(np.int64) + arrays["stamp_nanoseconds"].astype(np.int64),
             "time": np.array(times),
             "mode": np.array([MODES[int(mode)].value for mode in arrays["mode"]]),
         }

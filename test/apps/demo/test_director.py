@@ -18,6 +18,10 @@ class Activated(Exception):
     """The controller is active, and time passes."""
 
 
+def ignore(*_: object) -> None:
+    """Receive a phase or a message."""
+
+
 @pytest.fixture
 def play(make):
     """Return a function that plays a scenario with a standing mock robot and scripted modes of the controller."""
@@ -44,7 +48,7 @@ def play(make):
             if count in modes:
                 say["state"](encode(make.string(modes[count])))
 
-        Director(settings, model, SCENARIOS["go2"], MemoryTransport(bus), advance, lambda phase: None).play()
+        Director(settings, model, SCENARIOS["go2"], MemoryTransport(bus), advance, ignore, ignore).play()
 
     return play
 

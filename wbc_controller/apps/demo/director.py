@@ -19,10 +19,10 @@ from wbc_controller.middleware.joint_states import JointStateReader
 from wbc_controller.middleware.setpoints import com_trajectory, setpoint_message, velocity_message, wrench_stamped
 from wbc_controller.middleware.stamps import header_stamp, header_time
 from wbc_controller.middleware.states import OdometryReader
-from wbc_controller.middleware.topics import Direction, counterpart
+from wbc_controller.middleware.topics import Direction, Endpoint, counterpart
 from wbc_controller.middleware.transports.transport import Publish, Transport
 from wbc_controller.nodes.wiring import topics_of
-from wbc_controller.recording.report.run_from_recording import truth_topics
+from wbc_controller.recording.report.run_from_recording import PHASES, truth_topics
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 
@@ -40,8 +40,10 @@ _SENT = (
 )
 _STATE = ("mock", "joint_states")
 _HEARD = (_STATE, ("mock", "odom"), ("controller", "state"))
+_STRING = "std_msgs/msg/String"
 
-
+#: Function that records name and type of a topic, stamp in ns, and message.
+Record = Callable[[str, str, int, bytes], None]
 Windows = Mapping[str, tuple[float, float]]  # start and end of each measurement, simulated time, s
 
 
@@ -54,7 +56,6 @@ class Director:
 
     Attributes:
         frames: frame of each frame task.
-        recorded: messages of `truth_topics` by name and type of the topic: stamp in ns, and payload.
         arrived: set by each joint state, on the transport's thread.
     """
 
@@ -65,12 +66,16 @@ class Director:
         scenario: Scenario,
         transport: Transport,
         advance: Callable[[threading.Event], None],
+        record: Record,
         report_phase: Callable[[str], None],
     ) -> None:
-        """Open the topics; `advance` waits for `arrived`, or in lockstep executes one step."""
-        self.recorded: dict[tuple[str, str], list[tuple[int, bytes]]] = {}
+        """Open the topics.
+
+        Args:
+            advance: waits for `arrived`, or in lockstep executes one step.
+            record: records the messages of `truth_topics` and the phases.
+        """
         self.arrived = threading.Event()
-        self.phases: list[tuple[float, str]] = []  # simulated time, s, and name
         self.windows: dict[str, tuple[float, float]] = {}
         #: Start, s, and trajectory of the centre of mass; None while the robot walks.
         self.references: list[tuple[float, Trajectory | None]] = []
@@ -80,21 +85,21 @@ class Director:
         self._data = model.pinocchio.createData()
         self._joint_reader = JointStateReader(model.joints, "position")
         self._base_reader = OdometryReader(model.base_link)
-        self._advance, self._report_phase = advance, report_phase
+        self._advance, self._record, self._report_phase = advance, record, report_phase
         self._newest: dict[tuple[str, str], bytes] = {}  # payload by node and key
         self._publish: dict[tuple[str, str, str], Publish] = {}
         truth = {topic.name for topic in truth_topics(settings)}
         for (node, key, subject), topic in topics_of(settings).items():
             if topic.direction is Direction.OUT and (topic.name in truth or (node, key) in _HEARD):
-                messages = self.recorded.setdefault((topic.name, topic.type), []) if topic.name in truth else None
-                transport.subscribe(counterpart(topic), partial(self._receive, (node, key), messages))
+                recorded = topic if topic.name in truth else None
+                transport.subscribe(counterpart(topic), partial(self._receive, (node, key), recorded))
             elif topic.direction is Direction.IN and (node, key) in _SENT:
                 self._publish[node, key, subject] = transport.advertise(counterpart(topic))
 
-    def _receive(self, place: tuple[str, str], messages: list[tuple[int, bytes]] | None, payload: bytes) -> None:
+    def _receive(self, place: tuple[str, str], recorded: Endpoint | None, payload: bytes) -> None:
         self._newest[place] = payload
-        if messages is not None:
-            messages.append((header_stamp(payload), payload))
+        if recorded is not None:
+            self._record(recorded.name, recorded.type, header_stamp(payload), payload)
         if place == _STATE:
             self.arrived.set()
 
@@ -140,12 +145,12 @@ class Director:
         return header_time(self._newest[_STATE]) if _STATE in self._newest else 0.0
 
     def _begin(self, phase: str) -> None:
-        self.phases.append((self.time, phase))
+        self._record(PHASES, _STRING, round(1.0e9 * self.time), encode(message(_STRING, data=phase)))
         self._report_phase(phase)
 
     def _mode(self) -> str:
         payload = self._newest.get(("controller", "state"))
-        return "" if payload is None else str(decode(payload, "std_msgs/msg/String").data)
+        return "" if payload is None else str(decode(payload, _STRING).data)
 
     def _activate(self) -> None:
         # The first request may be lost during discovery, or arrive before the base estimate.
@@ -159,7 +164,7 @@ class Director:
         raise DemoFailed(f"the controller did not become active; its state is {self._mode()!r}")
 
     def _send_text(self, key: str, text: str) -> None:
-        self._send("controller", key, "", message("std_msgs/msg/String", data=text))
+        self._send("controller", key, "", message(_STRING, data=text))
 
     def _send(self, owner: str, key: str, subject: str, content: Any) -> None:
         self._publish[owner, key, subject](encode(content))

@@ -4,7 +4,7 @@ import os
 import tempfile
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from wbc_controller.apps.demo.derived_scenario import derived_scenario
-from wbc_controller.apps.demo.director import DemoFailed, Director
+from wbc_controller.apps.demo.director import DemoFailed, Director, Record
 from wbc_controller.apps.demo.scenario import SCENARIOS, WALK, WALK_ROBOT, WALK_SCENARIO, Scenario
 from wbc_controller.apps.demo.verdict import distances_to_targets, judge, reference_of
 from wbc_controller.controller.build.robot import make_model
@@ -24,7 +24,6 @@ from wbc_controller.controller.cycle import ControlCycle
 from wbc_controller.controller.visualization.tables import Table, as_text
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.middleware.codec import encode, message
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.middleware.transports.transport import Transport
 from wbc_controller.nodes.clock import ManualClock
@@ -34,7 +33,7 @@ from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.recording.recorder import Recorder
 from wbc_controller.recording.recording_file import Recording, add_topics
 from wbc_controller.recording.report.run_data import Result
-from wbc_controller.recording.report.run_from_recording import PHASES, make_run_data
+from wbc_controller.recording.report.run_from_recording import PHASES, make_run_data, truth_topics
 from wbc_controller.recording.report.run_report import write_run_report
 from wbc_controller.settings.config import Config, load
 from wbc_controller.simulation.mock_robot import MockRobot
@@ -42,7 +41,7 @@ from wbc_controller.simulation.mock_robot import MockRobot
 _FIRST_DOMAIN = 100  # 100 to 199 by process ID, for concurrent demos
 
 
-_UserSession = tuple[Transport, Callable[[threading.Event], None]]
+_UserSession = tuple[Transport, Callable[[threading.Event], None], Record]
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,8 +82,8 @@ def run_demo(
     console.print(f"[bold]{stage.name}[/bold]: {stage.model.nj} joints, {stage.model.mass:.1f} kg; {base}; {how}")
     play = _in_lockstep(stage) if lockstep else _in_real_time(stage, real_time_factor)
     failure = None
-    with _progress(console, stage) as report_phase, play as (transport, advance):
-        director = Director(config.settings, model, scenario, transport, advance, report_phase)
+    with _progress(console, stage) as report_phase, play as (transport, advance, record_message):
+        director = Director(config.settings, model, scenario, transport, advance, record_message, report_phase)
         try:
             director.play()
         except DemoFailed as error:
@@ -121,6 +120,11 @@ def _in_real_time(stage: _DemoSetup, real_time_factor: float) -> Iterator[_UserS
     from wbc_controller.middleware.transports.dds import DdsTransport
 
     domain = _FIRST_DOMAIN + os.getpid() % 100
+    recorded: dict[tuple[str, str], list[tuple[int, bytes]]] = {}
+
+    def record(topic: str, kind: str, stamp: int, payload: bytes) -> None:
+        recorded.setdefault((topic, kind), []).append((stamp, payload))
+
     with (
         tempfile.TemporaryDirectory() as folder,
         closing(DdsTransport("wbc_demo", domain_id=domain, discovery_range="LOCALHOST")) as transport,
@@ -128,7 +132,9 @@ def _in_real_time(stage: _DemoSetup, real_time_factor: float) -> Iterator[_UserS
     ):
         processes.start("mock", "--real-time-factor", str(real_time_factor))
         processes.start("controller", "--record", str(stage.record))
-        yield transport, partial(_wait_for_state, processes)
+        yield transport, partial(_wait_for_state, processes), record
+    with suppress(ConfigurationError):  # `_conclude` reports an unreadable recording
+        add_topics(stage.record, recorded)
 
 
 def _wait_for_state(processes: Processes, arrived: threading.Event) -> None:
@@ -149,7 +155,12 @@ def _in_lockstep(stage: _DemoSetup) -> Iterator[_UserSession]:
     robot = MockRobot(stage.model, settings, MemoryTransport(bus))
     controller = Controller(settings, preflight=False, model=stage.model)
     topics = controller_endpoints(settings, stage.model)
+    recorded = [(topic.name, topic.type) for topic in truth_topics(settings)] + [(PHASES, "std_msgs/msg/String")]
+    channels = {topic: recorder.channel(topic, kind) for topic, kind in recorded}
     loop = make_loop(controller, MemoryTransport(bus), clock, topics, recorder=recorder)
+
+    def record(topic: str, _kind: str, _stamp: int, payload: bytes) -> None:
+        recorder.record_incoming(channels[topic], payload)  # at the clock's time, as the stamp
 
     def advance(arrived: threading.Event) -> None:
         clock.time = robot.stamp * 1.0e-9
@@ -158,16 +169,13 @@ def _in_lockstep(stage: _DemoSetup) -> Iterator[_UserSession]:
         robot.advance()
 
     try:
-        yield transport, advance
+        yield transport, advance, record
     finally:
         recorder.close()
 
 
 def _conclude(console: Console, stage: _DemoSetup, director: Director, failure: str | None) -> bool:
-    phases = [(round(1.0e9 * time), encode(message("std_msgs/msg/String", data=name)))
-              for time, name in director.phases]  # fmt: skip
     try:
-        add_topics(stage.record, {**director.recorded, (PHASES, "std_msgs/msg/String"): phases})
         recording = Recording(stage.record)
         run = make_run_data(recording, ControlCycle(recording.config, preflight=False), largest=recording.count)
     except ConfigurationError as error:

@@ -1,7 +1,6 @@
 """Data of a report, from a recording."""
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 import pinocchio as pin
@@ -17,9 +16,10 @@ from wbc_controller.middleware.stamps import header_time
 from wbc_controller.middleware.states import OdometryReader
 from wbc_controller.middleware.topics import MOCK_NODE, MOCK_TOPICS, Endpoint, endpoints
 from wbc_controller.recording.cycle_layout import cycle_slots, reference_slots
+from wbc_controller.recording.mcap_file import Topic
 from wbc_controller.recording.recording_file import Recording
 from wbc_controller.recording.report.run_data import RunData, collect_supports
-from wbc_controller.records import Array, Reference
+from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 from wbc_controller.settings.contacts import FixedContact, PointContact, RollingContact
 from wbc_controller.settings.tasks import ComTask
@@ -38,12 +38,33 @@ def truth_topics(settings: Settings) -> list[Endpoint]:
     ]
 
 
-@dataclass
 class _OtherTopics:
-    #: Stamps, s, and true wrenches, (6,) in N and N·m, by contact.
-    wrenches: dict[str, tuple[list[float], list[list[float]]]] = field(default_factory=dict)
-    bases: dict[int, Array] = field(default_factory=dict)  # true poses of the base, (7,), by stamp, ns
-    phases: list[tuple[int, str]] = field(default_factory=list)  # times of the record, ns, and names
+    """Contents of the topics of a demo."""
+
+    def __init__(self, model: RobotModel, settings: Settings) -> None:
+        self._truth = {endpoint.name: endpoint for endpoint in truth_topics(settings)}
+        self._base_reader = OdometryReader(model.base_link)
+        #: Stamps, s, and true wrenches, (6,) in N and N·m, by contact.
+        self.wrenches: dict[str, tuple[list[float], list[list[float]]]] = {}
+        self.bases: dict[int, Array] = {}  # true poses of the base, (7,), by stamp, ns
+        self.phases: list[tuple[int, str]] = []  # times of the record, ns, and names
+
+    def read(self, messages: Iterable[tuple[Topic, int, bytes]]) -> Iterator[tuple[Topic, int, bytes]]:
+        """Read the messages of these topics, and yield all messages."""
+        for topic, time, payload in messages:
+            if topic.name == PHASES:
+                self.phases.append((time, str(decode(payload, topic.type).data)))
+            elif topic.name in self._truth:
+                if self._truth[topic.name].key == "odom":
+                    base = self._base_reader.read(payload)
+                    self.bases[base.stamp] = base.pose
+                else:
+                    content = decode(payload, topic.type)
+                    force, torque = content.wrench.force, content.wrench.torque
+                    stamps, wrenches = self.wrenches.setdefault(self._truth[topic.name].subject, ([], []))
+                    stamps.append(header_time(payload))
+                    wrenches.append([force.x, force.y, force.z, torque.x, torque.y, torque.z])
+            yield topic, time, payload
 
 
 def make_run_data(recording: Recording, controller: ControlCycle, *, largest: int = MAX_SAMPLES) -> RunData:
@@ -53,13 +74,13 @@ def make_run_data(recording: Recording, controller: ControlCycle, *, largest: in
     """
     slots = cycle_slots(controller.model, controller.contacts)
     recording.require_slots(slots + reference_slots(controller.tasks, controller.contacts))
-    table = recording.arrays()
+    model, settings = controller.model, controller.config.settings
+    other = _OtherTopics(model, settings)
+    table = recording.arrays(other.read(recording.messages()))
     if not table or not np.isfinite(table["q"]).all(axis=1).any():
         raise ConfigurationError(f"recording {recording.path}: nothing to report: no command was sent")
     stride = -(-len(table["number"]) // largest)
     shown = {name: values[::stride][table["has_state"][::stride] > 0.0] for name, values in table.items()}
-    model, settings = controller.model, controller.config.settings
-    other = _read_other_topics(recording, settings, model)
     stamps = 1.0e-9 * shown["stamp"]
     start = float(stamps[0])
     time = np.maximum.accumulate(stamps - start)
@@ -120,27 +141,6 @@ def make_run_data(recording: Recording, controller: ControlCycle, *, largest: in
     )
 
 
-def _read_other_topics(recording: Recording, settings: Settings, model: RobotModel) -> _OtherTopics:
-    truth = {endpoint.name: endpoint for endpoint in truth_topics(settings)}
-    found, base_reader = _OtherTopics(), OdometryReader(model.base_link)
-    if not any(topic.name in truth or topic.name == PHASES for topic in recording.topics.values()):
-        return found
-    for topic, time, payload in recording.messages():
-        if topic.name == PHASES:
-            found.phases.append((time, str(decode(payload, topic.type).data)))
-        elif topic.name in truth:
-            if truth[topic.name].key == "odom":
-                base = base_reader.read(payload)
-                found.bases[base.stamp] = base.pose
-            else:
-                content = decode(payload, topic.type)
-                force, torque = content.wrench.force, content.wrench.torque
-                stamps, wrenches = found.wrenches.setdefault(truth[topic.name].subject, ([], []))
-                stamps.append(header_time(payload))
-                wrenches.append([force.x, force.y, force.z, torque.x, torque.y, torque.z])
-    return found
-
-
 def _latest(stamps: Array, values: Array, time: Array) -> Array:
     order = np.argsort(stamps, kind="stable")
     index = np.searchsorted(stamps[order], time + 1.0e-9, side="right") - 1
@@ -157,9 +157,7 @@ def _task_errors(cycles: Mapping[str, Array], tasks: Mapping[str, Task], dynamic
         for name, error in errors.items():
             task = tasks[name]
             if cycles[f"weight/{name}"][i] > 0.0 and isinstance(task, AccelerationTask):
-                kinds = ("position", "velocity", "acceleration")
-                reference = Reference(*(cycles[f"{kind}/{name}"][i] for kind in kinds))
-                error[i] = np.linalg.norm(task.right(dynamics, reference)[1])
+                error[i] = np.linalg.norm(task.error(dynamics, cycles[f"position/{name}"][i]))
     return errors
 
 
