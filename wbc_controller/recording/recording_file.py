@@ -191,23 +191,23 @@ class Recording:
         found: dict[str, Array] = {}
         references = np.zeros(0)
         waiting: tuple[int, Array] | None = None
-        with self.translated_errors("its cycles"):
-            for topic, time, payload in messages:
-                kind = _kind(topic)
-                if kind not in sizes:
-                    continue
+        for topic, time, payload in messages:
+            kind = _kind(topic)
+            if kind not in sizes:
+                continue
+            with self.translated_errors(f"topic {topic.name}"):
                 numbers = _numbers(payload, sizes[kind], sizes[kind])
-                if waiting is not None and (kind == "cycle" or (kind == "references" and numbers[0] != waiting[1][0])):
-                    yield *waiting, references
-                    waiting = None
-                if kind == "references":
-                    references = numbers
-                    continue
-                if kind == "cycle":
-                    found = {}
-                found[kind] = numbers
-                if kind == parts[-1] and len(found) == len(parts):
-                    waiting = time, np.concatenate([found[name] for name in parts])
+            if waiting is not None and (kind == "cycle" or (kind == "references" and numbers[0] != waiting[1][0])):
+                yield *waiting, references
+                waiting = None
+            if kind == "references":
+                references = numbers
+                continue
+            if kind == "cycle":
+                found = {}
+            found[kind] = numbers
+            if kind == parts[-1] and len(found) == len(parts):
+                waiting = time, np.concatenate([found[name] for name in parts])
         if waiting is not None:
             yield *waiting, references
 
