@@ -205,6 +205,27 @@ def test_a_touchdown_counts_only_near_the_ground(monkeypatch, on_the_ground):
     assert walker.steps >= 2
 
 
+def test_a_foot_that_stops_in_the_air_has_landed_after_some_rest(monkeypatch):
+    stopped = []
+    monkeypatch.setattr("wbc_controller.walking.biped.lands", lambda *_: bool(stopped))
+    simulation = wbc.Simulation("g1")
+    walker = simulation.controller.walker
+    simulation.controller.walk(0.0)
+    while walker.phase is not Phase.SINGLE:
+        simulation.run(0.002)
+    simulation.run(0.6 * walker.gait.single)  # the foot is high
+    stopped.append(True)
+    simulation.run(0.01)
+    assert walker.phase is Phase.SINGLE
+    stopped.clear()
+    simulation.run(0.01)
+    stopped.append(True)
+    simulation.run(0.016)
+    assert walker.phase is Phase.SINGLE
+    simulation.run(0.01)
+    assert walker.phase is Phase.DOUBLE
+
+
 def error_of_the_dcm(reaction):
     """Return the mean distance of the DCM in single support to its reference, m, at 0.4 m/s."""
     simulation = wbc.Simulation("g1")

@@ -47,7 +47,7 @@ class WalkingSettings(Section):
     max_step_length: _Length | None = Field(
         None, description="Longest step, m; default 0.65·z; quadrupeds from below the body, 0.6·z."
     )
-    max_step_width: _Length | None = Field(None, description="Largest distance, m; default 0.8·z.")
+    max_step_width: _Length | None = Field(None, description="Largest distance, m; default 0.9·z.")
     command_timeout: _Time = Field(0.5, description="Age of the last `cmd_vel` after which the robot stops, s.")
     max_speed: Positive | None = Field(
         None,

@@ -35,6 +35,8 @@ _FREEZE = 0.05
 _ON_TIME, _SHORTEST_DOUBLE = 0.03, 0.02
 #: Height of the foot and its reference below which a touchdown counts, as a share of the clearance.
 _LOW = 0.5
+#: Height above the expected ground, m, from which a foot must rest for a time, s: limited torques stop it in the air.
+_HIGHER, _RESTS = 0.01, 0.02
 #: Share of the unevenness kept from one foothold to the next.
 _KEPT = 0.8
 #: Additional touchdown speed per unevenness, 1/s, and largest speed, m/s: a slow foot lands late on lower ground.
@@ -92,8 +94,8 @@ class BipedWalker(Walker):
     STATE_FIELDS = (
         "phase", "command", "goal", "footsteps", "leaving", "velocity", "steps", "_until", "_since", "_last", "_stance",
         "_clearance", "_height", "_heading", "_begun", "_orientations", "_step", "_lifted", "_blend", "_dcm_wanted",
-        "_touchdown", "_stopping", "_references", "_footholds", "_unevenness", "_early", "_double_support", "_captured",
-        "watched", "fall",
+        "_touchdown", "_moved", "_stopping", "_references", "_footholds", "_unevenness", "_early", "_double_support",
+        "_captured", "watched", "fall",
     )  # fmt: skip
 
     def __init__(self, gait: Gait, left: Foot, right: Foot, tasks: TaskSets, gravity: float, lag: float = 0.0) -> None:
@@ -113,6 +115,7 @@ class BipedWalker(Walker):
         self._dcm_wanted = 0j
         self._blend = 0j  # reference of the DCM at the start of the phase; in a step, minus the step's reference
         self._touchdown: tuple[complex, ...] = (0j, 0j, 0j)  # DCM, old and new foot at touchdown
+        self._moved = -math.inf  # last time at which the swing foot moved, s
         self._early = self._double_support = 0.0  # time until the planned touchdown, and until lift-off after it, s
         self._footholds: tuple[Ground, ...] = ()  # newest first
         self._unevenness = 0.0  # largest error of the expected heights of the last footholds, m
@@ -369,7 +372,9 @@ class BipedWalker(Walker):
         sensor = self._sensor(foot.contact, cycle.touching) if cycle.touching else None
         sole = cycle.soles[-self._stance]
         low = max(swing.item(0, 2), sole.height) - landing.height < _LOW * gait.clearance
-        if lands(share, late, low, swing.item(1, 2), landing.speed, sole.rise, sole.speed, sensor):
+        if not lands(share, late, low, swing.item(1, 2), landing.speed, sole.rise, sole.speed, sensor):
+            self._moved = cycle.time
+        elif sensor or sole.height - landing.height < _HIGHER or cycle.time - self._moved > _RESTS:
             self._land(step, cycle, late, decision)
         beyond = _BEYOND * self._clearance * max(0.0, 1.0 - self._unevenness / _EDGES)
         return self._corrected(stance.place, cycle, stance.place, stance.place, beyond)

@@ -154,7 +154,7 @@ def make_gait(settings: Settings, left: Foot, right: Foot, qp: WholeBodyQP) -> B
         width=value_or(walking.width, 0.85 * apart),
         least_width=value_or(walking.least_width, max(0.4 * apart, sole + 0.03)),
         length=value_or(walking.max_step_length, 0.65 * z),
-        greatest_width=value_or(walking.max_step_width, 0.8 * z),
+        greatest_width=value_or(walking.max_step_width, 0.9 * z),
         reaction=swing_reaction(dynamics, left, right, z),
         braking=6.0,  # with 2, a stop from 0.8 m/s takes one more step
         speed=(0.12 * pace, 0.08 * pace, 0.5),
