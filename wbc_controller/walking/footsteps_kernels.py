@@ -13,15 +13,15 @@ _MARGIN = 0.01
 
 
 class StepSizes(Struct):
-    """Durations, s, and distances, m, of a biped's steps; fields of `Gait`."""
+    """Sizes of a biped's steps; the fields of `Gait` with these names."""
 
-    single: float
-    double: float
-    width: float
-    least_width: float
-    greatest_width: float
-    length: float
-    reaction: float
+    single: float  # nominal duration of the single support, s
+    double: float  # duration of the double support, s
+    width: float  # nominal distance between the feet, m
+    least_width: float  # smallest distance between the feet, m
+    greatest_width: float  # largest distance between the feet, m
+    length: float  # longest step forward or backward, m
+    reaction: float  # μ
 
 
 @compiled
