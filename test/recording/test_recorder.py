@@ -59,6 +59,27 @@ def test_a_recording_contains_inputs_commands_and_requests(record, tmp_path, mak
     assert stored == bench._payloads["effort", ""]
 
 
+def test_references_of_a_lost_cycle_do_not_change_the_cycle_before(record, tmp_path, make):
+    path = tmp_path / "a.mcap"
+    run = record(path)
+    run.stand(10)
+    run.bench.send("update", make.string("{tasks: {com: {weight: 3.5}}}"))
+    run.go(10)
+    found = run.finish(path)
+    cycles = list(found.cycles())
+    changed = next(i for i in range(5, len(cycles)) if cycles[i].references["number"] == cycles[i].number)
+    number, messages = 0, []
+    for topic, stamp, payload in found.messages():
+        kind = topic.name.rpartition("/")[2]
+        number += kind == "cycle"
+        if number != changed + 1 or kind == "references" or not topic.name.startswith("/wbc_controller/recording"):
+            messages.append((topic, stamp, payload))
+    rows = list(found._rows(messages))
+    assert len(rows) == len(cycles) - 1
+    assert rows[changed - 1][2][0] == cycles[changed - 1].references["number"] < cycles[changed].number
+    assert rows[changed][2][0] >= cycles[changed].number
+
+
 @pytest.mark.parametrize("late", [False, True])
 def test_outgoing_messages_precede_their_cycle_with_its_time(record, tmp_path, late):
     path = tmp_path / "a.mcap"
