@@ -17,6 +17,7 @@ from wbc_controller.walking.feet import Foot
 from wbc_controller.walking.footsteps import Velocity
 from wbc_controller.walking.gait import Phase
 from wbc_controller.walking.goal import Goal
+from wbc_controller.walking.touchdown import LATEST
 
 #: Command forward, sideways and turning, m/s and rad/s.
 COMMANDS = [
@@ -118,17 +119,23 @@ def test_a_fast_robot_stops_within_three_steps():
     assert not simulation.plant.fallen
 
 
-@pytest.mark.parametrize(
-    ("kick", "elapsed"), [(0.5, 0.1), (-0.5, 0.1), (0.5j, 0.1), (-0.5j, 0.1), (0.5j, 0.0), (0.5j, 0.04), (0.7j, 0.1)]
-)
-def test_a_stepping_robot_survives_a_change_of_its_velocity(kick, elapsed):
-    """After a time in the swing of the right foot, which cannot follow an outward change, to the left."""
+def stepping_g1(elapsed):
+    """Return a simulation of G1 that steps in place, after a time in the swing of the right foot, and its walker."""
     simulation = wbc.Simulation("g1")
     walker = simulation.controller.walker
     simulation.controller.walk(0.0)
     while walker.steps < 3 or walker.phase is not Phase.SINGLE:
         simulation.run(0.002)
     simulation.run(elapsed)
+    return simulation, walker
+
+
+@pytest.mark.parametrize(
+    ("kick", "elapsed"), [(0.5, 0.1), (-0.5, 0.1), (0.5j, 0.1), (-0.5j, 0.1), (0.5j, 0.0), (0.5j, 0.04), (0.7j, 0.1)]
+)
+def test_a_stepping_robot_survives_a_change_of_its_velocity(kick, elapsed):
+    """The right foot cannot follow an outward change, to the left."""
+    simulation, walker = stepping_g1(elapsed)
     simulation.plant.data.qvel[:2] += [complex(kick).real, complex(kick).imag]
     simulation.run(2.0)
     start, _ = simulation.plant.state()
@@ -141,12 +148,7 @@ def test_a_stepping_robot_survives_a_change_of_its_velocity(kick, elapsed):
 @pytest.mark.parametrize(("unevenness", "beyond"), [(0.0, True), (0.01, False)])
 def test_trunk_and_arms_help_after_an_outward_push_on_even_ground(unevenness, beyond):
     """The demanded centre of pressure leaves the sole, unless an edge may support it."""
-    simulation = wbc.Simulation("g1")
-    walker = simulation.controller.walker
-    simulation.controller.walk(0.0)
-    while walker.steps < 3 or walker.phase is not Phase.SINGLE:
-        simulation.run(0.002)
-    simulation.run(0.1)
+    simulation, walker = stepping_g1(0.1)
     simulation.plant.data.qvel[1] += 0.5
     walker._unevenness, margins = unevenness, []
     simulation.run(0.06, lambda _: margins.append(walker.plan().margin))
@@ -156,12 +158,8 @@ def test_trunk_and_arms_help_after_an_outward_push_on_even_ground(unevenness, be
 
 def test_a_pushed_robot_keeps_its_knees_bent():
     """A higher centre of mass helps to stop the DCM, but straight legs cannot swing."""
-    simulation = wbc.Simulation("g1")
+    simulation, _ = stepping_g1(0.08)
     controller, plant = simulation.controller, simulation.plant
-    controller.walk(0.0)
-    while controller.walker.steps < 3 or controller.walker.phase is not Phase.SINGLE:
-        simulation.run(0.002)
-    simulation.run(0.08)
     force = -4.5 * controller.model.mass
     plant.push(controller.model.base_link, [force, -force, 0.0, 0.0, 0.0, 0.0], 0.1)
     knees = [controller.model.joints.index(f"{side}_knee_joint") for side in ("left", "right")]
@@ -224,6 +222,17 @@ def test_a_foot_that_stops_in_the_air_has_landed_after_some_rest(monkeypatch):
     assert walker.phase is Phase.SINGLE
     simulation.run(0.01)
     assert walker.phase is Phase.DOUBLE
+
+
+def test_a_late_foot_has_landed_at_any_height(monkeypatch):
+    monkeypatch.setattr("wbc_controller.walking.biped.lands", lambda share, late, *_: late >= LATEST)
+    monkeypatch.setattr("wbc_controller.walking.biped._HIGHER", -1.0)
+    simulation, walker = stepping_g1(0.0)
+    begun = walker._since
+    while walker.phase is Phase.SINGLE:
+        planned = walker._step.landing.time
+        simulation.run(0.002)
+    assert walker._since - begun - planned == pytest.approx(LATEST, abs=0.005)
 
 
 def error_of_the_dcm(reaction):

@@ -22,7 +22,7 @@ from wbc_controller.walking.references_kernels import smooth_step
 from wbc_controller.walking.support_kernels import nearest_in_support
 from wbc_controller.walking.swing_kernels import TOUCHDOWN_SPEED, Landing, at_rest
 from wbc_controller.walking.terrain import FOOTHOLDS, Ground, plane_through
-from wbc_controller.walking.touchdown import lands
+from wbc_controller.walking.touchdown import LATEST, lands
 from wbc_controller.walking.walker import Decision, TaskSets, Walker
 
 #: Feedback gain on the DCM, 1/s.
@@ -374,7 +374,7 @@ class BipedWalker(Walker):
         low = max(swing.item(0, 2), sole.height) - landing.height < _LOW * gait.clearance
         if not lands(share, late, low, swing.item(1, 2), landing.speed, sole.rise, sole.speed, sensor):
             self._moved = cycle.time
-        elif sensor or sole.height - landing.height < _HIGHER or cycle.time - self._moved > _RESTS:
+        elif sensor or late >= LATEST or sole.height - landing.height < _HIGHER or cycle.time - self._moved > _RESTS:
             self._land(step, cycle, late, decision)
         beyond = _BEYOND * self._clearance * max(0.0, 1.0 - self._unevenness / _EDGES)
         return self._corrected(stance.place, cycle, stance.place, stance.place, beyond)
