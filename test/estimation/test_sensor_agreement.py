@@ -130,6 +130,21 @@ def test_no_comparison_without_rigid_motion(legs, monkeypatch):
         assert sensor.check(PERIOD, -5.0 * motion(time), contacts) is None
 
 
+def test_no_comparison_directly_after_a_touchdown(legs, monkeypatch):
+    """In a trot, the landed feet of Go2 roll for 0.04 s, and the legs then measure the opposite turn of the body."""
+    kinematics, _, contacts = standing(legs, "go2")
+    sensor, still = SensorAgreement(kinematics, "the sensor", with_displacements=False), kinematics.positions(contacts)
+    turn = np.array([0.0, 0.0, 0.005])
+
+    def check(step, landed):
+        positions = (still @ pin.exp3(step * turn))[: len(landed)]
+        monkeypatch.setattr(kinematics, "positions", lambda _: positions)
+        return sensor.check(PERIOD, -turn[None], landed)
+
+    assert not any(check(step, contacts if step % 5 < 3 else contacts[:2]) for step in range(100))
+    assert any("as if" in (check(step, contacts) or "") for step in range(100, 150))
+
+
 def test_odometry_with_a_wrong_twist_remains_refused_until_a_restart(legs):
     kinematics, model, contacts = standing(legs, "go2")
     agreement, joints = OdometryAgreement(kinematics), (np.array(model.posture), np.zeros(model.nj))
