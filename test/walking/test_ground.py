@@ -158,3 +158,26 @@ def test_after_a_foothold_at_an_unexpected_height_the_feet_land_faster():
     assert even == pytest.approx([0.1, 0.1], abs=0.02)
     assert first == pytest.approx([0.3, 0.3], abs=0.02)
     assert 0.15 < late[0] < 0.27  # steps on even ground
+
+
+def test_rough_ground_is_remembered():
+    """After an unexpected foothold, the feet rise twice as high, and their touchdown is planned below the ground."""
+    simulation = wbc.Simulation("g1")
+    walker, steps = simulation.controller.walker, {}
+
+    def look(robot):
+        if walker.phase is Phase.SINGLE:
+            landing, swing = walker._step.landing, walker._step.swing
+            steps.setdefault(walker.steps, []).append((landing.roughness, landing.height, swing[0, 2]))
+
+    simulation.controller.walk(0.0)
+    simulation.run(2.0, look)
+    assert walker._roughness == 0.0
+    walker._roughness = 1.0
+    first = walker.steps + 1
+    simulation.run(2.0, look)
+    for number, (roughness, planned, highest) in ((n, np.max(rows, axis=0)) for n, rows in steps.items() if n > first):
+        assert roughness == pytest.approx(0.97 ** (number - first + 1))
+        assert planned == pytest.approx(-0.015 * roughness, abs=1e-3)
+        assert 0.75 < (highest - planned) / ((1.0 + roughness) * walker.gait.clearance) < 1.05
+    assert max(steps) > first + 2

@@ -180,6 +180,22 @@ def test_a_foot_lands_at_its_target_at_rest(change):
     assert max(heights) == pytest.approx(landing.height + GAIT.clearance, abs=2e-3)
 
 
+def test_a_foot_rises_and_descends_beside_stones_on_rough_ground():
+    foot, landing, dt = at_rest(0.1j, 0.0, 0.0), Landing(0.3 + 0.12j, 0.01, 0.2, 0.5, 0.3, roughness=1.0), 0.001
+    feet = []
+    for i in range(500):
+        foot = moved(foot, landing, GAIT.clearance, i * dt, dt)
+        feet.append(foot)
+    rising = feet[99][0]
+    assert rising[[0, 1, 3]].tolist() == [0.0, 0.1, 0.0]
+    assert rising[2] > 0.5 * GAIT.clearance
+    assert max(foot[0, 2] for foot in feet) == pytest.approx(landing.height + 2.0 * GAIT.clearance, abs=3e-3)
+    descending = next(foot for foot in feet[225:] if foot[0, 2] < landing.height + 0.04)
+    assert descending[0, :2] == pytest.approx([0.3, 0.12], abs=0.01)
+    assert feet[-1][0] == pytest.approx([0.3, 0.12, 0.01, 0.2], abs=1e-3)
+    assert feet[-1][1, 2] == pytest.approx(-0.3, abs=2e-3)
+
+
 def test_the_push_of_a_swing_is_the_integral_of_its_acceleration():
     """A foot that starts at rest pushes the DCM forward: its acceleration grows longer than its deceleration."""
     omega, feet = 3.8, [at_rest(0.1j, 0.0, 0.0)]

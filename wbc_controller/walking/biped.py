@@ -41,6 +41,12 @@ _HIGHER, _RESTS = 0.01, 0.02
 _KEPT = 0.8
 #: Additional touchdown speed per unevenness, 1/s, and largest speed, m/s: a slow foot lands late on lower ground.
 _FASTER, _FASTEST = 20.0, 0.3
+#: Largest error of a height on even ground, and least one on rough ground, m, and share of the roughness kept from one
+#: foothold to the next: stones of the next steps are as high as those of the last ones.
+_EVEN, _ROUGH, _REMEMBERED = 0.003, 0.007, 0.97
+#: Distance of the planned touchdown below rough ground, m: the centre of pressure can wait after an early touchdown,
+#: but the DCM moves away while a foot is late.
+_BELOW = 0.015
 #: Distance beyond the side of the stance foot to which the demanded centre of pressure may move, m per m of height:
 #: the angular momentum of trunk and arms replaces the missing moment. None of it on ground of this unevenness, m, where
 #: an edge may support the sole.
@@ -94,8 +100,8 @@ class BipedWalker(Walker):
     STATE_FIELDS = (
         "phase", "command", "goal", "footsteps", "leaving", "velocity", "steps", "_until", "_since", "_last", "_stance",
         "_clearance", "_height", "_heading", "_begun", "_orientations", "_step", "_lifted", "_blend", "_dcm_wanted",
-        "_touchdown", "_moved", "_stopping", "_references", "_footholds", "_unevenness", "_early", "_double_support",
-        "_captured", "watched", "fall",
+        "_touchdown", "_moved", "_stopping", "_references", "_footholds", "_unevenness", "_roughness", "_early",
+        "_double_support", "_captured", "watched", "fall",
     )  # fmt: skip
 
     def __init__(self, gait: Gait, left: Foot, right: Foot, tasks: TaskSets, gravity: float, lag: float = 0.0) -> None:
@@ -119,6 +125,7 @@ class BipedWalker(Walker):
         self._early = self._double_support = 0.0  # time until the planned touchdown, and until lift-off after it, s
         self._footholds: tuple[Ground, ...] = ()  # newest first
         self._unevenness = 0.0  # largest error of the expected heights of the last footholds, m
+        self._roughness = 0.0  # of the ground, from 0 (even) to 1
         self._captured = math.inf  # last time at which no fall was predicted, s
         self._latest: tuple[_Cycle, complex] | None = None  # last cycle and its centre of pressure, for `plan`
 
@@ -327,10 +334,11 @@ class BipedWalker(Walker):
             nominal=nominal,
             landing=Landing(
                 nominal.place,
-                ground.height_at(nominal.place),
+                ground.height_at(nominal.place) - _BELOW * self._roughness,
                 nominal.heading,
                 self.gait.single,
                 min(TOUCHDOWN_SPEED + _FASTER * self._unevenness, _FASTEST),
+                self._roughness,
             ),
             swing=at_rest(foot.place, foot.height, foot.heading),
             acceleration=0j,
@@ -356,7 +364,8 @@ class BipedWalker(Walker):
             heading += math.remainder(nominal.heading - heading, math.tau)
             # The ground has sunk since lift-off, also by drift of the estimate.
             sunk = cycle.soles[self._stance].height - self._footholds[0].height
-            landing = Landing(place, step.ground.height_at(place) + sunk, heading, duration, landing.speed)
+            height = step.ground.height_at(place) + sunk - _BELOW * landing.roughness
+            landing = Landing(place, height, heading, duration, landing.speed, landing.roughness)
         else:
             left = max(landing.time - elapsed, 0.0)
             wanted = dcm_towards(nominal.place, nominal.offset, stance.place, stance.omega, gait.reaction, swing, left)
@@ -371,7 +380,8 @@ class BipedWalker(Walker):
         share, late = elapsed / landing.time, elapsed - landing.time
         sensor = self._sensor(foot.contact, cycle.touching) if cycle.touching else None
         sole = cycle.soles[-self._stance]
-        low = max(swing.item(0, 2), sole.height) - landing.height < _LOW * gait.clearance
+        highest = _LOW * (1.0 + landing.roughness) * gait.clearance
+        low = max(swing.item(0, 2), sole.height) - landing.height < highest
         if not lands(share, late, low, swing.item(1, 2), landing.speed, sole.rise, sole.speed, sensor):
             self._moved = cycle.time
         elif sensor or late >= LATEST or sole.height - landing.height < _HIGHER or cycle.time - self._moved > _RESTS:
@@ -387,7 +397,10 @@ class BipedWalker(Walker):
         double support is the shortest one.
         """
         foot, sole = self._feet[-self._stance], cycle.soles[-self._stance]
-        self._unevenness = max(abs(sole.height - step.landing.height), _KEPT * self._unevenness)
+        unexpected = abs(sole.height - step.landing.height - _BELOW * step.landing.roughness)
+        self._unevenness = max(unexpected, _KEPT * self._unevenness)
+        rough = max(0.0, min((unexpected - _EVEN) / (_ROUGH - _EVEN), 1.0))
+        self._roughness = max(rough, _REMEMBERED * self._roughness)
         decision.changes.append(EnableContact(foot.contact, True, 0.0))
         self._references[foot.task] = foot.at_rest(cycle.dynamics)
         self.phase, self._since, self.steps = Phase.DOUBLE, cycle.time, self.steps + 1

@@ -83,8 +83,8 @@ class Foot:
         """
         motion, out = np.empty((3, 4)), np.empty(19)
         acceleration = move_sole(
-            swing, landing.place, landing.height, landing.heading, landing.time, landing.speed, clearance, elapsed, dt,
-            DESCENT, lag, slope, self.frame_in_sole, motion, out,
+            swing, landing.place, landing.height, landing.heading, landing.time, landing.speed, landing.roughness,
+            clearance, elapsed, dt, DESCENT, lag, slope, self.frame_in_sole, motion, out,
         )  # fmt: skip
         return motion, acceleration, Reference(out[:7], out[7:13], out[13:])
 

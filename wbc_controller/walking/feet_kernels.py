@@ -97,19 +97,19 @@ def _put_frame(out: Array, motion: Array, slope: complex, mount: Array) -> None:
 
 @compiled
 def move_sole(
-    sole: Matrix, place: complex, height: float, heading: float, duration: float, speed: float, clearance: float,
-    elapsed: float, dt: float, descent: float, lag: float, slope: complex, mount: Vector, motion: OutMatrix,
-    out: OutVector,
+    sole: Matrix, place: complex, height: float, heading: float, duration: float, speed: float, roughness: float,
+    clearance: float, elapsed: float, dt: float, descent: float, lag: float, slope: complex, mount: Vector,
+    motion: OutMatrix, out: OutVector,
 ) -> complex:  # fmt: skip
     """Write the motion of a sole after one cycle, and the reference of its frame; see `Foot.swung`."""
     if sole.shape != (3, 4) or motion.shape != (3, 4) or len(mount) != 12 or len(out) != 19:
         raise ValueError("move_sole: wrong sizes")
     if dt > 0.0:
-        move_foot(sole, place, height, heading, duration, speed, clearance, elapsed, dt, descent, motion)
+        move_foot(sole, place, height, heading, duration, speed, roughness, clearance, elapsed, dt, descent, motion)
     else:
         motion[:] = sole
     ahead = np.empty((3, 4))
-    move_foot(motion, place, height, heading, duration, speed, clearance, elapsed + dt, lag, descent, ahead)
+    move_foot(motion, place, height, heading, duration, speed, roughness, clearance, elapsed + dt, lag, descent, ahead)
     ahead[:2] = motion[:2]
     _put_frame(out, ahead, slope, mount)
     return complex(ahead[2, 0], ahead[2, 1])

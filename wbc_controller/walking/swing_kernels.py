@@ -26,6 +26,9 @@ _LATE_ACCELERATION, LATE_SPEED = 10.0, 0.5
 DESCENT = 0.06
 #: Shortest remaining time of a new plan, s.
 _SHORTEST = 0.0005
+#: Shares of the step on rough ground in which the foot only rises and only descends, beside the edges of stones, and
+#: shortest remaining time of a plan for the end of the horizontal motion, s.
+_RISING, _DESCENDING, _ENDING = 0.2, 0.15, 0.05
 
 
 @dataclass(slots=True)  # not frozen: faster construction
@@ -37,6 +40,7 @@ class Landing:
     heading: float  # of the foot, rad; less than half a turn away from the present one; 0 for a point foot
     time: float  # T, after lift-off, s
     speed: float = TOUCHDOWN_SPEED  # downwards, m/s
+    roughness: float = 0.0  # of the ground, from 0 (even) to 1
 
 
 def at_rest(place: complex, height: float, heading: float) -> Array:
@@ -78,20 +82,27 @@ def move_axis(x: float, v: float, a: float, goal: float, speed: float, left: flo
 
 @compiled
 def move_foot(
-    foot: Matrix, place: complex, height: float, heading: float, duration: float, speed: float, clearance: float,
-    elapsed: float, dt: float, descent: float, out: OutMatrix,
+    foot: Matrix, place: complex, height: float, heading: float, duration: float, speed: float, roughness: float,
+    clearance: float, elapsed: float, dt: float, descent: float, out: OutMatrix,
 ) -> None:  # fmt: skip
-    """Write the motion after one cycle to a touchdown; arguments of `moved`."""
+    """Write the motion after one cycle to a touchdown; arguments of `moved`.
+
+    On rough ground the foot rises before it moves horizontally, rises twice as high, and ends the horizontal motion
+    before the touchdown.
+    """
     if foot.shape != (3, 4) or out.shape != (3, 4):
         raise ValueError("move_foot: wrong sizes")
     left, top = duration - elapsed, APEX * duration
+    ending = min(left, max(left - _DESCENDING * roughness * duration, _ENDING))
     goals = (place.real, place.imag, height, heading)
     for i in range(4):
         x, v, a = foot[0, i], foot[1, i], foot[2, i]
-        if i != 2:
-            moved = move_axis(x, v, a, goals[i], 0.0, left, dt)
+        if i != 2 and elapsed < _RISING * roughness * duration:
+            moved = (x, 0.0, 0.0)
+        elif i != 2:
+            moved = move_axis(x, v, a, goals[i], 0.0, ending, dt)
         elif top - elapsed > descent:
-            moved = move_axis(x, v, a, height + clearance, 0.0, top - elapsed, dt)
+            moved = move_axis(x, v, a, height + (1.0 + roughness) * clearance, 0.0, top - elapsed, dt)
         elif left > _SHORTEST:
             moved = move_axis(x, v, a, height, -speed, left, dt)
         else:
@@ -112,7 +123,9 @@ def moved(
     """
     place, height, heading, time = landing.place, landing.height, landing.heading, landing.time
     out = np.empty((3, 4))
-    move_foot(foot, place, height, heading, time, landing.speed, clearance, elapsed, dt, descent, out)
+    move_foot(
+        foot, place, height, heading, time, landing.speed, landing.roughness, clearance, elapsed, dt, descent, out
+    )
     return out
 
 
