@@ -17,6 +17,7 @@ from wbc_controller.walking.feet import Foot
 from wbc_controller.walking.gait import Phase
 from wbc_controller.walking.swing_kernels import Landing, at_rest
 from wbc_controller.walking.terrain import Ground, plane_through
+from wbc_controller.walking.walker import Decision
 
 SLOPES = st.complex_numbers(max_magnitude=0.2, allow_nan=False)
 PLACES = [0.6 + 0.1j, 0.3 - 0.1j, 0.0 + 0.1j, -0.3 - 0.1j]
@@ -181,3 +182,18 @@ def test_rough_ground_is_remembered():
         assert planned == pytest.approx(-0.015 * roughness, abs=1e-3)
         assert 0.75 < (highest - planned) / ((1.0 + roughness) * walker.gait.clearance) < 1.05
     assert max(steps) > first + 2
+
+
+@pytest.mark.parametrize(("duration", "roughness"), [(1.0, 1.0), (0.6, 0.0)])
+def test_fast_steps_do_not_measure_the_roughness(duration, roughness):
+    """After a push, a fast foot of G1 landed tilted, 7 mm too high; with high steps on even ground the robot fell."""
+    simulation = wbc.Simulation("g1")
+    walker = simulation.controller.walker
+    simulation.controller.walk(0.0)
+    simulation.run(1.0)
+    assert walker.phase is Phase.SINGLE
+    step, cycle = walker._step, walker._latest[0]
+    height, time = cycle.soles[-walker._stance].height - 0.01, duration * walker.gait.single
+    walker._land(replace(step, landing=replace(step.landing, height=height, time=time)), cycle, 0.0, Decision([], {}))
+    assert walker._roughness == roughness
+    assert walker._unevenness == pytest.approx(0.01)

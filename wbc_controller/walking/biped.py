@@ -44,6 +44,8 @@ _FASTER, _FASTEST = 20.0, 0.3
 #: Largest error of a height on even ground, and least one on rough ground, m, and share of the roughness kept from one
 #: foothold to the next: stones of the next steps are as high as those of the last ones.
 _EVEN, _ROUGH, _REMEMBERED = 0.003, 0.007, 0.97
+#: Least duration of a step that measures the roughness, as a share of the nominal one: faster feet land tilted.
+_MEASURES = 0.75
 #: Distance of the planned touchdown below rough ground, m: the centre of pressure can wait after an early touchdown,
 #: but the DCM moves away while a foot is late.
 _BELOW = 0.015
@@ -399,8 +401,9 @@ class BipedWalker(Walker):
         foot, sole = self._feet[-self._stance], cycle.soles[-self._stance]
         unexpected = abs(sole.height - step.landing.height - _BELOW * step.landing.roughness)
         self._unevenness = max(unexpected, _KEPT * self._unevenness)
-        rough = max(0.0, min((unexpected - _EVEN) / (_ROUGH - _EVEN), 1.0))
-        self._roughness = max(rough, _REMEMBERED * self._roughness)
+        if step.landing.time > _MEASURES * self.gait.single:
+            rough = max(0.0, min((unexpected - _EVEN) / (_ROUGH - _EVEN), 1.0))
+            self._roughness = max(rough, _REMEMBERED * self._roughness)
         decision.changes.append(EnableContact(foot.contact, True, 0.0))
         self._references[foot.task] = foot.at_rest(cycle.dynamics)
         self.phase, self._since, self.steps = Phase.DOUBLE, cycle.time, self.steps + 1
