@@ -35,7 +35,7 @@ _FREEZE = 0.05
 _ON_TIME, _SHORTEST_DOUBLE = 0.03, 0.02
 #: Height of the foot and its reference below which a touchdown counts, as a share of the clearance.
 _LOW = 0.5
-#: Height above the expected ground, m, from which a foot must rest for a time, s: limited torques stop it in the air.
+#: Height above the planned touchdown, m, from which a foot must rest for a time, s: limited torques stop it in the air.
 _HIGHER, _RESTS = 0.01, 0.02
 #: Share of the unevenness kept from one foothold to the next.
 _KEPT = 0.8

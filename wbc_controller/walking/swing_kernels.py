@@ -88,7 +88,7 @@ def move_foot(
     """Write the motion after one cycle to a touchdown; arguments of `moved`.
 
     On rough ground the foot rises before it moves horizontally, rises twice as high, and ends the horizontal motion
-    before the touchdown.
+    before the touchdown. `integrate_foot` and the adaptation neglect this.
     """
     if foot.shape != (3, 4) or out.shape != (3, 4):
         raise ValueError("move_foot: wrong sizes")
