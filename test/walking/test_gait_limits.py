@@ -124,6 +124,7 @@ def test_the_gait_of_romeo_keeps_its_ankles_in_range():
     gait, lift = limits.gait, limits.legs[0].leg.lift(0.1)
     assert lift == pytest.approx(0.037, abs=0.003)
     assert gait.lowering + gait.clearance == pytest.approx(0.8 * lift, rel=0.02)
+    assert gait.lowering + gait.rough_clearance == pytest.approx(0.9 * lift, rel=0.02)
     simulation = wbc.Simulation(draft.settings)
     simulation.controller.walk(0.0, gait.speed[1])
     simulation.run(4.0)

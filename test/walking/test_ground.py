@@ -180,8 +180,9 @@ def test_rough_ground_is_remembered():
     for number, (roughness, planned, highest) in ((n, np.max(rows, axis=0)) for n, rows in steps.items() if n > first):
         assert roughness == pytest.approx(0.97 ** (number - first + 1))
         assert planned == pytest.approx(-0.015 * roughness, abs=1e-3)
-        assert 0.75 < (highest - planned) / ((1.0 + roughness) * walker.gait.clearance) < 1.05
+        assert 0.75 < (highest - planned) / walker.gait.clearance_on(roughness) < 1.05
     assert max(steps) > first + 2
+    assert walker.gait.rough_clearance == 2.0 * walker.gait.clearance
 
 
 @pytest.mark.parametrize(("duration", "roughness"), [(1.0, 1.0), (0.6, 0.0)])

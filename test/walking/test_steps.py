@@ -29,8 +29,8 @@ from wbc_controller.walking.swing_kernels import LATE_SPEED, TOUCHDOWN_SPEED, La
 from wbc_controller.walking.touchdown import LATEST, lands, rebounds
 
 GAIT = Gait(
-    single=0.5, double=0.1, shift=0.8, height=0.7, lowering=0.02, clearance=0.05, width=0.2, least_width=0.14,
-    length=0.45, greatest_width=0.55, reaction=0.08, braking=4.0, speed=(0.5, 0.2, 0.5),
+    single=0.5, double=0.1, shift=0.8, height=0.7, lowering=0.02, clearance=0.05, rough_clearance=0.1,
+    width=0.2, least_width=0.14, length=0.45, greatest_width=0.55, reaction=0.08, braking=4.0, speed=(0.5, 0.2, 0.5),
 )  # fmt: skip
 DT = 0.002
 
@@ -184,12 +184,12 @@ def test_a_foot_rises_and_descends_beside_stones_on_rough_ground():
     foot, landing, dt = at_rest(0.1j, 0.0, 0.0), Landing(0.3 + 0.12j, 0.01, 0.2, 0.5, 0.3, roughness=1.0), 0.001
     feet = []
     for i in range(500):
-        foot = moved(foot, landing, GAIT.clearance, i * dt, dt)
+        foot = moved(foot, landing, GAIT.rough_clearance, i * dt, dt)
         feet.append(foot)
     rising = feet[99][0]
     assert rising[[0, 1, 3]].tolist() == [0.0, 0.1, 0.0]
     assert rising[2] > 0.5 * GAIT.clearance
-    assert max(foot[0, 2] for foot in feet) == pytest.approx(landing.height + 2.0 * GAIT.clearance, abs=3e-3)
+    assert max(foot[0, 2] for foot in feet) == pytest.approx(landing.height + GAIT.rough_clearance, abs=3e-3)
     descending = next(foot for foot in feet[225:] if foot[0, 2] < landing.height + 0.04)
     assert descending[0, :2] == pytest.approx([0.3, 0.12], abs=0.01)
     assert feet[-1][0] == pytest.approx([0.3, 0.12, 0.01, 0.2], abs=1e-3)

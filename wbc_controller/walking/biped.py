@@ -170,12 +170,14 @@ class BipedWalker(Walker):
         if self.phase is Phase.STAND or self._latest is None:
             return None
         (cycle, pressure), feet, swings = self._latest, list(self._feet.values()), {}
+        clearance = self.gait.clearance
         if self.phase is Phase.SINGLE and self._step is not None:
             feet, swing = [self._feet[self._stance]], self._feet[-self._stance]
             swings = {swing.contact: (self._step.swing, self._step.landing)}
+            clearance = self.gait.clearance_on(self._step.landing.roughness)
         edge = margin(pressure, [point for foot in feet for point in foot.corners(cycle.dynamics)])
         elapsed = cycle.time - self._since
-        return WalkingPlan.of(self.phase, cycle.dcm, self._dcm_wanted, swings, self.gait.clearance, elapsed, edge)
+        return WalkingPlan.of(self.phase, cycle.dcm, self._dcm_wanted, swings, clearance, elapsed, edge)
 
     def update(
         self, time: float, dynamics: Dynamics, orientations: Mapping[str, Array], touching: Mapping[str, bool]
@@ -375,15 +377,15 @@ class BipedWalker(Walker):
         self._dcm_wanted = wanted + self._blend * (1.0 - share)
         if dt > 0.0:
             slope += (step.ground.slope - slope) * min(1.0, dt / _LEVELLING)
+        clearance = gait.clearance_on(landing.roughness)
         swing, acceleration, self._references[foot.task] = foot.swung(
-            swing, landing, slope, gait.clearance, elapsed - dt, dt, self._lag
+            swing, landing, slope, clearance, elapsed - dt, dt, self._lag
         )
         self._step = step = Step(stance, nominal, landing, swing, acceleration, step.ground, slope, step.planned)
         share, late = elapsed / landing.time, elapsed - landing.time
         sensor = self._sensor(foot.contact, cycle.touching) if cycle.touching else None
         sole = cycle.soles[-self._stance]
-        highest = _LOW * (1.0 + landing.roughness) * gait.clearance
-        low = max(swing.item(0, 2), sole.height) - landing.height < highest
+        low = max(swing.item(0, 2), sole.height) - landing.height < _LOW * clearance
         if not lands(share, late, low, swing.item(1, 2), landing.speed, sole.rise, sole.speed, sensor):
             self._moved = cycle.time
         elif sensor or late >= LATEST or sole.height - landing.height < _HIGHER or cycle.time - self._moved > _RESTS:

@@ -36,6 +36,7 @@ class Gait(SpeedLimits):
     height: float  # of the centre of mass above the ground in the nominal posture, m
     lowering: float  # of the centre of mass from this height while walking, m: long steps need bent knees
     clearance: float  # height of the swing foot above the ground, m
+    rough_clearance: float  # the same on rough ground, m
     width: float  # nominal distance between the feet, m
     least_width: float  # smallest distance between the feet, m
     length: float  # longest step forward or backward, m
@@ -46,6 +47,10 @@ class Gait(SpeedLimits):
     def __post_init__(self) -> None:
         sizes = StepSizes(**{name: getattr(self, name) for name in StepSizes.__annotations__})
         object.__setattr__(self, "sizes", sizes)
+
+    def clearance_on(self, roughness: float) -> float:
+        """Return the height of the swing foot above ground of a roughness from 0 (even) to 1, m."""
+        return self.clearance + roughness * (self.rough_clearance - self.clearance)
 
     @property
     def step_time(self) -> float:

@@ -87,8 +87,8 @@ def move_foot(
 ) -> None:  # fmt: skip
     """Write the motion after one cycle to a touchdown; arguments of `moved`.
 
-    On rough ground the foot rises before it moves horizontally, rises twice as high, and ends the horizontal motion
-    before the touchdown. `integrate_foot` and the adaptation neglect this.
+    On rough ground the foot rises before it moves horizontally, and ends the horizontal motion before the touchdown.
+    `integrate_foot` and the adaptation neglect this.
     """
     if foot.shape != (3, 4) or out.shape != (3, 4):
         raise ValueError("move_foot: wrong sizes")
@@ -102,7 +102,7 @@ def move_foot(
         elif i != 2:
             moved = move_axis(x, v, a, goals[i], 0.0, ending, dt)
         elif top - elapsed > descent:
-            moved = move_axis(x, v, a, height + (1.0 + roughness) * clearance, 0.0, top - elapsed, dt)
+            moved = move_axis(x, v, a, height + clearance, 0.0, top - elapsed, dt)
         elif left > _SHORTEST:
             moved = move_axis(x, v, a, height, -speed, left, dt)
         else:

@@ -35,7 +35,7 @@ from wbc_controller.walking.walker import TaskSets, Walker
 DCM, LEFT, RIGHT = "walking_dcm", "walking_left_foot", "walking_right_foot"
 
 #: Highest lift of a sole in the search, as a share of the height of the centre of mass.
-_HIGHEST_LIFT = 0.15
+_HIGHEST_LIFT = 0.25
 
 
 def make_walking_tasks(settings: Settings, model: RobotModel) -> list[Task]:
@@ -129,7 +129,7 @@ def _foot(name: str, task: str, contact: SurfaceContact, dynamics: Dynamics) -> 
 def make_gait(settings: Settings, left: Foot, right: Foot, qp: WholeBodyQP) -> BipedLimits:
     """Make the gait with its limits; its defaults follow from the robot in its nominal posture.
 
-    The lowering and the clearance are smaller if the flat feet cannot be raised as far, and the speeds if they are not
+    The lowering and the clearances are smaller if the flat feet cannot be raised as far, and the speeds if they are not
     feasible.
     """
     walking, limits = settings.walking or WalkingSettings(), settings.limits
@@ -144,13 +144,16 @@ def make_gait(settings: Settings, left: Foot, right: Foot, qp: WholeBodyQP) -> B
     ]
     lift = min(each.leg.lift(_HIGHEST_LIFT * z) for each in legs)
     pace = math.sqrt(gravity * z)
+    lowering = value_or(walking.lowering, min(0.03 * z, 0.2 * lift))
+    clearance = value_or(walking.clearance, min(0.07 * z, 0.6 * lift))
     gait = Gait(
         single=value_or(walking.single_support, 1.5 * math.sqrt(z / gravity)),
         double=value_or(walking.double_support, 0.05),
         shift=0.8,
         height=z,
-        lowering=value_or(walking.lowering, min(0.03 * z, 0.2 * lift)),
-        clearance=value_or(walking.clearance, min(0.07 * z, 0.6 * lift)),
+        lowering=lowering,
+        clearance=clearance,
+        rough_clearance=max(clearance, min(2.0 * clearance, 0.9 * lift - lowering)),
         width=value_or(walking.width, 0.85 * apart),
         least_width=value_or(walking.least_width, max(0.4 * apart, sole + 0.03)),
         length=value_or(walking.max_step_length, 0.65 * z),
