@@ -3,6 +3,7 @@
 import ast
 import sys
 from fnmatch import fnmatch
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -31,6 +32,7 @@ def imports_of(path: Path, module: str) -> set[str]:
     return found
 
 
+@cache
 def walk(sources: Path) -> dict[str, set[str]]:
     """Return the imports of all files below a folder, by relative path."""
     found = {}
@@ -160,34 +162,22 @@ ROBOT, TASKS = "inverse_dynamics/robot/planted.py", "inverse_dynamics/tasks/plan
 @pytest.mark.parametrize(
     ("file", "line"),
     [
-        (ROBOT, "import time"),
         (ROBOT, "from time import monotonic"),
         (TASKS, "def f():\n    import datetime"),
-        (ROBOT, "import yaml"),
         (ROBOT, "from rosbags.typesys import Stores"),
-        ("inverse_dynamics/formulation/planted.py", "import osqp"),
         (TASKS, "from wbc_controller import settings"),
         (ROBOT, "from ... import nodes"),
         (ROBOT, "from ...safety.supervisor import Supervisor"),
         (TASKS, "import importlib\nimportlib.import_module('mujoco')"),
         (TASKS, "from wbc_controller.inverse_dynamics.formulation.layout import Layout"),
-        (ROBOT, "from wbc_controller.inverse_dynamics.tasks import Task"),
-        (ROBOT, "if True:\n    from wbc_controller import nodes"),
         ("controller/build/planted.py", "import mujoco"),
         ("controller/planted.py", "from wbc_controller.nodes.loop import ControlLoop"),
-        ("controller/planted.py", "from wbc_controller.middleware.codec import encode"),
-        ("controller/planted.py", "import plotly"),
         ("apps/demo/planted.py", "import mujoco as mj"),
-        ("recording/planted.py", "from wbc_controller.simulation.plant import Plant"),
         ("middleware/transports/memory.py", "import cyclonedds"),
-        ("middleware/transports/dds.py", "import rclpy"),
         ("node.py", "import rclpy"),
-        ("nodes/planted.py", "from rclpy.node import Node"),
         ("records.py", "import pinocchio"),
         ("records.py", "from wbc_controller.errors import WbcError"),
-        ("mechanics/planted.py", "from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics"),
         ("safety/planted.py", "from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP"),
-        ("simulation/bridges/planted.py", "from wbc_controller.nodes.loop import ControlLoop"),
         ("__init__.py", "from wbc_controller.nodes.loop import ControlLoop"),
         ("planted.py", "import math"),
         ("inverse_dynamics/planted.py", "import math"),
@@ -200,27 +190,3 @@ def test_a_violation_is_found(tmp_path, file, line):
     found = violations(walk(tmp_path))
     assert found
     assert all(sentence.startswith(f"{file} imports ") for sentence in found)
-
-
-@pytest.mark.parametrize(
-    ("file", "line"),
-    [
-        ("simulation/planted.py", "import mujoco"),
-        ("middleware/transports/dds_planted.py", "from cyclonedds.domain import Domain"),
-        ("nodes/ros2/planted.py", "import rclpy"),
-        (
-            ROBOT,
-            "from wbc_controller.inverse_dynamics.arrays import as_slice\nfrom wbc_controller.records import Array",
-        ),
-        (ROBOT, "from . import model\nimport math"),
-        ("safety/planted.py", "from wbc_controller.inverse_dynamics.robot.model import RobotModel"),
-        ("records.py", "import numpy.typing as npt\nfrom dataclasses import dataclass"),
-        ("apps/demo/planted.py", "from wbc_controller.simulation.plant import Plant\nimport time"),
-        ("__init__.py", "from wbc_controller.controller.controller import Controller"),
-    ],
-)
-def test_allowed_imports_pass(tmp_path, file, line):
-    planted = tmp_path / file
-    planted.parent.mkdir(parents=True, exist_ok=True)
-    planted.write_text(f"{line}\n", encoding="utf-8")
-    assert violations(walk(tmp_path)) == []
