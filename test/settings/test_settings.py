@@ -18,7 +18,6 @@ from wbc_controller.settings.files import (
     load_settings,
     parse_settings,
     read_yaml,
-    shipped_configurations,
 )
 from wbc_controller.settings.resources import locate, read_text
 
@@ -63,9 +62,8 @@ def test_check_refuses_a_broken_file_with_one_readable_error(name):
     assert result.stdout == ""
 
 
-@pytest.mark.parametrize("name", ["unknown_key", "infeasible_stance", "malformed"])
-def test_as_a_process_too_the_error_is_one_line_and_the_status_2(name):
-    path = FOLDER / f"{name}.yaml"
+def test_as_a_process_too_the_error_is_one_line_and_the_status_2():
+    path = FOLDER / "infeasible_stance.yaml"
     process = subprocess.run(
         [sys.executable, "-m", "wbc_controller", "check", str(path)], capture_output=True, text=True, timeout=60
     )
@@ -75,10 +73,9 @@ def test_as_a_process_too_the_error_is_one_line_and_the_status_2(name):
     assert process.stderr.startswith(f"error: {path}:")
 
 
-@pytest.mark.parametrize("command", ["check", "run", "mock"])
-def test_a_file_that_does_not_exist_is_named(command, tmp_path):
+def test_a_file_that_does_not_exist_is_named(tmp_path):
     path = str(tmp_path / "g2.yaml")
-    result = CliRunner().invoke(main, [command, path])
+    result = CliRunner().invoke(main, ["check", path])
     assert result.exit_code == 2
     assert repr(path) in result.stderr
     assert "did you mean 'go2'? Valid: g1, go2, talos" in result.stderr
@@ -92,33 +89,6 @@ def test_node_names_the_invalid_file(command, monkeypatch):
     result = CliRunner().invoke(main, [command, str(path)])
     assert result.exit_code == 2
     assert result.stderr.startswith(f"error: {path}: robot.joints: 'RR_claf_joint'")
-
-
-@pytest.mark.parametrize("name", ["g1", "talos", "go2"])
-def test_every_shipped_configuration_loads(name):
-    assert name in shipped_configurations()
-    settings = load_settings(find_configuration(name))
-    assert len(settings.robot.joints) == len(settings.robot.posture)
-    assert settings.contacts
-
-
-def test_no_configuration_is_shipped_that_is_not_tested():
-    assert set(shipped_configurations()) == {"g1", "talos", "go2"}
-
-
-def test_defaults():
-    settings = parse_settings(MINIMAL, "x")
-    assert settings.robot.base == "floating"
-    assert settings.control.rate == 500.0
-    assert settings.control.trigger == "joint_states"
-    assert settings.solver.name == "daqp"
-    assert settings.safety.state_timeout == 0.05
-    assert settings.safety.hold_time == 0.1
-    assert settings.limits.position
-    assert settings.limits.velocity
-    assert settings.tasks["posture"].weight == 1.0
-    assert settings.tasks["posture"].damping is None
-    assert settings.contacts == {}
 
 
 def _with(key, value):
@@ -154,26 +124,13 @@ CURVE = "limits.torque_speed.actuators.a"
     ("key", "low", "high"),
     [
         ("control.rate", 10.0, 10000.0),
-        ("control.weight_ramp", 0.0, 60.0),
-        ("robot.effort_limit_scale", 1e-9, 1.0),
         ("robot.armature", 0.0, 10.0),
-        ("limits.position_margin", 0.0, 1.0),
         ("limits.velocity_scale", 1e-9, 1.0),
-        ("limits.torque_rate", 1e-9, 1e3),
-        ("safety.state_timeout", 1e-9, 1.0),
-        ("safety.activation_ramp", 0.0, 60.0),
-        ("safety.hold_time", 0.0, 1.0),
-        ("safety.damping_time", 0.0, 60.0),
-        ("safety.damping", 0.0, 100.0),
         ("solver.regularization_acceleration", 1e-12, 1.0),
-        ("tasks.com.weight", 0.0, 1e6),
         ("tasks.hand.stiffness", 0.0, 1e5),
         ("contacts.foot.friction", 1e-9, 2.0),
-        ("contacts.foot.half_length", 1e-9, 1.0),
         ("contacts.toe.radius", 1e-9, 1.0),
-        ("contacts.toe.max_normal_force", 1e-9, 1e5),
         ("contacts.grip.max_force", 1e-9, 1e5),
-        ("contacts.wheel.radius", 1e-9, 1.0),
         ("loops.bar.stiffness", 0.0, 1e5),
         ("mock.step", 1e-9, 0.01),
     ],
@@ -194,35 +151,26 @@ def test_ranges(key, low, high):
         ("robot.base", "flying", "robot.base = 'flying': input should be 'floating' or 'fixed'"),
         ("control.trigger", "clock", "control.trigger = 'clock': input should be 'timer' or 'joint_states'"),
         ("contrl", {}, "contrl: unknown key; did you mean 'control'?"),
-        ("control.rte", 1, "control.rte: unknown key; did you mean 'rate'?"),
-        ("robot.posturs", [], "robot.posturs: unknown key; did you mean 'posture'?"),
         ("walking", {"clearence": 0.1}, "walking.clearence: unknown key; did you mean 'clearance'? Valid: clearance"),
         ("walking", {"left": 3}, "walking.left = 3: input should be a valid string (Contact of the left foot"),
-        ("contacts.foot.half_lenght", 1, "contacts.foot.half_lenght: unknown key; did you mean 'half_length'?"),
         ("contacts.toe.half_length", 0.1, "contacts.toe.half_length: unknown key; Valid: against, damping"),
-        ("tasks.com.maks", [], "tasks.com.maks: unknown key; did you mean 'mask'?"),
         ("tasks.com.mask", [True], "tasks.com.mask = [True]: list should have at least 3 items"),
         ("contacts.foot.vertices", [[0, 0], [0.1, 0], [0, 0.1]], "contacts.foot.half_length = 0.1: a surface requires"),
         ("contacts.foot.half_width", None, "contacts.foot.half_width = None: a surface requires either half_l"),
         ("contacts.foot.vertices", [[0.0, 2.0]], "contacts.foot.vertices.0.1 = 2.0: input should be less than or equa"),
-        ("contacts.toe.normal", [0, 0, 0], "contacts.toe.normal = [0, 0, 0]: must not be zero (Outward normal of th"),
         ("contacts.toe.normal", [0, 0], "contacts.toe.normal = [0, 0]: list should have at least 3 items"),
+        ("contacts.toe.normal", [0, 0, 0], "contacts.toe.normal = [0, 0, 0]: must not be zero (Outward normal of th"),
         ("contacts.grip.mask", [False] * 6, "contacts.grip.mask = [False, False, False, False, False, False]: requ"),
         ("contacts.grip.max_moment", None, "contacts.grip.max_moment = None: required, as the mask contains a rot"),
         ("contacts.wheel.axis", [0, 0, 0], "contacts.wheel.axis = [0, 0, 0]: must not be zero (Direction"),
         ("loops.bar.stifness", 1.0, "loops.bar.stifness: unknown key; did you mean 'stiffness'?"),
-        ("loops.bar.stiffness", -1.0, "loops.bar.stiffness = -1.0: input should be greater than or equal to 0 ("),
         ("loops.bar.mask", [False] * 6, "loops.bar.mask = [False, False, False, False, False, False]: requires at le"),
         ("loops.foot", {"frame_a": "f", "frame_b": "g"}, "loops: 'foot' is also the name of a contact; use differ"),
         ("mock.floor_normal", [0, 0, 0], "mock.floor_normal = [0, 0, 0]: must not be zero (Normal of the floor"),
         ("contacts.foot.type", "sufrace", "contacts.foot.type: unknown type 'sufrace'; did you mean 'surface'?"),
         ("contacts.foot.type", None, "contacts.foot.type: missing key; Valid: fixed, point, rolling, surface"),
         ("tasks.hand.frame", 3, "tasks.hand.frame = 3: input should be a valid string (URDF frame)"),
-        (
-            "tasks.com.stiffness",
-            [1.0, 2.0],
-            "tasks.com.stiffness = [1.0, 2.0]: 2 values; expected one number, or",
-        ),
+        ("tasks.com.stiffness", [1.0, 2.0], "tasks.com.stiffness = [1.0, 2.0]: 2 values; expected one number, or"),
         ("tasks.spin.stiffness", 1.0, "tasks.spin.stiffness: unknown key; Valid: damping, enabled, level, mask"),
         ("tasks.spin.damping", [1.0], "tasks.spin.damping = [1.0]: 1 values; expected one number, or"),
         ("tasks.steady.gain", [1.0] * 3, "tasks.steady.gain = [1.0, 1.0, 1.0]: 3 values; expected one number, or"),
@@ -230,11 +178,7 @@ def test_ranges(key, low, high):
         ("tasks.hand.damping", [], "tasks.hand.damping = []: 0 values; expected one number, or"),
         ("tasks.hand.damping", [1.0] * 5 + [-1.0], "tasks.hand.damping.5 = -1.0: input should be greater than or"),
         ("tasks.com.stiffness", [1.0, "x", 1.0], "tasks.com.stiffness.1 = 'x': input should be a valid number"),
-        (
-            "robot.posture",
-            [float("nan")],
-            "robot.posture.0 = nan: input should be a finite number (Nominal",
-        ),
+        ("robot.posture", [float("nan")], "robot.posture.0 = nan: input should be a finite number (Nominal"),
         ("robot.joints", [], "robot.joints = []: list should have at least 1 item"),
         ("limits.torque_speed.cornr", 0.5, "limits.torque_speed.cornr: unknown key; did you mean 'corner'? Valid: ac"),
         ("limits.torque_speed.corner", 1.2, "limits.torque_speed.no_load = 1.0: must be above corner = 1.2"),
@@ -283,7 +227,6 @@ def test_all_errors_of_a_file_are_reported():
         ("a: \x00", "not valid YAML"),
         ("[1, 2]: 3", "not valid YAML"),
         ("a: 2001-99-99", "not valid YAML: month must be in 1..12"),
-        ("[" * 20000, "not valid YAML"),
         ("a: &a {b: *a}", "not valid YAML"),
         ("a: {b: &b {c: 1, c: 2}}", "duplicate key 'c'"),
         ("wbc_controller: {ros__parameters: {}}", "robot: missing key"),
@@ -339,14 +282,8 @@ TASKS = "wbc_controller: {ros__parameters: {robot: {joints: [a], posture: [0.0]}
         (MERGES, "more than 20000 values"),
         ("a: [" + ", ".join(["1"] * 20000) + "]", "more than 20000 values"),
         ("a: &a [*a]", ":1: not valid YAML: recursive alias"),
-        (
-            f"{TASKS}, control: {{rate: 0x{'f' * 5000}}}}}}}",
-            "control.rate: integer with 5002 characters; at most",
-        ),
-        (
-            f"{TASKS}, solver: {{name: {'x' * 5000}}}}}}}",
-            "solver.name: value with 5000 characters; at most 4096",
-        ),
+        (f"{TASKS}, control: {{rate: 0x{'f' * 5000}}}}}}}", "control.rate: integer with 5002 characters; at most"),
+        (f"{TASKS}, solver: {{name: {'x' * 5000}}}}}}}", "solver.name: value with 5000 characters; at most 4096"),
         ("a: " + "[" * 5000, "not valid YAML: maximum recursion depth exceeded"),
         (" " * 2_000_000, "longer than 1000000 characters"),
         ("a: [{b: 1, b: 2}]", ":1: a.b: duplicate key 'b'"),
