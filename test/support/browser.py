@@ -78,8 +78,8 @@ class Browser:
         """Hold a button, for one message."""
         self.say("GuiButtonHoldMessage", uuid=self.uuid(label), frequency=frequency)
 
-    def until(self, condition: Any, patience: float = 20.0) -> None:
-        until(condition, patience=patience)
+    def until(self, condition: Any, patience: float = 20.0, what: str = "a condition") -> None:
+        until(condition, what, patience)
 
     def _read(self) -> None:
         inflate = zstandard.ZstdDecompressor()

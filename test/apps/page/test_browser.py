@@ -254,33 +254,6 @@ def test_effect_of_each_button(page, session, press):
     press("Damp", "damping")
 
 
-def test_robot_walks_while_the_button_is_held(page, session, press):
-    if session.mode() != "active":
-        press("Hold")
-        press("Reset", "inactive")
-        press("Activate", "active")
-        press("Release")
-        page.wait_for_timeout(8000)  # until it stands on its feet
-    velocities = session.follow(session.topics["controller", "cmd_vel", ""])
-    session.listen("controller", "diagnostics", depth=1000)
-
-    def phase():
-        for status in session.statuses():
-            phases.extend(value.value for value in status.values if value.key == "walking/phase")
-        return phases[-1] if phases else ""
-
-    phases: list[str] = []
-    box = page.get_by_role("button", name="Walk", exact=True).bounding_box()
-    page.mouse.move(box["x"] + box["width"] / 2.0, box["y"] + box["height"] / 2.0)
-    page.mouse.down()
-    session.until(lambda: phase() == "single support", "the robot does not walk", 60.0)
-    assert {twist.linear.x for twist in first(velocities)} == {0.2}
-    page.wait_for_timeout(1000)
-    page.mouse.up()
-    session.until(lambda: phase() == "stand", "the robot does not stop", 60.0)
-    assert {"shift", "stop"} <= set(phases)  # a double support of 0.05 s is between two messages
-
-
 def test_no_message_of_the_page_is_dropped(page, playing):
     assert "message dropped" not in playing[2].read_text(encoding="utf-8")
 

@@ -107,21 +107,18 @@ HOSTILE = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", HOSTILE)
-def test_hostile_messages_change_nothing(rig, pages, name):
+def test_hostile_messages_change_nothing(rig, pages):
     user, hostile = pages
-    hostile.drag("com", "start")
-    hostile.send(msgspec.msgpack.encode(HOSTILE[name](hostile)))
-    hostile.drag("com", "end")
-    check_pages(rig, pages)
-    user.until(lambda: user.positions["/handles/com"] == pytest.approx(COM))
-    assert user.unknown == set()
-
-
-@pytest.mark.parametrize("payload", [b"", b"\xc1", b"\x91" * 4000, b"\xdd\xff\xff\xff\xff", "a text message"])
-def test_invalid_payloads_change_nothing(rig, pages, payload):
-    pages[1].send(payload)
-    check_pages(rig, pages)
+    for name, message in HOSTILE.items():
+        hostile.drag("com", "start")
+        hostile.send(msgspec.msgpack.encode(message(hostile)))
+        hostile.drag("com", "end")
+        check_pages(rig, pages)
+        user.until(lambda: user.positions["/handles/com"] == pytest.approx(COM), what=name)
+        assert user.unknown == set(), name
+    for payload in (b"", b"\xc1", b"\x91" * 4000, b"\xdd\xff\xff\xff\xff", "a text message"):
+        hostile.send(payload)
+        check_pages(rig, pages)
 
 
 def test_large_message_ends_only_its_connection(rig, pages):
@@ -149,7 +146,7 @@ _updates = st.dictionaries(st.sampled_from(_FIELDS), _values, max_size=2)
 # Websockets uses `random` on another thread for its pings.
 @pytest.mark.filterwarnings("ignore:Do not use the `random` module inside strategies")
 @settings(
-    suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=80, derandomize=True
+    suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=30, derandomize=True
 )  # fmt: skip
 @given(data=st.data())
 def test_stop_and_handles_remain_for_other_pages(rig, pages, data):
@@ -182,7 +179,7 @@ def test_flood_delays_no_other_page(rig, pages):
     thread = threading.Thread(target=flood)
     thread.start()
     try:
-        for _ in range(10):
+        for _ in range(5):
             press_stop(rig, user)
     finally:
         ended.set()
@@ -225,11 +222,16 @@ def test_pull_without_a_start_ends_with_its_page(rig, pages):
     user.until(lambda: rig.server.scene.get_handle_by_name(arrow) is None)
 
 
-def test_read_only_page_changes_nothing():
+def test_read_only_page_has_no_controls_and_changes_nothing():
     shared = []
     with Rig(commands=False) as rig, closing(Browser(rig.gate.port)) as page, closing(Browser(rig.gate.port)) as other:
         rig.server.request_share_url = lambda: shared.append(1)
-        page.until(lambda: len(rig.server.get_clients()) == 2 and page.controls and other.controls)
+        page.until(lambda: len(rig.server.get_clients()) == 2 and rig.page.shown > 5 and other.controls)
+        labels = {props.get("label") for props in page.controls.values()}
+        assert not labels & {"STOP", "Activate", "Hold", "weight"}
+        assert not any(name.startswith("/handles") for name in page.positions)
+        page.pull("/robot/1/m1", "end", (0.0, 0.0, 0.8), (0.5, 0.0, 0.8))
+        page.say("GuiUpdateMessage", uuid="none", updates={"value": True})
         switch = page.uuid("Contact forces")
         for message in (
             {"type": "ShareUrlRequest"},

@@ -252,22 +252,3 @@ def test_texts_of_the_controller_are_escaped(rig, browser):
     assert "&lt;script&gt;joint_states" in panel()
     assert "Next: check that the robot&#x27;s driver runs" in panel()
     assert "left knee&#x27;s upper torque limit" in panel()
-
-
-def test_read_only_page_has_no_controls():
-    with Rig(commands=False) as rig:
-        page = Browser(rig.gate.port)
-        page.until(lambda: rig.page.shown > 5 and page.controls)
-        labels = {props.get("label") for props in page.controls.values()}
-        assert "Contact forces" in labels
-        assert not labels & {"STOP", "Activate", "Hold", "weight"}
-        assert not any(name.startswith("/handles") for name in page.positions)
-        # Forged requests have no effect: no handler exists.
-        page.drag("com", "start")
-        page.drag("com", "update", (0.1, 0.0, 0.5))
-        page.pull("/robot/1/m1", "end", (0.0, 0.0, 0.8), (0.5, 0.0, 0.8))
-        page.say("GuiUpdateMessage", uuid="none", updates={"value": True})
-        time.sleep(0.2)
-        assert page._thread.is_alive()
-        assert rig.sent == []
-        page.close()
