@@ -126,7 +126,6 @@ def rover() -> str:
 
 #: Robots that stand, or arms that hold still, with everything that `wbc new` writes.
 STANDING = {
-    "a material without a name": biped(sole=UNNAMED + SOLE),
     "a link and a joint of one name": biped(TIP, ankle="ankle"),
     "a planar joint without limits": arm(
         first=joint("j1", "base", "l1", "0 0 1", "0 0 0.3", kind="planar", limit="")

@@ -7,7 +7,7 @@ from chains import joint, link
 from chains import robot as decode_urdf
 
 import wbc_controller as wbc
-from wbc_controller.apps.demo import run
+from wbc_controller.apps.demo import director, run
 from wbc_controller.apps.demo.derived_scenario import derived_scenario
 from wbc_controller.apps.demo.run import run_demo
 from wbc_controller.apps.demo.scenario import SCENARIOS, WALK_ROBOT, WALK_SCENARIO, Move, Scenario
@@ -18,7 +18,7 @@ from wbc_controller.settings.files import find_configuration, load_settings, shi
 
 
 def test_supplied_robots_have_a_demo():
-    assert set(SCENARIOS) == set(shipped_configurations())
+    assert set(SCENARIOS) == set(shipped_configurations()) == {"g1", "talos", "go2"}
 
 
 @pytest.mark.parametrize("robot", SCENARIOS)
@@ -46,6 +46,12 @@ def test_demos_use_configured_tasks(robot):
     assert np.linalg.matrix_rank(directions) == 2
 
 
+@pytest.fixture
+def settled(monkeypatch):
+    """Shorten the initialization of the base estimator, which exact sensors do not need."""
+    monkeypatch.setattr(director, "_SETTLING_TIME", 0.1)
+
+
 @pytest.mark.parametrize("robot", ["g1", "go2"])
 def test_derived_scenario_is_similar_to_the_supplied_one(robot, robot_of):
     settings, model = robot_of(robot)
@@ -70,10 +76,11 @@ def test_robots_that_cannot_stand_have_no_demo(robot_of):
         derived_scenario(posture, model)
 
 
+@pytest.mark.usefixtures("settled")
 def test_demo_of_walking(tmp_path, monkeypatch, capsys):
     """A short walk meets its targets and stops; the speeds of the whole one are within those of the robot."""
-    short = replace(WALK_SCENARIO.walks[0], duration=5.0)
-    monkeypatch.setattr(run, "WALK_SCENARIO", replace(WALK_SCENARIO, stand=0.5, walks=(short,)))
+    short = replace(WALK_SCENARIO.walks[0], duration=3.5, acceleration=2.1)
+    monkeypatch.setattr(run, "WALK_SCENARIO", replace(WALK_SCENARIO, stand=0.1, walks=(short,), stop=2.5))
     assert run_demo("walk", tmp_path, lockstep=True)
     said = capsys.readouterr().out
     assert [word in said for word in ("walk forward", "stop", "g1", "all targets met")] == [True, True, False, True]
@@ -115,7 +122,13 @@ def arm(tmp_path):
     return path
 
 
-def test_arm_on_a_fixed_base_reaches_and_is_pushed_at_its_hand(arm, tmp_path, capsys):
+@pytest.mark.usefixtures("settled")
+def test_arm_on_a_fixed_base_reaches_and_is_pushed_at_its_hand(arm, tmp_path, monkeypatch, capsys):
+    def short(settings, model):
+        scenario = derived_scenario(settings, model)
+        return replace(scenario, stand=0.5, shoves=scenario.shoves[:1], recovery=1.0)
+
+    monkeypatch.setattr(run, "derived_scenario", short)
     assert run_demo(str(arm), tmp_path, lockstep=True)
     printed = capsys.readouterr().out
     assert "4 joints" in printed

@@ -26,18 +26,24 @@ def test_invalid_urdf_is_refused(drafted, case):
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize("case", STANDING)
-def test_robot_stands(drafted, case):
-    settings = drafted(STANDING[case]).settings
+#: Robots whose tests below include a check, and standing in the mock robot.
+PLAYED = ("ankles with a small range", "fingers that turn", "legs on wheels")
+
+
+@pytest.mark.parametrize("case", [case for case in STANDING if case not in PLAYED])
+def test_robot_stands(draft_of, case):
+    settings = draft_of(case).settings
     wbc.check(settings)
     simulation = wbc.Simulation(settings)
-    simulation.run(1.0)
+    before = simulation.plant.state()[0]
+    simulation.run(0.3)
     assert not simulation.plant.fallen
+    assert np.abs(simulation.plant.state()[0] - before).max() < 0.02
 
 
 @pytest.mark.parametrize("case", ["a world link with a floating joint", "six virtual joints"])
-def test_virtual_joints_of_a_floating_base_are_no_motors(drafted, case):
-    settings = drafted(STANDING[case]).settings
+def test_virtual_joints_of_a_floating_base_are_no_motors(draft_of, drafted, case):
+    settings = draft_of(case).settings
     model = make_model(settings)
     assert (model.floating_base, model.base_link, model.nj, model.nv) == (True, "trunk", 10, 16)
     assert set(settings.contacts) == {"left_foot", "right_foot"}
@@ -56,8 +62,8 @@ def test_virtual_joints_of_a_floating_base_are_refused_as_motors(drafted):
             make_model(draft.settings)
 
 
-def test_feet_below_a_waist(drafted):
-    contacts = drafted(STANDING["legs below a waist"]).settings.contacts
+def test_feet_below_a_waist(draft_of):
+    contacts = draft_of("legs below a waist").settings.contacts
     assert {name: contact.type for name, contact in contacts.items()} == {
         "left_foot": "surface", "right_foot": "surface",
     }  # fmt: skip
@@ -72,14 +78,14 @@ def test_visuals_have_no_effect(drafted):
         assert len(read_collision_elements(make_model(draft.settings), make_model(draft.settings).urdf, "")) == 3
 
 
-def test_margin_fits_the_smallest_range(drafted):
-    draft = drafted(STANDING["fingers that slide"])
+def test_margin_fits_the_smallest_range(draft_of, drafted):
+    draft = draft_of("fingers that slide")
     assert draft.values["limits"] == {"position_margin": 0.002}
     assert "limits" not in drafted(arm()).values
 
 
-def test_corners_on_edges_are_omitted(drafted):
-    draft = drafted(STANDING["a sole with a corner on an edge"])
+def test_corners_on_edges_are_omitted(draft_of):
+    draft = draft_of("a sole with a corner on an edge")
     corners = np.array(draft.values["contacts"]["left_foot"]["vertices"])
     assert sorted(corners.tolist()) == [[-0.1, -0.045], [-0.1, 0.045], [0.068, 0.045], [0.1, -0.045]]
 
@@ -112,31 +118,39 @@ def test_links_with_similar_names_have_separate_contacts(drafted):
     assert set(drafted(urdf).values["contacts"]) == {"a_b", "a_b_"}
 
 
-def test_demo_motions_are_feasible_in_the_check(drafted):
-    settings = drafted(STANDING["ankles with a small range"]).settings
+@pytest.fixture
+def demo(draft_of, tmp_path, shorten_demos):
+    """Return a function that runs the demo of a robot, and returns its settings and scenario."""
+
+    def run(case):
+        shorten_demos("squat")
+        draft, path = draft_of(case), tmp_path / "robot.yaml"
+        path.write_text(draft.to_yaml(TITLE), encoding="utf-8")
+        assert run_demo(str(path), tmp_path, lockstep=True)
+        return draft.settings, derived_scenario(draft.settings, make_model(draft.settings))
+
+    return run
+
+
+def test_demo_motions_are_feasible_in_the_check_and_meet_their_targets(demo):
+    settings, scenario = demo("ankles with a small range")
     found = {finding.subject: finding.text for finding in wbc.check(settings)}
-    moves = {move.name: move.largest for move in derived_scenario(settings, make_model(settings)).moves}
+    moves = {move.name: move.largest for move in scenario.moves}
     assert 0.0 < 1e3 * moves["squat"] < float(found["squat"].split(" mm")[0])
     assert moves["sway"] == pytest.approx(0.03, abs=0.01)
 
 
-def test_hand_with_branching_fingers_reaches(drafted):
-    settings = drafted(STANDING["fingers that turn"]).settings
-    (reach,) = derived_scenario(settings, make_model(settings)).reaches
+def test_hand_with_branching_fingers_reaches_its_target(demo):
+    settings, scenario = demo("fingers that turn")
+    (reach,) = scenario.reaches
     assert (reach.task, settings.tasks["l3"].frame) == ("l3", "l3")
     assert np.linalg.norm(reach.offset) > 0.01
 
 
-@pytest.mark.parametrize("case", ["ankles with a small range", "fingers that turn"])
-def test_demo_of_a_draft_meets_its_targets(drafted, tmp_path, case):
-    path = tmp_path / "robot.yaml"
-    path.write_text(drafted(STANDING[case]).to_yaml(TITLE), encoding="utf-8")
-    assert run_demo(str(path), tmp_path, lockstep=True)
-
-
-def test_audit_without_warning_on_leaning_wheels(drafted):
+def test_audit_without_warning_on_leaning_wheels(draft_of):
     """The edges of a tread would support a leaning wheel 25 mm beside its contact."""
-    settings = drafted(STANDING["legs on wheels"]).settings
+    settings = draft_of("legs on wheels").settings
+    wbc.check(settings)
     assert {contact.type for contact in settings.contacts.values()} == {"rolling"}
     simulation = wbc.Simulation(settings)
     controller, plant = simulation.controller, simulation.plant
@@ -148,9 +162,10 @@ def test_audit_without_warning_on_leaning_wheels(drafted):
         reports.append(audit.check(state, controller.dynamics, result.solution, result.command))
 
     controller.set("com", np.array(controller.dynamics.com) + [0.0, 0.03, 0.0], duration=0.5)
-    simulation.run(1.2, check)
+    simulation.run(1.0, check)
+    assert not simulation.plant.fallen
     reports = [report for report in reports if report is not None]
-    assert len(reports) > 500
+    assert len(reports) > 400
     assert not [warning for report in reports for warning in report.warnings]
     weight = controller.model.mass * controller.model.gravity
     assert max(np.linalg.norm(report.force) for report in reports) < 1.0e-3 * weight
