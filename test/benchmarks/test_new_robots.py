@@ -9,10 +9,13 @@ import pytest
     ("G1", "floating", "2 surface"),
     ("UR5", "fixed", "none"),
 ])  # fmt: skip
-def test_drafted_robot_passes(robot, base, feet):
+def test_drafted_robot_passes(monkeypatch, robot, base, feet):
+    for name, seconds in (("STAND", 1.0), ("WALK", 3.0), ("REACHED", 2.0)):
+        monkeypatch.setattr(new_robots, name, seconds)
     row = new_robots.run(robot)
     assert (row.kind, row.feet, row.check) == (base, feet, "ok")
     assert (row.stands, row.sway, row.squat, row.push) == ("yes",) * 4
+    assert row.walk.endswith("–" if base == "fixed" else " m/s")
 
 
 def test_robot_on_two_points_cannot_stand():

@@ -4,9 +4,10 @@ import walking
 
 
 def test_cycles_of_a_walk_are_timed_by_kind(monkeypatch):
-    monkeypatch.setattr(walking, "_WALKING", 1.9)
-    times = walking.measure("g1", 1)
-    assert len(times[walking.STAND]) > 500
-    assert len(times[walking.FIRST]) == 2  # single supports on either foot
-    assert len(times[walking.SWITCH]) >= 4
+    for name, seconds in (("_STANDING", 0.3), ("_WALKING", 1.5), ("_STOPPING", 0.5)):
+        monkeypatch.setattr(walking, name, seconds)
+    times = walking.measure("go2", 1)
+    assert len(times[walking.STAND]) > 100
+    assert len(times[walking.FIRST]) == 4  # sets of supporting feet
+    assert len(times[walking.SWITCH]) >= 2
     assert all(value > 0.0 for values in times.values() for value in values)
