@@ -1,7 +1,5 @@
 """Kernels refuse arrays of inconsistent sizes."""
 
-from dataclasses import replace
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -14,7 +12,7 @@ from wbc_controller.controller.check.preflight import stance
 from wbc_controller.estimation import invariant_filter_kernels as invariant_filter
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit
 from wbc_controller.inverse_dynamics.references.board import ReferenceBoard
-from wbc_controller.records import Reference, RobotState
+from wbc_controller.records import RobotState
 from wbc_controller.walking import feet_kernels as feet
 from wbc_controller.walking.references_kernels import body_references
 
@@ -116,17 +114,6 @@ def test_torques_before_of_another_size_are_refused(program, size):
     qp.solve(state, references, of(qp.model.na))
     with pytest.raises(ValueError, match="the size of tau_before differs"):
         qp.solve(state, references, of(size))
-
-
-@pytest.mark.parametrize("part", ["position", "velocity", "acceleration"])
-def test_a_reference_of_another_size_is_refused(program, part):
-    qp, state, references = program
-    com = references.tasks["com"]
-    arrays = {each: getattr(com, each) for each in ("position", "velocity", "acceleration")}
-    wrong = Reference(**{**arrays, part: of(2)})
-    tasks = {**references.tasks, "com": wrong}
-    with pytest.raises(ValueError, match="the reference of task 'com' has"):
-        qp.solve(state, replace(references, tasks=tasks))
 
 
 @pytest.mark.parametrize("frame", [-1, 10**6])
