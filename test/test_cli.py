@@ -28,27 +28,13 @@ def test_help_lists_all_commands():
     assert "g1, talos, go2" in result.output
 
 
-@pytest.mark.parametrize(
-    ("command", "parts"),
-    [
-        ("run", ("CONFIG", "--activate", "--record", "--namespace", "--remap FROM:=TO")),
-        ("mock", ("CONFIG", "--real-time-factor", "--lockstep", "--faults", "--namespace", "--remap")),
-        ("faults", ("[ROBOT]...", "--kinds", "--seeds", "--jobs", "--out", "--backend", "--address")),
-        ("guard", ("CONFIG", "--namespace", "--remap", "commands stop")),
-        ("check", ("CONFIG", "before the robot moves")),
-        ("new", ("ROBOT.urdf", "--srdf", "--base", "--feet", "stderr")),
-        ("demo", ("--report", "--lockstep", "--real-time-factor")),
-        ("topics", ("Markdown",)),
-        ("replay", ("FILE", "--cycle", "--config", "--plot", "--only-tell", "bit for bit")),
-        ("report", ("FILE", "--out", "Make a report of a recording")),
-    ],
-)
 @pytest.mark.parametrize("option", ["-h", "--help"])
-def test_help_of_each_command(command, parts, option):
-    result = invoke(command, option)
-    assert result.exit_code == 0
-    for part in parts:
-        assert part in result.output
+def test_help_of_each_command(option):
+    """`test_interface.py` finds the removal of an option."""
+    for command in COMMANDS:
+        result = invoke(command, option)
+        assert result.exit_code == 0
+        assert f"Usage: main {command} [OPTIONS]" in result.output
 
 
 @pytest.mark.parametrize(

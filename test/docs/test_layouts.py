@@ -125,9 +125,3 @@ def test_a_field_that_does_not_exist_is_seen():
     assert not has_field("geometry_msgs/msg/WrenchStamped", ["wrench", "force[:]"])
     assert has_field("sensor_msgs/msg/JointState", ["effort[:]"])
     assert not has_field("sensor_msgs/msg/JointState", ["effort"])
-
-
-def test_they_are_installed():
-    setup = (ROOT / "setup.py").read_text(encoding="utf-8")
-    assert 'share/{PACKAGE}/layouts", sorted(glob("layouts/*"))' in setup
-    assert {path.name for path in LAYOUTS.iterdir()} == {"wbc.rviz", "foxglove.json", "plotjuggler.xml"}

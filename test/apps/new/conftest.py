@@ -44,7 +44,7 @@ def draft_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Draft]
 
 @pytest.fixture
 def shorten_demos(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
-    """Return a function that shortens demos to 0.5 s of standing, some moves and pushes, and the reaches."""
+    """Return a function that shortens demos to 0.5 s of standing, and some moves, reaches and pushes."""
 
     def shorten(*kept: str) -> None:
         def scenario(settings: Settings, model: RobotModel) -> Scenario:
@@ -52,7 +52,8 @@ def shorten_demos(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
             moves, shoves = (
                 tuple(part for part in parts if part.name in kept) for parts in (whole.moves, whole.shoves)
             )
-            return replace(whole, stand=0.5, moves=moves, shoves=shoves, recovery=1.0)
+            reaches = tuple(replace(reach, duration=2.0) for reach in whole.reaches if "reach" in kept)
+            return replace(whole, stand=0.5, moves=moves, reaches=reaches, shoves=shoves, recovery=1.0)
 
         monkeypatch.setattr(run, "derived_scenario", scenario)
 

@@ -122,8 +122,8 @@ def test_links_with_similar_names_have_separate_contacts(drafted):
 def demo(draft_of, tmp_path, shorten_demos):
     """Return a function that runs the demo of a robot, and returns its settings and scenario."""
 
-    def run(case):
-        shorten_demos("squat")
+    def run(case, part):
+        shorten_demos(part)
         draft, path = draft_of(case), tmp_path / "robot.yaml"
         path.write_text(draft.to_yaml(TITLE), encoding="utf-8")
         assert run_demo(str(path), tmp_path, lockstep=True)
@@ -133,7 +133,7 @@ def demo(draft_of, tmp_path, shorten_demos):
 
 
 def test_demo_motions_are_feasible_in_the_check_and_meet_their_targets(demo):
-    settings, scenario = demo("ankles with a small range")
+    settings, scenario = demo("ankles with a small range", "squat")
     found = {finding.subject: finding.text for finding in wbc.check(settings)}
     moves = {move.name: move.largest for move in scenario.moves}
     assert 0.0 < 1e3 * moves["squat"] < float(found["squat"].split(" mm")[0])
@@ -141,7 +141,7 @@ def test_demo_motions_are_feasible_in_the_check_and_meet_their_targets(demo):
 
 
 def test_hand_with_branching_fingers_reaches_its_target(demo):
-    settings, scenario = demo("fingers that turn")
+    settings, scenario = demo("fingers that turn", "reach")
     (reach,) = scenario.reaches
     assert (reach.task, settings.tasks["l3"].frame) == ("l3", "l3")
     assert np.linalg.norm(reach.offset) > 0.01
