@@ -10,7 +10,7 @@ import pytest
     ("UR5", "fixed", "none"),
 ])  # fmt: skip
 def test_drafted_robot_passes(monkeypatch, robot, base, feet):
-    for name, seconds in (("STAND", 1.0), ("WALK", 3.0), ("REACHED", 2.0)):
+    for name, seconds in (("STAND", 0.5), ("REST", 0.8), ("WALK", 2.5), ("REACHED", 1.8)):
         monkeypatch.setattr(new_robots, name, seconds)
     row = new_robots.run(robot)
     assert (row.kind, row.feet, row.check) == (base, feet, "ok")

@@ -94,6 +94,7 @@ def test_arm_has_a_fixed_base_and_locked_fingers():
 def test_wheels_are_rolling_contacts(drafted):
     values = drafted(wagon()).values
     assert "joint_limits" not in values["robot"]  # those of the URDF are kept
+    assert "walking" not in values
     contacts = values["contacts"]
     assert list(contacts) == [f"{leg}_end" for leg in LEGS]
     for contact in contacts.values():
@@ -207,7 +208,6 @@ def test_link_names_become_topic_names():
     ("hyq_description/robots/hyq_no_sensors.urdf", True),
     ("solo_description/robots/solo.urdf", False),  # legs that move in planes
     ("bolt_description/robots/bolt.urdf", False),  # two point feet
-    ("centauro_description/urdf/centauro.urdf", False),  # wheels
 ])  # fmt: skip
 def test_bipeds_with_soles_and_quadrupeds_walk(urdf, walks):
     draft = new_configuration(ROBOTS + urdf)
