@@ -79,7 +79,7 @@ def test_the_joint_speeds_of_a_swing_are_those_of_a_walk(g1):
         np.maximum(fastest, np.abs(now.plant.state()[1][model.v_index]), out=fastest)
 
     simulation.controller.walk(0.4)
-    simulation.run(4.0, note)
+    simulation.run(3.2, note)
     share = fastest / (0.25 * model.velocity_limits)
     left = limits.legs[0]
     computed, cause = left.leg.swing_share(limits.swing(Velocity(0.4), left), 0.25 * model.velocity_limits)
@@ -127,9 +127,9 @@ def test_the_gait_of_romeo_keeps_its_ankles_in_range():
     assert gait.lowering + gait.rough_clearance == pytest.approx(0.9 * lift, rel=0.02)
     simulation = wbc.Simulation(draft.settings)
     simulation.controller.walk(0.0, gait.speed[1])
-    simulation.run(4.0)
-    assert simulation.controller.walker.steps >= 4
-    assert simulation.plant.state()[0][1] > 0.2
+    simulation.run(3.2)
+    assert simulation.controller.walker.steps >= 3
+    assert simulation.plant.state()[0][1] > 0.12
 
 
 @pytest.mark.parametrize(("quarters", "swapped"), [(0, False), (1, True), (-1, True), (2, False)])
@@ -154,7 +154,7 @@ def test_quadrupeds_keep_to_the_speeds_of_their_joints(robot):
     gait = simulation.controller.walker.gait
     assert 0.2 < gait.speed[0] < 0.6
     simulation.controller.walk(gait.speed[0])
-    simulation.run(2.0)
-    start = simulation.plant.state()[0][0]
-    simulation.run(2.0)
-    assert (simulation.plant.state()[0][0] - start) / 2.0 == pytest.approx(gait.speed[0], abs=0.03)
+    simulation.run(1.6)
+    start, duration = simulation.plant.state()[0][0], 3.0 * gait.cycle
+    simulation.run(duration)
+    assert (simulation.plant.state()[0][0] - start) / duration == pytest.approx(gait.speed[0], abs=0.03)

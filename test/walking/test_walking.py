@@ -22,9 +22,9 @@ from wbc_controller.walking.touchdown import LATEST
 #: Command forward, sideways and turning, m/s and rad/s.
 COMMANDS = [
     ("g1", (0.4, 0.0, 0.0)),
-    ("g1", (-0.2, 0.1, 0.0)),
-    ("g1", (0.0, 0.0, 0.5)),
+    ("g1", (-0.15, 0.1, 0.3)),
     ("talos", (0.3, 0.0, 0.0)),
+    ("go2", (0.4, 0.2, 0.4)),
 ]
 
 
@@ -33,46 +33,41 @@ def heading(q):
     return np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
-@pytest.mark.parametrize(("robot", "command"), COMMANDS)
-def test_a_robot_walks_as_commanded_and_stops(robot, command):
-    simulation = wbc.Simulation(wbc.load(robot).replace({"walking.max_speed": 2.0 * abs(command[0]) or None}))
-    controller = simulation.controller
-    controller.walk(*command)
-    results = simulation.run(3.5)
-    assert controller.walker.phase in (Phase.SINGLE, Phase.DOUBLE)
-    (start, _), begun = simulation.plant.state(), simulation.time
-    results += simulation.run(3.0)
-    (end, _), ended = simulation.plant.state(), simulation.time
-    middle = 0.5 * (heading(start) + heading(end))
-    along = complex(*(end - start)[:2]) * np.exp(-1j * middle) / (ended - begun)
-    turned = (heading(end) - heading(start)) / (ended - begun)
-    assert along.real == pytest.approx(command[0], abs=0.05)
-    assert along.imag == pytest.approx(command[1], abs=0.05)
-    assert turned == pytest.approx(command[2], abs=0.05)
-    controller.stand()
-    results += simulation.run(3.5)
-    assert controller.walker.phase is Phase.STAND
-    assert not any(result.relaxed for result in results)
-    assert np.abs(simulation.plant.state()[1]).max() < 0.02
-    assert set(results[-1].forces) == {"left_foot", "right_foot"}
-
-
-@pytest.mark.parametrize("robot", ["g1", "go2"])
-def test_a_robot_walks_and_stops_far_from_the_origin(robot):
-    """Setpoints must be near the robot, also in components that a task does not use."""
-    simulation = wbc.Simulation(robot)
+def far_from_the_origin(config):
+    """Return a simulation whose setpoints must be near the robot, also in components that a task does not use."""
+    simulation = wbc.Simulation(config)
     q, v = simulation.plant.state()
     simulation.plant.set_state([q[0] + 300.0, q[1] - 200.0, *q[2:]], v)
     simulation.controller.reset(*simulation.plant.state(), simulation.time)
     for _ in range(100):  # torque ramp
         simulation._cycle()
-    simulation.controller.walk(0.2)
-    simulation.run(2.5)
-    assert simulation.controller.walker.steps >= 2
-    simulation.controller.stand()
-    simulation.run(3.0)
-    assert simulation.controller.walker.phase is Phase.STAND
-    assert not simulation.plant.fallen
+    return simulation
+
+
+@pytest.mark.parametrize(("robot", "command"), COMMANDS)
+def test_a_robot_walks_far_from_the_origin_as_commanded_and_stops(robot, command):
+    """The programs of the gait are prepared before the first step."""
+    config = wbc.load(robot).replace({"walking.max_speed": 2.0 * abs(command[0])})
+    simulation = far_from_the_origin(config)
+    controller, qp = simulation.controller, simulation.controller.qp
+    prepared = set(qp.formulation._structures), set(qp._solvers)
+    controller.walk(*command)
+    results = simulation.run(2.7)
+    assert controller.walker.phase in (Phase.SINGLE, Phase.DOUBLE)
+    (start, _), begun = simulation.plant.state(), simulation.time
+    results += simulation.run(2.4)
+    (end, _), ended = simulation.plant.state(), simulation.time
+    middle = 0.5 * (heading(start) + heading(end))
+    along = complex(*(end - start)[:2]) * np.exp(-1j * middle) / (ended - begun)
+    turned = (heading(end) - heading(start)) / (ended - begun)
+    assert (along.real, along.imag, turned) == pytest.approx(command, abs=0.05)
+    controller.stand()
+    results += simulation.run(3.2)
+    assert controller.walker.phase is Phase.STAND
+    assert not any(result.relaxed for result in results)
+    assert np.abs(simulation.plant.state()[1]).max() < 0.02
+    assert set(results[-1].forces) == set(controller.contacts)
+    assert (set(qp.formulation._structures), set(qp._solvers)) == prepared
 
 
 @pytest.mark.parametrize(("robot", "lowering"), [("g1", 0.032), ("go2", 0.02)])
@@ -108,7 +103,7 @@ def test_a_fast_robot_stops_within_three_steps():
     simulation = wbc.Simulation(wbc.load("g1").replace({"walking.max_speed": 0.8}))
     walker = simulation.controller.walker
     simulation.controller.walk(0.8)
-    simulation.run(4.2)
+    simulation.run(3.8)
     while walker.phase is not Phase.SINGLE or simulation.time - walker._since < walker._step.landing.time - 0.06:
         simulation.run(0.002)
     before = walker.steps
@@ -124,22 +119,20 @@ def stepping_g1(elapsed):
     simulation = wbc.Simulation("g1")
     walker = simulation.controller.walker
     simulation.controller.walk(0.0)
-    while walker.steps < 3 or walker.phase is not Phase.SINGLE:
+    while walker.steps < 1 or walker.phase is not Phase.SINGLE:
         simulation.run(0.002)
     simulation.run(elapsed)
     return simulation, walker
 
 
-@pytest.mark.parametrize(
-    ("kick", "elapsed"), [(0.5, 0.1), (-0.5, 0.1), (0.5j, 0.1), (-0.5j, 0.1), (0.5j, 0.0), (0.5j, 0.04), (0.7j, 0.1)]
-)
+@pytest.mark.parametrize(("kick", "elapsed"), [(0.5, 0.1), (-0.5j, 0.1), (0.5j, 0.0), (0.7j, 0.1)])
 def test_a_stepping_robot_survives_a_change_of_its_velocity(kick, elapsed):
     """The right foot cannot follow an outward change, to the left."""
     simulation, walker = stepping_g1(elapsed)
     simulation.plant.data.qvel[:2] += [complex(kick).real, complex(kick).imag]
     simulation.run(2.0)
     start, _ = simulation.plant.state()
-    simulation.run(2.0)
+    simulation.run(1.2)
     assert walker.phase in (Phase.SINGLE, Phase.DOUBLE)
     moved = simulation.plant.state()[0][:2] - start[:2]
     assert np.abs(moved).max() < 0.2  # about 0.1 m of sway
@@ -242,9 +235,9 @@ def error_of_the_dcm(reaction):
     walker.gait = replace(walker.gait, reaction=reaction * walker.gait.reaction)
     simulation.controller.walk(0.4)
     errors = []
-    while simulation.time < 5.0:
+    while simulation.time < 3.8:
         simulation.run(0.002)
-        if simulation.time > 3.0 and walker.phase is Phase.SINGLE:
+        if simulation.time > 2.4 and walker.phase is Phase.SINGLE:
             dcm = walker._references["walking_dcm"].position
             errors.append(abs(complex(*dcm) - walker._dcm_wanted))
     return np.mean(errors)
@@ -262,9 +255,9 @@ def error_of_the_swing_foot(lag):
     walker._lag *= lag
     simulation.controller.walk(0.5)
     errors = []
-    while simulation.time < 5.0:
+    while simulation.time < 3.8:
         simulation.run(0.002)
-        if simulation.time > 3.0 and walker.phase is Phase.SINGLE:
+        if simulation.time > 2.4 and walker.phase is Phase.SINGLE:
             foot = walker._feet[-walker._stance].sole(simulation.controller.dynamics).place
             errors.append(abs(foot - complex(*walker._step.swing[0, :2])))
     return np.mean(errors)
@@ -272,18 +265,6 @@ def error_of_the_swing_foot(lag):
 
 def test_the_swing_foot_follows_its_reference_with_filtered_torques():
     assert error_of_the_swing_foot(1.0) < 0.6 * error_of_the_swing_foot(0.0)
-
-
-@pytest.mark.parametrize("robot", ["g1", "talos", "go2"])
-def test_the_programs_of_the_gait_are_prepared_before_the_first_step(robot):
-    simulation = wbc.Simulation(robot)
-    qp = simulation.controller.qp
-    structures, solvers = set(qp.formulation._structures), set(qp._solvers)
-    simulation.controller.walk(0.1)
-    simulation.run(2.5)
-    assert simulation.controller.walker.steps >= 2
-    assert set(qp.formulation._structures) == structures
-    assert set(qp._solvers) == solvers
 
 
 def test_the_planned_touchdown_is_frozen_before_the_foot_lands():
@@ -320,7 +301,7 @@ def test_a_walk_continues_exactly_from_a_saved_state(ask):
     assert controller.walker.phase is Phase.SINGLE
     saved = from_json(to_json(controller.memory()))
     states = []
-    results = simulation.run(0.8, lambda now: states.append((now.result.state, now.result.time)))
+    results = simulation.run(0.6, lambda now: states.append((now.result.state, now.result.time)))
     assert controller.walker.steps >= 1
     other = wbc.Controller(controller.config)
     other.reset(states[0][0].q, states[0][0].v, states[0][1])
@@ -329,7 +310,7 @@ def test_a_walk_continues_exactly_from_a_saved_state(ask):
         assert np.array_equal(other.step(state.q, state.v, time).tau, result.tau)
 
 
-def walk_with_sensors(sensors, seconds=2.6):
+def walk_with_sensors(sensors, seconds=2.2):
     """Return the torques of G1 and the share of the swing at each touchdown; `sensors` returns states of sensors."""
     simulation = wbc.Simulation("g1")
     controller, walker = simulation.controller, simulation.controller.walker
@@ -368,7 +349,8 @@ def test_a_contact_sensor_tells_the_touchdown():
 
 
 def test_force_sensors_of_the_robot_reach_the_walker():
-    trial = EstimationTrial("g1", {"estimation.base_state": "imu", "mock.sensors": "good"}, force_sensors=True)
+    changes = {"estimation.base_state": "imu", "mock.sensors": "good", "safety.activation_ramp": 0.1}
+    trial = EstimationTrial("g1", changes, force_sensors=True)
     trial.stand()
     assert trial.report.inputs.touching == {"left_foot": True, "right_foot": True}
 
@@ -378,7 +360,7 @@ def test_a_walk_survives_short_holding_in_single_support():
     simulation = wbc.Simulation("g1")
     controller, plant, solve = simulation.controller, simulation.plant, simulation.controller.qp.solve
     controller.walk(0.3)
-    simulation.run(2.4)
+    simulation.run(1.6)
     while controller.walker.phase is not Phase.SINGLE or simulation.time - controller.walker._since < 0.2:
         simulation.run(0.002)
 
@@ -393,7 +375,7 @@ def test_a_walk_survives_short_holding_in_single_support():
         for _ in range(plant.steps_per_period):
             plant.step()
     controller.qp.solve = solve
-    simulation.run(2.5)
+    simulation.run(1.8)
     assert controller.walker.phase in (Phase.SINGLE, Phase.DOUBLE)
 
 
@@ -401,17 +383,21 @@ def test_a_streamed_command_ends_after_its_timeout():
     simulation = wbc.Simulation("g1")
     controller = simulation.controller
     simulation.run(0.1)
-    for _ in range(4):
+    for _ in range(3):
         controller._command(Walk(np.array([0.2, 0.0, 0.0]), streamed=True))
         simulation.run(0.4)
     assert controller.walker.phase in (Phase.SINGLE, Phase.DOUBLE)
-    simulation.run(4.0)
+    simulation.run(3.4)
     assert controller.walker.phase is Phase.STAND
     assert controller.mode is wbc.Mode.ACTIVE
 
 
+def standing(bench):
+    return bench("g1", {"safety": {"activation_ramp": 0.01}}).activated(20)
+
+
 def test_a_goal_and_footsteps_by_topic(bench, make):
-    controller = bench("g1").activated(600)
+    controller = standing(bench)
     walker = controller.loop.controller.walker
     controller.send("walk_goal", make.pose([1.0, 0.5, 0.0], [0.0, 0.0, np.sin(0.2), np.cos(0.2)]))
     report = controller.cycle(2)
@@ -433,25 +419,18 @@ def test_a_goal_and_footsteps_by_topic(bench, make):
 
 
 @pytest.mark.parametrize("key", ["cmd_vel", "cmd_vel_stamped"])
-def test_a_velocity_by_topic_starts_the_walk(bench, make, key):
-    controller = bench("g1").activated(600)
+def test_a_velocity_by_topic_starts_the_walk_and_ends_the_watch_of_the_bring_up(bench, make, key):
+    controller, compared = standing(bench), []
+    watch = SimpleNamespace(fault=None, check=lambda state, dynamics, solution, *_: compared.append(solution))
+    controller.loop._bring_up = watch
+    controller.cycle()
+    assert compared[0] is not None
     controller.send(key, make.velocity(key, [0.2, 0.0, 0.0, 0.0, 0.0, 0.1]))
     report = controller.cycle(2)
     walker = controller.loop.controller.walker
     assert not report.refused
     assert walker.phase is Phase.SHIFT
     assert walker.command == Velocity(0.2, 0.1)
-
-
-def test_the_watch_of_the_bring_up_does_not_compare_a_robot_that_walks(bench, make):
-    controller = bench("g1").activated(600)
-    compared = []
-    watch = SimpleNamespace(fault=None, check=lambda state, dynamics, solution, *_: compared.append(solution))
-    controller.loop._bring_up = watch
-    controller.cycle()
-    controller.send("cmd_vel", make.velocity("cmd_vel", [0.2, 0.0, 0.0, 0.0, 0.0, 0.0]))
-    controller.cycle(2)
-    assert compared[0] is not None
     assert compared[-1] is None
 
 
@@ -462,12 +441,15 @@ def test_only_robots_that_walk_have_the_topic_of_the_velocity(robot_of):
         assert {endpoint.key for endpoint in endpoints} & set(WALKING_KEYS) == keys
 
 
-def test_a_walking_robot_stops_before_it_is_deactivated():
+def test_a_walking_robot_stops_before_it_is_deactivated_and_refuses_commands_to_walk():
     simulation = wbc.Simulation("g1")
     controller = simulation.controller
     controller.walk(0.3)
-    simulation.run(2.0)
+    simulation.run(1.6)
     controller.request("deactivate")
+    controller.walk(0.2)
+    results = simulation.run(0.01)
+    assert any("refused" in sentence for result in results for sentence in result.refused)
     phases = []
     with pytest.raises(NoSolution, match="inactive"):  # the simulation ends with the active mode
         simulation.run(8.0, lambda now: phases.append((controller.walker.phase, now.result.mode)))
@@ -489,17 +471,6 @@ def test_damp_and_estop_do_not_wait_for_the_gait(word, mode):
     assert controller.step(q, v, 0.004).mode is mode
     controller.reset(q, v, 0.006)
     assert not controller.walker.moves
-
-
-def test_a_command_to_walk_is_refused_while_the_robot_stops_for_a_deactivation():
-    simulation = wbc.Simulation("g1")
-    controller = simulation.controller
-    controller.walk(0.3)
-    simulation.run(2.0)
-    controller.request("deactivate")
-    controller.walk(0.2)
-    results = simulation.run(0.01)
-    assert any("refused" in sentence for result in results for sentence in result.refused)
 
 
 def test_a_robot_without_the_section_does_not_walk():
