@@ -267,7 +267,7 @@ def changed() -> Callable[[Settings, Mapping[str, Any]], Settings]:
     return lambda settings, changes: Settings.model_validate(merged(settings.model_dump(), changes))
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def bench() -> Callable[..., Bench]:
     """Builds a `Bench` of a robot, with some settings changed."""
     return Bench

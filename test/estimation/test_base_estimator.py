@@ -15,8 +15,6 @@ from wbc_controller.estimation.absolute_pose import PoseSample
 from wbc_controller.estimation.running_estimate import ImuSample
 from wbc_controller.settings.config import load
 
-ROBOTS = ("g1", "talos", "go2")
-
 
 class Scene:
     """Robot controlled by its true state, and an estimator with its sensors only."""
@@ -73,7 +71,7 @@ def ready(robot):
     return scene, np.max(worst, axis=0)
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", ["talos", "go2"])
 def test_accuracy_during_motion_and_pushes(robot):
     scene, worst = ready(robot)
     assert worst[:2].max() < 0.005
@@ -84,7 +82,7 @@ def test_accuracy_during_motion_and_pushes(robot):
 
 
 def test_the_biases_are_found_as_far_as_they_can_be_seen():
-    scene, _ = ready("g1")
+    scene, _ = ready("talos")
     found = scene.estimator.filter
     np.testing.assert_allclose(found.gyroscope_bias, scene.biases[0], atol=5e-4)
     assert found.accelerometer_bias[2] == pytest.approx(scene.biases[1][2], abs=0.01)
@@ -120,10 +118,10 @@ def test_feet_that_roll_are_not_taken_for_fixed_points():
         if not rolling:
             for name in scene.estimator._kinematics.rolling:
                 scene.estimator._kinematics.rolling[name] = np.zeros(3)
-        scene.run(0.7)
+        scene.run(0.6)
         com = scene.controller.dynamics.com.copy()
         scene.controller.follow("com", [0.6], [com + [0.05, 0.0, -0.06]])
-        errors[rolling] = scene.run(0.8)[0]
+        errors[rolling] = scene.run(0.65)[0]
     assert errors[True] < 0.5 * errors[False]
     assert errors[False] > 0.0005
 
@@ -141,7 +139,7 @@ def test_contacts_come_and_go_with_what_is_meant_to_hold():
     assert set(scene.estimator.filter.names) == names
 
 
-def standing(robot="g1", **changes):
+def standing(robot="go2", **changes):
     """Estimator without data, and the sensors of a robot at rest."""
     scene = Scene(robot, noise=0.0, **changes)
     q, v = np.array(scene.model.posture), np.zeros(scene.model.nj)
@@ -321,7 +319,7 @@ def test_delayed_poses_correct_drift():
         found.gyroscope_bias = found.gyroscope_bias + [0.0, 0.0, 0.01]
         found.P[-4, -4] += 0.01**2
     com = scene.controller.dynamics.com.copy()
-    for offset in (0.02, -0.02, 0.02, -0.02):
+    for offset in (0.02, -0.02, 0.02):
         scene.controller.follow("com", [0.4], [com + [0.0, offset, 0.0]])
         scene.simulation.run(0.75, check)
     worst = np.abs(scene.errors[-500:]).max(axis=0)
@@ -379,7 +377,7 @@ def legs_with_tipped_sole(scene, contact, angle):
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_a_tipping_sole_does_not_lift_the_base(way):
     """The only sole in contact tips by 3° about an edge in 0.15 s while the base rests."""
-    scene, sample, q, v = standing()
+    scene, sample, q, v = standing("g1")
     contact, dt = scene.contacts[0], scene.controller.period
     fed(scene, stream(sample, 300), q, v, [contact])
     pose, _ = scene.estimator.base
@@ -395,7 +393,7 @@ def test_a_tipping_sole_does_not_lift_the_base(way):
 
 def test_the_velocity_is_less_certain_for_a_second_after_a_step():
     """Soles of fast steps tilt and roll off; a contact that returns after a slip is no step."""
-    scene, sample, q, v = standing(**{"estimation.contact_noise": 1.0e-4})
+    scene, sample, q, v = standing("g1", **{"estimation.contact_noise": 1.0e-4})
     deviations, time = [], 0.0
     for count, contacts in ((400, scene.contacts), (50, scene.contacts[:1]), (300, scene.contacts), (700, None)):
         fed(scene, stream(sample, count, time), q, v, contacts)
@@ -426,9 +424,9 @@ def test_errors_are_as_large_as_the_covariance_says():
             error = found.velocity - found.rotation @ R.T @ R @ speed
             squares.append(error @ np.linalg.solve(found.P[3:6, 3:6], error) / 3.0)
 
-    scene.simulation.run(1.5, check)
+    scene.simulation.run(1.2, check)
     com = scene.controller.dynamics.com.copy()
-    scene.controller.follow("com", [0.5, 1.0, 1.5], [com + [0.0, 0.02, 0.0], com - [0.0, 0.02, 0.0], com])
-    scene.simulation.run(2.0, check)
+    scene.controller.follow("com", [0.4, 0.8, 1.2], [com + [0.0, 0.02, 0.0], com - [0.0, 0.02, 0.0], com])
+    scene.simulation.run(1.6, check)
     anees = (2.0 * 1.0 + 3.0 * np.mean(squares)) / 5.0  # the tilt's error is its bias, drawn from the covariance
     assert 0.7 < anees < 1.3

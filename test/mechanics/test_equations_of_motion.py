@@ -127,7 +127,7 @@ def test_invalid_wrenches_are_refused():
         generalized_force(robot("go2"), pin.neutral(robot("go2")), [ExternalWrench("bsae", np.zeros(6))])
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(names, seeds)
 def test_energies_and_power(name, seed):
     model, rng = robot(name), np.random.default_rng(seed)

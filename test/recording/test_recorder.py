@@ -138,7 +138,7 @@ def test_a_fault_leaves_the_last_seconds_with_its_sentence(record, tmp_path):
     assert found.last >= cycle
 
 
-@pytest.mark.parametrize("after", range(9))
+@pytest.mark.parametrize("after", [0, 1, 7])  # a batch has eight cycles
 def test_events_of_the_last_cycles_are_recorded(record, tmp_path, after):
     run = record(tmp_path / "a.mcap")
     run.stand(20)
@@ -265,7 +265,7 @@ def test_messages_of_a_flooded_topic_are_dropped_and_counted(record, tmp_path, m
     run.stand(10)
     nonsense = encode(make.string("{tasks: {com: {stiffness: [" + "1, " * 400 + "]}}}"))
     large = encode(make.string("x" * 500_000))
-    for _ in range(16):
+    for _ in range(8):
         for _ in range(50):
             run.bench.send_bytes("update", nonsense)
         for _ in range(3):  # above the limit of eight cycles
@@ -278,8 +278,8 @@ def test_messages_of_a_flooded_topic_are_dropped_and_counted(record, tmp_path, m
     counts = {topic.name: found.counts.get(number, 0) for number, topic in found.topics.items()}
     (update,) = [topic for topic in counts if topic.endswith("/update")]
     left_out = sum(event.get("left out", {}).get(update, 0) for event in found.events.values())
-    assert counts[update] + left_out == 800
-    assert counts[update] * len(nonsense) < (16 / 8 + 1) * (66 << 10)  # in two or three batches of eight cycles
+    assert counts[update] + left_out == 400
+    assert counts[update] * len(nonsense) < 2 * (66 << 10)  # in one or two batches of eight cycles
     assert counts["/joint_states"] == counts["/odom"] == found.count
     assert [count for topic, count in counts.items() if topic.endswith("/tasks/com/setpoint")] == [1]
     assert f"messages on {update}" in summarize(found)

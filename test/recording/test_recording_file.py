@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from recorded_run import copied, make_run
 from rosbags.rosbag2.storage_mcap import McapReader
 
 import wbc_controller
@@ -38,11 +39,17 @@ def test_a_recording_in_another_format_is_rejected_with_both_formats(record, tmp
         Recording(tmp_path / "a.mcap")
 
 
-@pytest.fixture
-def finished(record, tmp_path):
-    run = record(tmp_path / "a.mcap")
+@pytest.fixture(scope="module")
+def original(bench, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("standing")
+    run = make_run(bench, folder, folder / "a.mcap")
     run.stand(60)
-    return run.finish(tmp_path / "a.mcap")
+    return run.finish(folder / "a.mcap").path
+
+
+@pytest.fixture
+def finished(original, tmp_path):
+    return copied(original, tmp_path)
 
 
 def test_a_recording_contains_the_version(finished):

@@ -73,6 +73,12 @@ class Run:
     def audits(self, since: float):
         return [report.audit for report in self.reports if report.audit and report.stamp * 1e-9 > since]
 
+    def until_warned(self, *names: str) -> bool:
+        """Run for at most a second; return whether one of these warnings came."""
+        while not self.warned(CALM, 1.0) & set(names) and self.time < CALM + 1.0:
+            self.until(self.time + 0.05)
+        return bool(self.warned(CALM, 1.0) & set(names))
+
     def warned(self, since: float, within: float) -> set[str]:
         """Return the names of warnings in a time span."""
         return {
@@ -87,14 +93,14 @@ def squat(run: Run) -> None:
     still = np.zeros(3)
     com = run.loop.controller.qp.dynamics.com.copy()
     down = com - np.array([0.0, 0.0, 0.10 if run.robot != "go2" else 0.06])
-    run.change(SetTrajectory("com", None, (Knot(1.5, down, still, still), Knot(3.0, com, still, still))))
+    run.change(SetTrajectory("com", None, (Knot(1.0, down, still, still), Knot(2.0, com, still, still))))
 
 
-@pytest.mark.parametrize("robot", ["g1", "talos", "go2"])
+@pytest.mark.parametrize("robot", ["g1", "go2"])
 def test_with_the_right_model_nothing_is_left_over(robot):
     run = Run(robot)
     squat(run)
-    run.until(CALM + 3.5)
+    run.until(CALM + 2.4)
     audits = run.audits(CALM + 0.5)
     moving = [audit for audit in audits if audit.throughput > 5.0]
     share = max(abs(audit.energy) / audit.throughput for audit in moving)
@@ -152,14 +158,11 @@ def test_the_residuals_are_those_of_the_laws_of_motion(robot):
     np.testing.assert_allclose(values[:, 4:7], values[:, 7:10], atol=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("link", "factor"), [("torso_link", 1.2), ("torso_link", 0.8), ("left_knee_link", 1.2), ("right_elbow_link", 0.8)]
-)
+@pytest.mark.parametrize(("link", "factor"), [("torso_link", 1.2), ("left_knee_link", 1.2), ("right_elbow_link", 0.8)])
 def test_a_wrong_mass_is_named_within_a_second(link, factor):
     settings = load_settings(find_configuration("g1"))
     run = Run(plant=make_model(settings, heavier(make_model(settings).urdf, link, factor)))
-    run.until(CALM + 1.0)
-    assert "UNMODELLED_FORCE" in run.warned(CALM, 1.0)
+    assert run.until_warned("UNMODELLED_FORCE")
     assert "UNMODELLED_FORCE" in run.reports[-1].audit.warnings[0]
 
 
@@ -170,12 +173,11 @@ def test_a_torque_with_the_wrong_sign_is_named_within_a_second(joint):
     sign = np.ones(run.model.na)
     sign[i] = -1.0
     run.mock.plant.apply = lambda tau: apply(sign * tau)
-    run.until(CALM + 1.0)
-    assert run.warned(CALM, 1.0) & {"UNMODELLED_TORQUE", "ENERGY_RESIDUAL"}
+    assert run.until_warned("UNMODELLED_TORQUE", "ENERGY_RESIDUAL")
 
 
 @pytest.mark.parametrize("push", [(3.0, 0.0, 0.0), (0.0, 0.0, -10.0)])
-def test_an_unknown_push_is_named_within_a_second(push):
+def test_an_unknown_push_is_named_within_a_second_and_then_forgotten(push):
     run = Run()
     run.mock.plant.push(run.model.base_link, np.array([*push, 0.0, 0.0, 0.0]), 1.0)
     run.until(CALM + 1.0)
@@ -184,33 +186,27 @@ def test_an_unknown_push_is_named_within_a_second(push):
     force, size = run.audits(CALM)[-1].force, np.linalg.norm(push)
     assert force @ push > 0.9 * np.linalg.norm(force) * size
     assert 0.5 * size < np.linalg.norm(force) < 1.5 * size
+    while run.reports[-1].audit.warnings and run.time < CALM + 2.5:
+        run.until(run.time + 0.05)
+    assert not run.reports[-1].audit.warnings
 
 
 def test_a_push_that_is_known_and_a_setpoint_are_no_surprise():
     run = Run()
     run.change(SetSetpoint("com", run.loop.controller.qp.dynamics.com + np.array([0.02, 0.02, -0.03])))
-    run.until(CALM + 1.5)
+    run.until(CALM + 1.2)
     assert not run.warned(CALM, 2.0)
     push = np.array([0.0, 20.0, 0.0, 0.0, 0.0, 0.0])
     run.change(SetExternalWrench(run.model.base_link, push))
-    run.mock.plant.push(run.model.base_link, push, 1.0)
-    run.until(CALM + 2.4)
+    run.mock.plant.push(run.model.base_link, push, 0.7)
+    run.until(CALM + 1.8)
     assert not run.warned(CALM, 3.0)
-
-
-def test_the_warning_reaches_diagnostics_and_goes_away():
-    run = Run()
-    run.mock.plant.push(run.model.base_link, np.array([0.0, 10.0, 0.0, 0.0, 0.0, 0.0]), 0.8)
-    run.until(CALM + 0.8)
-    assert run.reports[-1].audit.warnings
-    run.until(CALM + 2.5)
-    assert not run.reports[-1].audit.warnings
 
 
 def test_short_pushes_with_rests_between_them_do_not_add_up():
     run = Run()
     for i in range(3):
         run.mock.plant.push(run.model.base_link, np.array([0.0, 5.0, 0.0, 0.0, 0.0, 0.0]), 0.1)
-        run.until(CALM + 1.5 * (i + 1))
-        assert max(np.linalg.norm(audit.force) for audit in run.audits(CALM + 1.5 * i)) > run.loop._audit._largest_force
+        run.until(CALM + (i + 1))
+        assert max(np.linalg.norm(audit.force) for audit in run.audits(CALM + i)) > run.loop._audit._largest_force
     assert not run.warned(CALM, 5.0)

@@ -440,7 +440,7 @@ _cycles = st.lists(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(
     cycles=_cycles,
     ramp=st.sampled_from([0.0, 0.01, 0.1]),

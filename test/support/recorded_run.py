@@ -1,5 +1,6 @@
 """A controller on a bench whose cycles are recorded."""
 
+import shutil
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -41,21 +42,37 @@ class Run:
         return Recording(file)
 
 
+def make_run(
+    bench: Callable[..., Any],
+    folder: Path,
+    file: Path | None,
+    changes: dict[str, Any] | None = None,
+    robot: str = "go2",
+) -> Run:
+    """Make a recorded controller; recordings of faults go into the folder."""
+    settings = {"safety": {"activation_ramp": 0.01}, "recorder": {"folder": str(folder / "faults")}}
+    run = Run(bench(robot, {**settings, **(changes or {})}, partial(_recorder, file)))
+    run.bench.q = run.bench.q.copy()
+    return run
+
+
+def copied(path: Path, folder: Path) -> Recording:
+    """Return a recording in a copy of its file."""
+    return Recording(Path(shutil.copy(path, folder)))
+
+
 @pytest.fixture
 def record(bench: Callable[..., Any], tmp_path: Path) -> Iterator[Callable[..., Run]]:
     """Makes a recorded controller; its process is ended with the test."""
-    made: list[Recorder] = []
+    made: list[Run] = []
 
     def make(file: Path | None = None, changes: dict[str, Any] | None = None, robot: str = "go2") -> Run:
-        settings = {"safety": {"activation_ramp": 0.01}, "recorder": {"folder": str(tmp_path / "faults")}}
-        run = Run(bench(robot, {**settings, **(changes or {})}, partial(_recorder, file)))
-        run.bench.q = run.bench.q.copy()
-        made.append(run.recorder)
-        return run
+        made.append(make_run(bench, tmp_path, file, changes, robot))
+        return made[-1]
 
     yield make
-    for recorder in made:
-        recorder.close()
+    for run in made:
+        run.recorder.close()
 
 
 def _recorder(file: Path | None, settings: Any) -> Recorder:

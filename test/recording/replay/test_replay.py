@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from recorded_run import copied, make_run
 
 from wbc_controller.cli import main
 from wbc_controller.recording.replay.comparison import compare
@@ -37,11 +38,17 @@ def busy(run, make) -> None:
     run.go(150)
 
 
-@pytest.fixture
-def recorded(record, tmp_path, make):
-    run = record(tmp_path / "a.mcap")
+@pytest.fixture(scope="module")
+def original(bench, tmp_path_factory, make):
+    folder = tmp_path_factory.mktemp("busy")
+    run = make_run(bench, folder, folder / "a.mcap")
     busy(run, make)
-    return run.finish(tmp_path / "a.mcap")
+    return run.finish(folder / "a.mcap").path
+
+
+@pytest.fixture
+def recorded(original, tmp_path):
+    return copied(original, tmp_path)
 
 
 def test_replay_from_any_memory_is_identical(recorded):
