@@ -52,10 +52,9 @@ def test_inactive_contacts_are_removed(forces):
     assert forces.unloaded == ()
 
 
-@pytest.mark.parametrize("robot", ["g1", "go2"])
-def test_a_foot_without_floor_is_detected(robot):
+def test_a_foot_without_floor_is_detected():
     changes = {"estimation.base_state": "imu", "mock.sensors": "good", "safety.activation_ramp": 0.1}
-    trial = EstimationTrial(robot, changes)
+    trial = EstimationTrial("g1", changes)
     trial.stand()
     trial.follow([0.4, 0.8], [trial.origin + np.array([0.0, 0.03, -0.02]), trial.origin])
     lifted, said = [], []

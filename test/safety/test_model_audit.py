@@ -158,7 +158,7 @@ def test_the_residuals_are_those_of_the_laws_of_motion(robot):
     np.testing.assert_allclose(values[:, 4:7], values[:, 7:10], atol=1e-4)
 
 
-@pytest.mark.parametrize(("link", "factor"), [("torso_link", 1.2), ("left_knee_link", 1.2), ("right_elbow_link", 0.8)])
+@pytest.mark.parametrize(("link", "factor"), [("left_knee_link", 1.2), ("right_elbow_link", 0.8)])
 def test_a_wrong_mass_is_named_within_a_second(link, factor):
     settings = load_settings(find_configuration("g1"))
     run = Run(plant=make_model(settings, heavier(make_model(settings).urdf, link, factor)))

@@ -101,8 +101,8 @@ def test_a_drift_of_the_estimated_height_is_no_slope():
 
     controller.cycle = drifting
     controller.walk(0.3)
-    simulation.run(4.5)
-    assert walker.steps >= 6
+    simulation.run(3.6)
+    assert walker.steps >= 4
     assert max(slopes) < 0.01
 
 

@@ -91,7 +91,7 @@ def test_a_quadruped_walks_in_groups_as_commanded_and_stops_within_three_steps(c
     assert speed == pytest.approx(np.array(command), abs=0.03)
     steps = walker.steps
     controller.stand()
-    _, last = way_of(simulation, 2.2 if not changes else 4.5)
+    _, last = way_of(simulation, 2.2 if not changes else 3.8)
     assert walker.phase is Phase.STAND
     assert walker.steps - steps <= 3
     assert np.abs(simulation.plant.state()[1]).max() < 0.02
