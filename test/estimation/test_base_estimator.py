@@ -241,7 +241,7 @@ def test_the_imu_may_be_on_another_link():
 
 def test_covariance_of_the_base():
     scene = Scene("talos")  # IMU with offset and rotation
-    scene.run(0.8)
+    scene.run(0.6)
     running, found = scene.estimator._running, scene.estimator.filter
     running._interval = np.inf  # without the noise of the last sample
     size = len(found.P)

@@ -60,7 +60,8 @@ def test_a_robot_walks_far_from_the_origin_as_commanded_and_stops(robot, command
     middle = 0.5 * (heading(start) + heading(end))
     along = complex(*(end - start)[:2]) * np.exp(-1j * middle) / (ended - begun)
     turned = (heading(end) - heading(start)) / (ended - begun)
-    assert (along.real, along.imag, turned) == pytest.approx(command, abs=0.05)
+    assert (along.real, along.imag) == pytest.approx(command[:2], abs=0.05)
+    assert turned == pytest.approx(command[2], abs=0.02)
     controller.stand()
     results += simulation.run(3.2)
     assert controller.walker.phase is Phase.STAND
@@ -125,7 +126,7 @@ def stepping_g1(elapsed):
     return simulation, walker
 
 
-@pytest.mark.parametrize(("kick", "elapsed"), [(0.5, 0.1), (-0.5j, 0.1), (0.5j, 0.0), (0.7j, 0.1)])
+@pytest.mark.parametrize(("kick", "elapsed"), [(-0.5j, 0.1), (0.5j, 0.0), (0.7j, 0.1)])
 def test_a_stepping_robot_survives_a_change_of_its_velocity(kick, elapsed):
     """The right foot cannot follow an outward change, to the left."""
     simulation, walker = stepping_g1(elapsed)
@@ -236,13 +237,13 @@ def tracking_errors(*, reaction=1.0, lag=1.0, **changes):
     walker._lag *= lag
 
     def look(_):
-        if simulation.time > 2.4 and walker.phase is Phase.SINGLE:
+        if simulation.time > 1.8 and walker.phase is Phase.SINGLE:
             dcm, foot = walker._references["walking_dcm"].position, walker._feet[-walker._stance]
             distance = foot.sole(controller.dynamics).place - complex(*walker._step.swing[0, :2])
             errors.append((abs(complex(*dcm) - walker._dcm_wanted), abs(distance)))
 
     controller.walk(0.4)
-    simulation.run(3.8, look)
+    simulation.run(3.0, look)
     return np.mean(errors, axis=0)
 
 
@@ -337,9 +338,8 @@ def test_a_contact_sensor_tells_the_touchdown():
 
 
 def test_force_sensors_of_the_robot_reach_the_walker():
-    changes = {"estimation.base_state": "imu", "mock.sensors": "good", "safety.activation_ramp": 0.1}
-    trial = EstimationTrial("g1", changes, force_sensors=True)
-    trial.stand()
+    trial = EstimationTrial("g1", {"estimation.base_state": "imu", "mock.sensors": "good"}, force_sensors=True)
+    trial.settle()
     assert trial.report.inputs.touching == {"left_foot": True, "right_foot": True}
 
 

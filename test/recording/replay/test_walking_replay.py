@@ -20,7 +20,6 @@ FALLS = {"FALLEN", "FALLING", "ESTIMATE_LOST", "IMPLAUSIBLE_STATE", "RELAXED", "
 #: Fault, its parameters, and the codes that may name it.
 FAULTS = [
     ("message_dropout", {"stream": "joint_states"}, {"STALE_INPUT"}),
-    ("imu_shock", {"turn": 50.0}, FALLS),
     ("floor_hole", {"contact": ""}, FALLS),
 ]
 
