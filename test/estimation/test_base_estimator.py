@@ -328,8 +328,7 @@ def test_delayed_poses_correct_drift():
     assert worst[5] < 0.5 * abs(alone.errors[-1][5])
 
 
-@pytest.mark.parametrize("robot", ["g1", "go2"])
-@pytest.mark.parametrize(("speed", "within"), [(0.3, 0.05), (1.0, 0.02)])
+@pytest.mark.parametrize(("robot", "speed", "within"), [("g1", 0.3, 0.05), ("go2", 1.0, 0.02)])
 def test_a_foot_that_slides_beside_resting_ones_is_excluded(robot, speed, within):
     """The first foot slides forward by 60 mm; the base and the others rest."""
     scene, sample, q, _ = standing(robot)

@@ -1,4 +1,4 @@
-"""G1 sways from foot to foot in the simulator while contacts and tasks are switched: 100 switches, and no jump."""
+"""G1 sways from foot to foot in the simulator while contacts and tasks are switched: 60 switches, and no jump."""
 
 from dataclasses import dataclass, field
 
@@ -11,7 +11,7 @@ from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.validation.lockstep import Lockstep
 
-SWITCHES = 100
+SWITCHES = 60
 #: Lateral amplitude, m; times of motion, on each side, and between task switches, s.
 SWAY, WAY, STAY, PAUSE = 0.1, 2.0, 0.6, 0.06
 #: Largest torque step, as a share of the torque rate limit.

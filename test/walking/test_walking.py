@@ -461,18 +461,18 @@ def test_damp_and_estop_do_not_wait_for_the_gait(word, mode):
     assert not controller.walker.moves
 
 
-def test_a_robot_without_the_section_does_not_walk():
-    controller = wbc.Controller(wbc.load("go2").replace({"walking": None}))
+@pytest.mark.parametrize(
+    ("robot", "changes", "value", "message"),
+    [
+        ("go2", {"walking": None}, 0.1, "no section 'walking'"),
+        ("g1", {}, np.nan, "walking velocity"),
+        ("g1", {}, np.inf, "walking velocity"),
+    ],
+)
+def test_a_robot_without_the_section_and_a_velocity_that_is_not_finite_are_refused(robot, changes, value, message):
+    controller = wbc.Controller(wbc.load(robot).replace(changes))
     controller.reset(controller.stance(), np.zeros(controller.model.nv))
-    with pytest.raises(InputRefused, match="no section 'walking'"):
-        controller.walk(0.1)
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_a_velocity_that_is_not_finite_is_refused(value):
-    controller = wbc.Controller("g1")
-    controller.reset(controller.stance(), np.zeros(controller.model.nv))
-    with pytest.raises(InputRefused, match="walking velocity"):
+    with pytest.raises(InputRefused, match=message):
         controller.walk(value)
 
 
