@@ -277,12 +277,12 @@ def test_the_planned_touchdown_is_frozen_before_the_foot_lands():
 @pytest.mark.parametrize(
     "ask",
     [
-        lambda controller: controller.walk(0.3, 0.0, 0.2),
         lambda controller: controller.walk_to(1.0, 0.2, 0.3),
         lambda controller: controller.walk_footsteps([[0.1, 0.1, 0.0], [0.2, -0.1, 0.0], [0.3, 0.1, 0.0]]),
     ],
 )
 def test_a_walk_continues_exactly_from_a_saved_state(ask):
+    """Walks by a velocity: `test_walking_replay.py`."""
     simulation = wbc.Simulation("g1")
     controller = simulation.controller
     ask(controller)
