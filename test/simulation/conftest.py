@@ -10,7 +10,7 @@ from wbc_controller.settings.contacts import SurfaceContact
 from wbc_controller.simulation.mechanism import contact_frame
 from wbc_controller.simulation.plant import Plant
 
-ROBOTS = ("g1", "talos", "go2")
+ROBOTS = ("g1", "go2")
 
 
 class Standing:

@@ -15,7 +15,7 @@ from wbc_controller.settings.files import parse_settings
 from wbc_controller.simulation.mechanism import contact_frame
 from wbc_controller.simulation.plant import Plant
 
-ROBOTS = ("g1", "talos", "go2")
+ROBOTS = ("g1", "go2")
 IN_THE_AIR = 10.0
 
 
@@ -73,52 +73,13 @@ def test_free_acceleration_is_that_of_the_articulated_body_algorithm(flying, loa
     tau = rng.uniform(-1.0, 1.0, model.na) * plant.effort_limits
     plant.apply(tau)
     plant.set_state(q, v)
+    for found, given_value in zip(plant.state(), (q, v), strict=True):
+        np.testing.assert_allclose(found, given_value, atol=1e-12)
     expected = free_acceleration(model, q, v, tau)
     assert np.linalg.norm(plant.acceleration() - expected) < 1e-6 * np.linalg.norm(expected)
 
 
-def test_joints_that_are_not_actuated_are_locked(go2):
-    full, settings = go2
-    joints = full.joints[3:9][::-1]
-    own = settings.robot.model_copy(update={"joints": list(joints), "posture": [0.0, 0.8, -1.5] * 2})
-    model = build_model(full.urdf, joints, [-1.5, 0.8, 0.0] * 2, armature=0.02)
-    plant = Plant(model, settings.model_copy(update={"robot": own}))
-    plant.hold(False, ramp=0.0)
-    q, v = random_state(model, np.random.default_rng(0))
-    plant.apply(np.arange(6.0))
-    plant.set_state(q, v)
-    expected = free_acceleration(model, q, v, np.arange(6.0))
-    np.testing.assert_allclose(plant.acceleration(), expected, rtol=1e-9, atol=1e-9)
-
-
-@pytest.mark.parametrize("name", ROBOTS)
-def test_states_go_in_and_out_unchanged(flying, load, name):
-    model, _ = load(name)
-    q, v = random_state(model, np.random.default_rng(1))
-    flying[name].set_state(q, v)
-    q_out, v_out = flying[name].state()
-    np.testing.assert_allclose(q_out, q, atol=1e-12)
-    np.testing.assert_allclose(v_out, v, atol=1e-12)
-
-
-def test_the_posture_stands_on_the_floor(any_robot, standing):
-    model, settings = any_robot
-    plant = Plant(model, settings)
-    assert plant.held
-    assert not plant.fallen
-    assert plant.time == 0.0
-    control = standing(model, settings, plant.state()[0])
-    for _ in range(20):
-        plant.apply(control(plant))
-        plant.step()
-    assert 0.0 <= penetration(plant) < 1e-4
-    touching = [name for name, wrench in plant.contact_wrenches().items() if np.linalg.norm(wrench) > 0.0]
-    assert touching == list(settings.contacts)
-    assert plant.links_on_the_floor() == frozenset()
-
-
-def test_links_without_a_contact_that_come_down_are_named(load):
-    plant = Plant(*load("go2"))
+def test_links_without_a_contact_that_come_down_are_named(plant):
     plant.hold(False, ramp=0.0)
     plant.damp(0.5)
     while not (down := plant.links_on_the_floor()):
@@ -140,6 +101,7 @@ def test_a_held_robot_without_torques_stays(any_robot):
 def test_standing_the_feet_carry_the_weight_and_the_release_is_smooth(any_robot, standing):
     model, settings = any_robot
     plant = Plant(model, settings)
+    assert (plant.held, plant.fallen, plant.time) == (True, False, 0.0)
     start, _ = plant.state()
     control = standing(model, settings, start)
     weight = model.mass * model.gravity
@@ -155,7 +117,11 @@ def test_standing_the_feet_carry_the_weight_and_the_release_is_smooth(any_robot,
             speed = max(speed, float(np.abs(plant.state()[1][:6]).max()))
             forces.append(sum(wrench[2] for wrench in plant.contact_wrenches().values()))
 
-    run(200)
+    run(20)
+    assert 0.0 <= penetration(plant) < 1e-4
+    touching = [name for name, wrench in plant.contact_wrenches().items() if np.linalg.norm(wrench) > 0.0]
+    assert (touching, plant.links_on_the_floor()) == (list(settings.contacts), frozenset())
+    run(180)
     plant.hold(False)
     assert not plant.held
     run(700)
@@ -243,9 +209,8 @@ def test_the_same_calls_give_the_same_bits(any_robot):
     assert run() == run()
 
 
-@pytest.mark.parametrize("name", ROBOTS)
-def test_a_push_changes_the_momentum_by_its_impulse(load, name):
-    model, settings = load(name)
+def test_a_push_changes_the_momentum_by_its_impulse(load):
+    model, settings = load("g1")
     frame = str(model.pinocchio.frames[-1].name)
     wrench = np.array([30.0, -20.0, 10.0, 1.0, 2.0, -3.0])
 
@@ -273,11 +238,6 @@ def test_a_push_changes_the_momentum_by_its_impulse(load, name):
     np.testing.assert_allclose(linear - linear_free, 0.02 * wrench[:3], rtol=0.01)
     expected = 0.02 * (wrench[3:] + np.cross(arm, wrench[:3]))
     np.testing.assert_allclose(angular - angular_free, expected, atol=0.01 * np.linalg.norm(expected))
-
-
-def test_motors_saturate(plant):
-    plant.apply(np.full(12, 1e6))
-    np.testing.assert_array_equal(plant.applied_torques, plant.effort_limits)
 
 
 def test_joints_stop_at_their_limits(go2):
@@ -320,20 +280,7 @@ def test_the_hoist_carries_a_fallen_robot_back(plant):
     assert speed < 2.0
 
 
-def test_an_imu_at_rest_feels_the_floor(go2, standing):
-    model, settings = go2
-    plant = Plant(model, settings)
-    control = standing(model, settings, plant.state()[0])
-    for _ in range(300):
-        plant.apply(control(plant))
-        plant.step()
-    quaternion, omega, force = plant.imu("base")
-    np.testing.assert_allclose(quaternion, [0.0, 0.0, 0.0, 1.0], atol=1e-4)
-    np.testing.assert_allclose(omega, np.zeros(3), atol=1e-3)
-    np.testing.assert_allclose(force, [0.0, 0.0, model.gravity], atol=1e-2)
-
-
-@pytest.mark.parametrize("frame", ["base", "FL_calf", "RR_foot", "imu"])
+@pytest.mark.parametrize("frame", ["FL_calf", "imu"])
 def test_an_imu_on_any_link_measures_what_pinocchio_computes(go2, frame):
     model, settings = go2
     plant, data = Plant(model, settings), model.pinocchio.createData()
@@ -358,9 +305,8 @@ def test_an_imu_on_any_link_measures_what_pinocchio_computes(go2, frame):
         plant.set_state(q, v)  # restarts the mean: instantaneous force
 
 
-@pytest.mark.parametrize("frame", ["base", "imu"])
-def test_what_an_imu_measures_adds_up_to_the_velocity(go2, standing, frame):
-    model, settings = go2
+def test_what_an_imu_measures_adds_up_to_the_velocity(go2, standing):
+    (model, settings), frame = go2, "imu"
     plant, data = Plant(model, settings), model.pinocchio.createData()
     control, period = standing(model, settings, plant.state()[0]), 1.0 / settings.control.rate
     plant.hold(False, ramp=0.0)
@@ -417,17 +363,17 @@ def test_time_is_counted_in_steps(go2):
     assert plant.step_seconds == pytest.approx(1.0 / 1200.0)
 
 
-@pytest.mark.parametrize("tau", [[0.0] * 11, [0.0] * 13, [[0.0] * 12], [math.nan] + [0.0] * 11, [math.inf] * 12])
-def test_unusable_torques_are_refused_and_change_nothing(plant, tau):
+def test_unusable_values_are_refused_and_change_nothing(plant):
     plant.apply(np.ones(12))
-    with pytest.raises(InputRefused, match="expected"):
-        plant.apply(tau)
-    np.testing.assert_array_equal(plant.applied_torques, np.ones(12))
-
-
-@pytest.mark.parametrize(
-    ("frame", "wrench", "duration", "said"),
-    [
+    for tau in ([0.0] * 11, [0.0] * 13, [[0.0] * 12], [math.nan] + [0.0] * 11, [math.inf] * 12):
+        with pytest.raises(InputRefused, match="expected"):
+            plant.apply(tau)
+        np.testing.assert_array_equal(plant.applied_torques, np.ones(12))
+    q, v = plant.state()
+    for bad_q, bad_v in ((q[1:], v), (q, v[1:]), (q * math.nan, v), (q * 0.0, v)):
+        with pytest.raises(InputRefused, match="expected"):
+            plant.set_state(bad_q, bad_v)
+    for frame, wrench, duration, said in (
         ("FR_fot", [0.0] * 6, 0.1, "did you mean 'FR_foot'"),
         ("universe", [0.0] * 6, 0.1, "unknown moving link"),
         ("base", [0.0] * 3, 0.1, r"expected \(6,\)"),
@@ -435,18 +381,9 @@ def test_unusable_torques_are_refused_and_change_nothing(plant, tau):
         ("base", [1e9] + [0.0] * 5, 0.1, "at most"),
         ("base", [0.0] * 6, math.nan, "must be from 0 to 86400"),
         ("base", [0.0] * 6, 0.0, "positive"),
-    ],
-)
-def test_unusable_pushes_are_refused(go2, frame, wrench, duration, said):
-    with pytest.raises(InputRefused, match=said):
-        Plant(*go2).push(frame, wrench, duration)
-
-
-def test_unusable_states_are_refused(plant):
-    q, v = plant.state()
-    for bad_q, bad_v in ((q[1:], v), (q, v[1:]), (q * math.nan, v), (q * 0.0, v)):
-        with pytest.raises(InputRefused, match="expected"):
-            plant.set_state(bad_q, bad_v)
+    ):
+        with pytest.raises(InputRefused, match=said):
+            plant.push(frame, wrench, duration)
 
 
 def arm_settings(joints, posture, base="fixed"):
@@ -470,11 +407,9 @@ def test_a_robot_rooted_in_a_link_called_world(base):
     settings = arm_settings(joints, [0.3, 0.2], base)
     urdf = ARM.replace("IXX", "0.1")
     if base == "floating":
-        urdf = urdf.replace(
-            '<link name="world"/>',
-            '<link name="world"><inertial><mass value="3"/><inertia ixx="1" '
-            'iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>',
-        )
+        inertia = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+        world = f'<link name="world"><inertial><mass value="3"/>{inertia}</inertial></link>'
+        urdf = urdf.replace('<link name="world"/>', world)
     model = build_model(urdf, joints, [0.3, 0.2], floating_base=base == "floating", armature=0.02)
     plant = Plant(model, settings)
     plant.hold(False, ramp=0.0)
@@ -521,13 +456,10 @@ PLANAR = (
 )
 def test_a_base_that_drives_in_a_plane(urdf, base):
     joints, posture = [*base, "shoulder", "elbow"], [0.1, -0.2, 0.5, 0.4, -0.3]
-    values = {
-        "robot": {"joints": joints, "posture": posture, "base": "fixed"},
-        "tasks": {"posture": {"type": "posture"}},
-    }
-    wbc.check(wbc.load(values, urdf=urdf))
+    settings = arm_settings(joints, posture)
+    wbc.check(wbc.load(settings, urdf=urdf))
     model = build_model(urdf, joints, posture, floating_base=False)
-    plant = Plant(model, parse_settings(values, "here"))
+    plant = Plant(model, settings)
     q, v = model.configuration(np.array(posture)), np.linspace(1.0, -1.0, model.nv)
     tau = np.array([3.0, -2.0, 1.0, 4.0, 5.0])
     plant.apply(tau)
@@ -537,7 +469,7 @@ def test_a_base_that_drives_in_a_plane(urdf, base):
     np.testing.assert_allclose(plant.acceleration(), expected, rtol=1e-4, atol=1e-5)
 
 
-@pytest.mark.parametrize("axis", ["0 0 1", "0 1 0", "1 0 0", "1 2 -3"])
+@pytest.mark.parametrize("axis", ["0 0 1", "1 2 -3"])
 def test_a_planar_joint_moves_in_its_plane_and_turns_about_its_axis(axis):
     urdf, normal = carriage(PLANAR.replace("AXIS", axis)), np.array([float(part) for part in axis.split()])
     joints = ["drive/x", "drive/y", "drive/theta"]
@@ -559,10 +491,8 @@ def test_a_flat_link_is_not_refused_for_rounding():
         rotation = pin.exp3(rng.normal(size=3))
         x, y = rng.uniform(0.01, 1.0, size=2)
         tensor = rotation @ np.diag([x, y, x + y]) @ rotation.T
-        entries = tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]].tolist()
-        inertia = " ".join(
-            f'i{ab}="{x!r}"' for ab, x in zip(("xx", "yy", "zz", "xy", "xz", "yz"), entries, strict=True)
-        )
+        places = {f"i{'xyz'[i]}{'xyz'[j]}": (i, j) for i in range(3) for j in range(i, 3)}
+        inertia = " ".join(f'{name}="{float(tensor[place])!r}"' for name, place in places.items())
         urdf = ARM.replace('ixx="IXX" iyy="0.1" izz="0.01" ixy="0.001" ixz="0" iyz="0"', inertia)
         Plant(build_model(urdf, ["shoulder", "elbow"], [0.0, 0.0], floating_base=False), settings)
 

@@ -14,9 +14,8 @@ from wbc_controller.simulation.plant import Plant
 class Bench:
     """Go2 on its hoist with prescribed joint motion."""
 
-    def __init__(self, model, settings) -> None:
-        self.model = model
-        self.plant = Plant(model, settings)
+    def __init__(self, model, settings, plant) -> None:
+        self.model, self.plant = model, plant
         self.period = 1.0 / settings.control.rate
         self.faults = Injector(model, self.plant, self.period)
         self.true_speed = np.linspace(0.1, 0.5, model.nj)
@@ -68,6 +67,12 @@ class Bench:
         return arrived
 
 
+@pytest.fixture(scope="module")
+def plant(load) -> Plant:
+    """Return one plant for a module of faults that do not change it."""
+    return Plant(*load("go2"))
+
+
 @pytest.fixture
-def bench(go2) -> Bench:
-    return Bench(*go2)
+def bench(go2, plant) -> Bench:
+    return Bench(*go2, plant)

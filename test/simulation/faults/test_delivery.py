@@ -20,7 +20,7 @@ from wbc_controller.simulation.faults.catalogue import kinds_of
         ("message_reordering", {"share": 1.0, "periods": 2}, [[], [], *[[n] for n in range(8)]]),
         ("message_replay", {"length": 0.006}, [[0], [1], [2], [0], [1], [2], [0], [1], [2], [0]]),
         ("message_queue", {}, [[]] * 10),
-        ("message_queue", {"duration": 0.01}, [[], [], [], [], [], [0, 1, 2, 3, 4, 5], [6]]),
+        ("message_queue", {"duration": 0.009}, [[], [], [], [], [], [0, 1, 2, 3, 4, 5], [6]]),
         ("message_delay", {"delay": 0.006, "duration": 0.004}, [[], [], [2], [0, 3], [1, 4], [5]]),
         ("command_loss", {"share": 1.0}, [[]] * 5),
         ("command_delay", {"delay": 0.004}, [[], [], [0], [1], [2]]),
