@@ -43,6 +43,7 @@ WORDS = Vocabulary(
 )
 HALF = np.sqrt(0.5)
 NAN, INF = float("nan"), float("inf")
+AT = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
 
 
 def refused(said):
@@ -54,29 +55,33 @@ def read(key, subject, content):
     return READERS[key](WORDS, subject, decode(encode(content), content.__msgtype__))
 
 
-class TestSetpoints:
-    def one(self, key, subject, content):
-        (change,) = read(key, subject, content)
-        return change
+def one(key, subject, content):
+    (change,) = read(key, subject, content)
+    return change
 
-    def test_a_point(self, make):
+
+def assert_refused(key, subject, *cases):
+    """Check pairs of a content and a part of the refusal."""
+    for content, said in cases:
+        with refused(said):
+            read(key, subject, content)
+
+
+class TestSetpoints:
+    def test_positions(self, make):
         for task in ("com", "elbow", "visor"):
-            change = self.one("setpoint", task, make.point([1, 2, 3]))
+            change = one("setpoint", task, make.point([1, 2, 3]))
             assert isinstance(change, SetSetpoint)
             assert change.task == task
             np.testing.assert_array_equal(change.position, [1, 2, 3])
-
-    def test_a_pose(self, make):
-        change = self.one("setpoint", "hand", make.pose([1, 2, 3], [0, 0, HALF, HALF]))
-        np.testing.assert_allclose(change.position, [1, 2, 3, 0, 0, HALF, HALF])
-
-    def test_an_orientation_takes_nothing_else_of_the_pose(self, make):
-        change = self.one("setpoint", "torso", make.pose([NAN, 2, 3], [0, 0, HALF, HALF]))
-        np.testing.assert_allclose(change.position, [0, 0, HALF, HALF])
-
-    def test_joints_by_name(self, make):
-        change = self.one("setpoint", "posture", make.joint_state(["ankle", "hip", "knee"], [3, 1, 2]))
-        np.testing.assert_array_equal(change.position, [1, 2, 3])
+        for task in ("sway", "spin"):
+            np.testing.assert_array_equal(one("setpoint", task, make.vector([1, 0, -3])).position, [1, 0, -3])
+        pose = one("setpoint", "hand", make.pose([1, 2, 3], [0, 0, HALF, HALF]))
+        np.testing.assert_allclose(pose.position, [1, 2, 3, 0, 0, HALF, HALF])
+        orientation = one("setpoint", "torso", make.pose([NAN, 2, 3], [0, 0, HALF, HALF]))
+        np.testing.assert_allclose(orientation.position, [0, 0, HALF, HALF])
+        joints = one("setpoint", "posture", make.joint_state(["ankle", "hip", "knee"], [3, 1, 2]))
+        np.testing.assert_array_equal(joints.position, [1, 2, 3])
 
     @pytest.mark.parametrize("frame", ["", "world", "odom", "map"])
     def test_frames_of_the_world(self, make, frame):
@@ -85,36 +90,24 @@ class TestSetpoints:
     def test_another_frame_is_refused_with_the_valid_ones(self, make):
         world = ": the world (world, odom, map)"
         own = "relative to its reference (hand/reference, hand/heading) or a frame of the robot"
-        for key, subject, content, said in (
-            ("setpoint", "hand", make.pose([1, 2, 3], frame="palvis"), f"{world} or {own}; did you mean 'pelvis'?"),
-            (
-                "setpoint",
-                "hand",
-                make.pose([1, 2, 3], frame="com/reference"),
-                "frame_id is 'com/reference'; valid for setpoints",
-            ),
-            ("setpoint", "sway", make.vector([1, 2, 3], "pelvis"), f"{world} or relative to its reference (sway"),
-            (
-                "external_wrench",
-                "pelvis",
-                make.wrench([1] * 6, "pelvis"),
-                "valid for an external wrench: world, odom, map",
-            ),
-            (
-                "trajectory",
-                "com",
-                make.frame_trajectory([(1.0, [AT])], "hand"),
-                "valid for a trajectory: world, odom, map",
-            ),
-        ):
-            with refused(said):
-                read(key, subject, content)
+        at_com = "frame_id is 'com/reference'; valid for setpoints"
+        assert_refused(
+            "setpoint", "hand",
+            (make.pose([1, 2, 3], frame="palvis"), f"{world} or {own}; did you mean 'pelvis'?"),
+            (make.pose([1, 2, 3], frame="com/reference"), at_com),
+        )  # fmt: skip
+        sway = make.vector([1, 2, 3], "pelvis"), f"{world} or relative to its reference (sway"
+        assert_refused("setpoint", "sway", sway)
+        wrench = make.wrench([1] * 6, "pelvis"), "valid for an external wrench: world, odom, map"
+        assert_refused("external_wrench", "pelvis", wrench)
+        trajectory = make.frame_trajectory([(1.0, [AT])], "hand"), "valid for a trajectory: world, odom, map"
+        assert_refused("trajectory", "com", trajectory)
 
     @pytest.mark.parametrize("frame", ["com/reference", "com/heading", "pelvis"])
     def test_a_setpoint_may_be_given_in_another_frame(self, make, frame):
         for change in (
-            self.one("setpoint", "com", make.point([1, 2, 3], frame)),
-            self.one("update", "", make.string(f"{{tasks: {{com: {{setpoint: [1, 2, 3], frame: {frame}}}}}}}")),
+            one("setpoint", "com", make.point([1, 2, 3], frame)),
+            one("update", "", make.string(f"{{tasks: {{com: {{setpoint: [1, 2, 3], frame: {frame}}}}}}}")),
         ):
             assert change.frame == frame
             np.testing.assert_array_equal(change.position, [1, 2, 3])
@@ -122,172 +115,123 @@ class TestSetpoints:
     def test_of_joints_that_are_displaced_only_some_need_names(self, make):
         content = make.joint_state(["knee"], [0.5])
         content.header.frame_id = "posture/reference"
-        change = self.one("setpoint", "posture", content)
+        change = one("setpoint", "posture", content)
         assert change.frame == "posture/reference"
         np.testing.assert_array_equal(change.position, [0.0, 0.5, 0.0])
         content.header.frame_id = "posture/refrence"
         with refused(": the world (world, odom, map) or relative to its reference (posture/reference)"):
             read("setpoint", "posture", content)
 
-    @pytest.mark.parametrize(
-        ("fields", "said"),
-        [
-            ("frame: com/reference", "tasks.com: 'frame' requires 'setpoint'"),
-            ("setpoint: [1, 2, 3], frame: 7", "tasks.com.frame is 7; it must be the name of a frame"),
-            (
-                "setpoint: [1, 2, 3], frame: hand/reference",
-                "tasks.com.frame is 'hand/reference'; valid for setpoints of task",
-            ),
-        ],
-    )
-    def test_an_update_with_an_invalid_frame_is_refused(self, make, fields, said):
-        with refused(said):
-            read("update", "", make.string(f"{{tasks: {{com: {{{fields}}}, posture: {{weight: 1.0}}}}}}"))
-
-    def test_a_momentum(self, make):
-        for task in ("sway", "spin"):
-            np.testing.assert_array_equal(self.one("setpoint", task, make.vector([1, 0, -3])).position, [1, 0, -3])
-
     def test_of_a_capture_point_only_x_and_y_are_read(self, make):
         for change in (
-            self.one("setpoint", "steady", make.point([1, 2, NAN])),
-            self.one("update", "", make.string("{tasks: {steady: {setpoint: [1, 2]}}}")),
+            one("setpoint", "steady", make.point([1, 2, NAN])),
+            one("update", "", make.string("{tasks: {steady: {setpoint: [1, 2]}}}")),
         ):
             np.testing.assert_array_equal(change.position, [1, 2])
 
     def test_a_direction_has_the_length_one(self, make):
         for change in (
-            self.one("setpoint", "thumb", make.vector([0, 3, 4])),
-            self.one("update", "", make.string("{tasks: {thumb: {setpoint: [0, 3, 4]}}}")),
-            *self.one("trajectory", "thumb", make.frame_trajectory([(1.0, [[0, 3, 4, 0, 0, 0, 1]])])).points,
+            one("setpoint", "thumb", make.vector([0, 3, 4])),
+            one("update", "", make.string("{tasks: {thumb: {setpoint: [0, 3, 4]}}}")),
+            *one("trajectory", "thumb", make.frame_trajectory([(1.0, [[0, 3, 4, 0, 0, 0, 1]])])).points,
         ):
             np.testing.assert_allclose(change.position, [0, 0.6, 0.8])
-
-    def test_a_direction_without_length_is_refused(self, make):
-        with refused("the vector [0, 0, 0] has no direction (length 0)"):
-            read("setpoint", "thumb", make.vector([0, 0, 0]))
-        with refused("the position [0, 0, 0] has no direction"):
-            read("trajectory", "thumb", make.frame_trajectory([(1.0, [[0, 0, 0, 0, 0, 0, 1]])]))
-        with refused("tasks.thumb.setpoint [0, 0, 0] has no direction"):
-            read("update", "", make.string("{tasks: {thumb: {setpoint: [0, 0, 0]}}}"))
+        none = "has no direction"
+        assert_refused("setpoint", "thumb", (make.vector([0, 0, 0]), f"the vector [0, 0, 0] {none} (length 0)"))
+        content = make.frame_trajectory([(1.0, [[0, 0, 0, 0, 0, 0, 1]])])
+        assert_refused("trajectory", "thumb", (content, f"the position [0, 0, 0] {none}"))
+        content = make.string("{tasks: {thumb: {setpoint: [0, 0, 0]}}}")
+        assert_refused("update", "", (content, f"tasks.thumb.setpoint [0, 0, 0] {none}"))
 
     def test_a_relative_pose_is_given_in_its_reference_frame(self, make):
-        change = self.one("setpoint", "wrist", make.pose([1, 2, 3], [0, 0, HALF, HALF], "right_hand"))
+        change = one("setpoint", "wrist", make.pose([1, 2, 3], [0, 0, HALF, HALF], "right_hand"))
         np.testing.assert_allclose(change.position, [1, 2, 3, 0, 0, HALF, HALF])
-        self.one("trajectory", "wrist", make.frame_trajectory([(1.0, [AT])], "right_hand"))
+        one("trajectory", "wrist", make.frame_trajectory([(1.0, [AT])], "right_hand"))
+        valid = "of task 'wrist': its reference frame 'right_hand'"
         for frame in ("", "world", "left_hand"):
-            own = "its reference frame 'right_hand' or relative to its reference (wrist/reference)"
-            with refused(f"frame_id is {frame!r}; valid for setpoints of task 'wrist': {own}"):
-                read("setpoint", "wrist", make.pose([1, 2, 3], frame=frame))
-            said = f"frame_id is {frame!r}; valid for a trajectory of task 'wrist': its reference frame 'right_hand'"
-            with refused(said):
-                read("trajectory", "wrist", make.frame_trajectory([(1.0, [AT])], frame))
-
-    @pytest.mark.parametrize(
-        ("names", "values", "said"),
-        [
-            (["hip", "knee", "ancle"], [0, 0, 0], "'ancle' is not a joint of this task; did you mean 'ankle'? Valid:"),
-            (["hip", "knee"], [0, 0], "position: 1 joints are missing: ankle"),
-            (["hip", "knee", "ankle"], [0, 0], "position has 2 values for 3 names"),
-            (["hip", "knee", "ankle"], [], "position has 0 values for 3 names"),
-            (["hip", "knee", "ankle", "hip"], [0] * 4, "duplicate joint 'hip'"),
-            (["hip", "knee", "ankle"], [0, NAN, 0], "position is not finite: [0, nan, 0]"),
-        ],
-    )
-    def test_joint_setpoints_that_are_refused(self, make, names, values, said):
-        with refused(said):
-            read("setpoint", "posture", make.joint_state(names, values))
+            said = f"frame_id is {frame!r}; valid for setpoints {valid} or relative to its reference (wrist/reference)"
+            assert_refused("setpoint", "wrist", (make.pose([1, 2, 3], frame=frame), said))
+            said = f"frame_id is {frame!r}; valid for a trajectory {valid}"
+            assert_refused("trajectory", "wrist", (make.frame_trajectory([(1.0, [AT])], frame), said))
 
     def test_values_that_are_refused(self, make):
-        with refused("the point is not finite: [1, nan, 3]"):
-            read("setpoint", "com", make.point([1, NAN, 3]))
-        with refused("[0, 0, 0, 0.9] is not a unit quaternion (norm 0.9)"):
-            read("setpoint", "hand", make.pose([1, 2, 3], [0, 0, 0, 0.9]))
-        with refused("the position is not finite"):
-            read("setpoint", "hand", make.pose([1, INF, 3]))
+        for names, values, said in (
+            (["hip", "knee", "ancle"], [0] * 3, "'ancle' is not a joint of this task; did you mean 'ankle'? Valid:"),
+            (["hip", "knee"], [0, 0], "position: 1 joints are missing: ankle"),
+            (JOINTS, [0, 0], "position has 2 values for 3 names"),
+            ([*JOINTS, "hip"], [0] * 4, "duplicate joint 'hip'"),
+            (JOINTS, [0, NAN, 0], "position is not finite: [0, nan, 0]"),
+        ):
+            assert_refused("setpoint", "posture", (make.joint_state(names, values), said))
+        assert_refused("setpoint", "com", (make.point([1, NAN, 3]), "the point is not finite: [1, nan, 3]"))
+        assert_refused(
+            "setpoint", "hand",
+            (make.pose([1, 2, 3], [0, 0, 0, 0.9]), "[0, 0, 0, 0.9] is not a unit quaternion (norm 0.9)"),
+            (make.pose([1, INF, 3]), "the position is not finite"),
+        )  # fmt: skip
 
 
 class TestSwitchesAndWeights:
     def test_commands_and_settings(self, make):
-        assert read("weight", "com", make.float64(2.5)) == (SetWeight("com", 2.5),)
+        for weight in (0.0, 2.5, 1e6):
+            assert read("weight", "com", make.float64(weight)) == (SetWeight("com", weight),)
         assert read("task_enable", "com", make.bool(False)) == (EnableTask("com", False),)
         assert read("contact_enable", "left_foot", make.bool(True)) == (EnableContact("left_foot", True),)
-        (change,) = read("external_wrench", "pelvis", make.wrench([1, 2, 3, 4, 5, 6]))
+        change = one("external_wrench", "pelvis", make.wrench([1, 2, 3, 4, 5, 6]))
         assert isinstance(change, SetExternalWrench)
         np.testing.assert_array_equal(change.wrench, [1, 2, 3, 4, 5, 6])
 
-    @pytest.mark.parametrize("bad", [NAN, INF, -INF, -1e-9, 1.0001e6])
-    def test_weights_out_of_range(self, make, bad):
-        with refused(f"weight is {bad!r}; valid: 0 to 1e6"):
-            read("weight", "com", make.float64(bad))
-
-    def test_the_ends_of_the_range(self, make):
-        for good in (0.0, 1e6):
-            assert read("weight", "com", make.float64(good)) == (SetWeight("com", good),)
-
-    def test_a_wrench_that_is_not_finite(self, make):
-        with refused("the wrench is not finite: [0, 0, 0, 0, nan, 0]"):
-            read("external_wrench", "pelvis", make.wrench([0, 0, 0, 0, NAN, 0]))
+    def test_values_out_of_range(self, make):
+        for bad in (NAN, INF, -INF, -1e-9, 1.0001e6):
+            assert_refused("weight", "com", (make.float64(bad), f"weight is {bad!r}; valid: 0 to 1e6"))
+        wrench = make.wrench([0, 0, 0, 0, NAN, 0]), "the wrench is not finite: [0, 0, 0, 0, nan, 0]"
+        assert_refused("external_wrench", "pelvis", wrench)
 
 
-class TestVelocities:
+class TestWalking:
     @pytest.mark.parametrize("key", ["cmd_vel", "cmd_vel_stamped"])
     def test_a_velocity_to_walk_at(self, make, key):
-        (change,) = read(key, "", make.velocity(key, [0.3, -0.1, 0.0, 0.0, 0.0, 0.5]))
+        change = one(key, "", make.velocity(key, [0.3, -0.1, 0.0, 0.0, 0.0, 0.5]))
         assert change.streamed
         np.testing.assert_array_equal(change.velocity, [0.3, -0.1, 0.5])
+        assert read(key, "", make.velocity(key, [0.0] * 6)) == (Walk(None, streamed=True),)
 
-    def test_zero_stops(self, make):
-        assert read("cmd_vel", "", make.velocity("cmd_vel", [0.0] * 6)) == (Walk(None, streamed=True),)
-
-    def test_components_that_do_not_count_are_refused(self, make):
-        with refused("linear.z, angular.x and angular.y are [0.2, 0.0, 0.0]; they must be 0: walking uses linear.x"):
-            read("cmd_vel", "", make.velocity("cmd_vel", [0.3, 0.0, 0.2, 0.0, 0.0, 0.0]))
-
-    def test_a_velocity_that_is_not_finite_is_refused(self, make):
-        with refused("the velocity is not finite"):
-            read("cmd_vel", "", make.velocity("cmd_vel", [NAN, 0.0, 0.0, 0.0, 0.0, 0.0]))
-
-
-class TestPosesToWalkTo:
-    def test_a_goal(self, make):
-        (change,) = read("walk_goal", "", make.pose([1.0, -2.0, 0.3], [0.0, 0.0, np.sin(0.6), np.cos(0.6)]))
-        np.testing.assert_allclose(change.pose, [1.0, -2.0, 1.2])
-
-    def test_footsteps(self, make):
+    def test_a_goal_and_footsteps(self, make):
+        goal = one("walk_goal", "", make.pose([1.0, -2.0, 0.3], [0.0, 0.0, np.sin(0.6), np.cos(0.6)]))
+        np.testing.assert_allclose(goal.pose, [1.0, -2.0, 1.2])
         poses = [[0.1, 0.2, -3.0], [0.3, -0.1, 0.5]]
-        (change,) = read("walk_footsteps", "", make.pose_array(poses))
-        np.testing.assert_allclose(change.poses, poses)
+        np.testing.assert_allclose(one("walk_footsteps", "", make.pose_array(poses)).poses, poses)
 
-    @pytest.mark.parametrize(
-        ("position", "quaternion", "frame", "message"),
-        [
-            ([NAN, 0, 0], [0, 0, 0, 1], "world", "the goal is not finite"),
-            ([2e4, 0, 0], [0, 0, 0, 1], "world", "the goal is at [20000, 0] m; valid: up to 10000 m from the origin"),
-            ([0, 0, 0], [0, 0, 0, 0], "world", "is not a unit quaternion"),
-            ([0, 0, 0], [0.6, 0, 0, 0.8], "world", "the orientation of the goal is tilted (x 0.6, y 0); it must be"),
-            ([0, 0, 0], [0, 0, 0, 1], "pelvis", "frame_id is 'pelvis'; valid for a goal: world, odom, map"),
-        ],
-    )
-    def test_refused_goals(self, make, position, quaternion, frame, message):
-        with refused(message):
-            read("walk_goal", "", make.pose(position, quaternion, frame))
-
-    def test_refused_footsteps(self, make):
-        with refused("the message has 0 footsteps; valid: 1 to 1000"):
-            read("walk_footsteps", "", make.pose_array([]))
-        with refused("step 2 is not finite"):
-            read("walk_footsteps", "", make.pose_array([[0.0, 0.1, 0.0], [NAN, 0.0, 0.0]]))
-
-
-AT = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+    def test_values_that_are_refused(self, make):
+        unused = "linear.z, angular.x and angular.y are [0.2, 0.0, 0.0]; they must be 0: walking uses linear.x"
+        assert_refused(
+            "cmd_vel", "",
+            (make.velocity("cmd_vel", [0.3, 0.0, 0.2, 0.0, 0.0, 0.0]), unused),
+            (make.velocity("cmd_vel", [NAN, 0.0, 0.0, 0.0, 0.0, 0.0]), "the velocity is not finite"),
+        )  # fmt: skip
+        upright, far = [0, 0, 0, 1], "the goal is at [20000, 0] m; valid: up to 10000 m from the origin"
+        tilted = "the orientation of the goal is tilted (x 0.6, y 0); it must be"
+        assert_refused(
+            "walk_goal", "",
+            (make.pose([NAN, 0, 0], upright), "the goal is not finite"),
+            (make.pose([2e4, 0, 0], upright), far),
+            (make.pose([0, 0, 0], [0, 0, 0, 0]), "is not a unit quaternion"),
+            (make.pose([0, 0, 0], [0.6, 0, 0, 0.8]), tilted),
+            (make.pose([0, 0, 0], upright, "pelvis"), "frame_id is 'pelvis'; valid for a goal: world, odom, map"),
+        )  # fmt: skip
+        assert_refused(
+            "walk_footsteps", "",
+            (make.pose_array([]), "the message has 0 footsteps; valid: 1 to 1000"),
+            (make.pose_array([[0.0, 0.1, 0.0], [NAN, 0.0, 0.0]]), "step 2 is not finite"),
+        )  # fmt: skip
 
 
 class TestTrajectories:
     def test_of_joints(self, make):
         points = [(0.5, [3, 1, 2]), (1.0, [6, 4, 5], [30, 10, 20], [0.3, 0.1, 0.2]), (2.0, [0, 0, 0])]
-        content = make.joint_trajectory(["ankle", "hip", "knee"], points, start=2_500_000_000)
-        (change,) = read("trajectory", "posture", content)
+        change = one(
+            "trajectory", "posture", make.joint_trajectory(["ankle", "hip", "knee"], points, start=2_500_000_000)
+        )
         assert isinstance(change, SetTrajectory)
         assert change.start == 2.5
         assert [point.time for point in change.points] == [0.5, 1.0, 2.0]
@@ -302,44 +246,36 @@ class TestTrajectories:
     ])  # fmt: skip
     def test_of_a_frame(self, make, task, position, velocity):
         points = [(1.0, [[1, 2, 3, 0, 0, HALF, HALF]], [[1, 2, 3, 4, 5, 6]]), (2.0, [AT])]
-        frame = WORDS.reference_frames.get(task, "world")
-        (change,) = read("trajectory", task, make.frame_trajectory(points, frame))
+        change = one("trajectory", task, make.frame_trajectory(points, WORDS.reference_frames.get(task, "world")))
         assert change.start is None
         pose, twist = np.array([1, 2, 3, 0, 0, HALF, HALF]), np.array([1.0, 2, 3, 4, 5, 6])
         np.testing.assert_allclose(change.points[0].position, pose[3:] if task == "torso" else pose[:position])
         np.testing.assert_array_equal(change.points[0].velocity, twist[3:] if task == "torso" else twist[:velocity])
 
-    @pytest.mark.parametrize("times", [(1.0, 1.0), (1.0, 0.5), (-0.1, 1.0), (0.0, 2.0, 1.0)])
+    @pytest.mark.parametrize("times", [(1.0, 1.0), (-0.1, 1.0), (0.0, 2.0, 1.0)])
     def test_times_that_do_not_rise_from_zero(self, make, times):
         shown = ", ".join(f"{time:g}" for time in times)
         said = f"time_from_start must increase from 0, got [{shown}] s"
-        with refused(said):
-            read("trajectory", "com", make.frame_trajectory([(time, [AT]) for time in times]))
-        with refused(said):
-            read("trajectory", "posture", make.joint_trajectory(JOINTS, [(time, [0, 0, 0]) for time in times]))
+        for task, content in (
+            ("com", make.frame_trajectory([(time, [AT]) for time in times])),
+            ("posture", make.joint_trajectory(JOINTS, [(time, [0, 0, 0]) for time in times])),
+        ):
+            assert_refused("trajectory", task, (content, said))
 
-    @pytest.mark.parametrize(
-        ("names", "point", "said"),
-        [
+    def test_values_that_are_refused(self, make):
+        for names, point, said in (
             (["hip", "knee", "ancle"], ([0, 0, 0],), "'ancle' is not a joint of this task; did you mean 'ankle'?"),
             (["hip", "knee"], ([0, 0],), "positions: 1 joints are missing: ankle"),
             ([*JOINTS, "hip"], ([0] * 4,), "duplicate joint 'hip'"),
-            (JOINTS, ([0, 0],), "positions has 2 values for 3 names"),
             (JOINTS, ([],), "positions has 0 values for 3 names"),
             (JOINTS, ([0, 0, 0], [1, 2]), "velocities has 2 values for 3 names"),
             (JOINTS, ([0, 0, 0], [], [1]), "accelerations has 1 values for 3 names"),
             (JOINTS, ([0, 0, INF],), "positions is not finite"),
             (JOINTS, ([0, 0, 0], [NAN, 0, 0]), "velocities is not finite"),
             (JOINTS, ([0, 0, 0], [0, 1, 0]), "the last point has the velocity [0, 1, 0]; it must be 0"),
-        ],
-    )
-    def test_joint_trajectories_that_are_refused(self, make, names, point, said):
-        with refused(said):
-            read("trajectory", "posture", make.joint_trajectory(names, [(1.0, *point)]))
-
-    @pytest.mark.parametrize(
-        ("points", "names", "said"),
-        [
+        ):
+            assert_refused("trajectory", "posture", (make.joint_trajectory(names, [(1.0, *point)]), said))
+        for points, names, said in (
             ([], ["com"], "the trajectory has no points"),
             ([(1.0, [])], ["com"], "a point has 0 transforms; valid: 1"),
             ([(1.0, [AT, AT])], ["com"], "a point has 2 transforms; valid: 1"),
@@ -347,15 +283,10 @@ class TestTrajectories:
             ([(1.0, [AT])], ["com", "hand"], "the trajectory has 2 joint names; valid: at most one frame"),
             ([(1.0, [[NAN, *AT[1:]]])], ["com"], "the position is not finite"),
             ([(1.0, [AT], [[0, 0, 0, NAN, 0, 0]])], ["com"], "velocities is not finite"),
-        ],
-    )
-    def test_frame_trajectories_that_are_refused(self, make, points, names, said):
-        with refused(said):
-            read("trajectory", "com", make.frame_trajectory(points, names=names))
-
-    def test_an_invalid_quaternion_is_refused(self, make):
-        with refused("is not a unit quaternion"):
-            read("trajectory", "hand", make.frame_trajectory([(1.0, [[0, 0, 0, 0, 0, 0, 0]])]))
+        ):
+            assert_refused("trajectory", "com", (make.frame_trajectory(points, names=names), said))
+        content = make.frame_trajectory([(1.0, [[0, 0, 0, 0, 0, 0, 0]])])
+        assert_refused("trajectory", "hand", (content, "is not a unit quaternion"))
 
 
 class TestUpdate:
@@ -381,23 +312,29 @@ class TestUpdate:
         [
             ("", "'' is not a mapping; an update is YAML such as {tasks:"),
             ("{}", "is not a mapping"),
-            ("hello", "'hello' is not a mapping"),
-            ("[1, 2]", "is not a mapping"),
             ("{tasks: {com: ", "not valid YAML"),
-            ("a: b: c", "not valid YAML"),
-            ("{tasks: \x00}", "not valid YAML"),
             ("{tasks: !!python/object:os.system {}}", "not valid YAML"),
-            ("{[1]: 2}", "not valid YAML"),
             ("{tasks: {com: {weight: 2001-99-99}}}", "not valid YAML: month must be in 1..12"),
             ("[" * 500, "not valid YAML"),
             ("#" * 5000, "update has 5000 characters (limit 4096)"),
+            ("{tasks: {com: {setpoint: [1, 2, 3], frame: 7}}}", "tasks.com.frame is 7; it must be the name of a frame"),
+            (
+                "{tasks: {com: {setpoint: [1, 2, 3], frame: hand/reference}}}",
+                "tasks.com.frame is 'hand/reference'; valid for setpoints of task",
+            ),
+            (
+                "{tasks: {com: {frame: com/reference}, posture: {weight: 1.0}}}",
+                "tasks.com: 'frame' requires 'setpoint'",
+            ),
             ("{task: {com: {weight: 1}}}", "unknown key 'task'; did you mean 'tasks'? Valid: contacts, control"),
             ("{3: {}}", "unknown key 3; Valid: contacts, control, limits, safety, tasks"),
             ("{tasks: 3}", "tasks is not a mapping"),
             ("{tasks: {com: 3}}", "tasks.com is not a mapping"),
             ("{tasks: {}}", "changes nothing"),
-            ("{tasks: {com: {}}}", "changes nothing"),
-            ("{tasks: {cmo: {weight: 1}}}", "unknown task 'cmo'; did you mean 'com'? Valid: com, elbow, hand"),
+            (
+                "{tasks: {com: {weight: 5}, cmo: {weight: 1}}}",
+                "unknown task 'cmo'; did you mean 'com'? Valid: com, elbow, hand",
+            ),
             ("{tasks: {1: {weight: 1}}}", "unknown task 1; Valid: com"),
             ("{contacts: {left: {enabled: true}}}", "unknown contact 'left'; did you mean 'left_foot'?"),
             ("{tasks: {com: {wieght: 1}}}", "tasks.com: unknown key 'wieght'; did you mean 'weight'? Valid: damping"),
@@ -405,11 +342,7 @@ class TestUpdate:
             ("{tasks: {com: {weight: heavy}}}", "weight is 'heavy'; it must be a number"),
             ("{tasks: {com: {weight: true}}}", "weight is True; it must be a number"),
             ("{tasks: {com: {weight: .nan}}}", "weight is nan; valid: 0 to 1e6"),
-            ("{tasks: {com: {weight: -1}}}", "weight is -1; valid: 0 to 1e6"),
-            ("{tasks: {com: {weight: 1000000000}}}", "weight is 1000"),
             (f"{{tasks: {{com: {{weight: 1{'0' * 400}}}}}}}", "tasks.com.weight: integer with 401 characters"),
-            (f"{{tasks: {{com: {{weight: 0x{'f' * 4000}}}}}}}", "tasks.com.weight: integer with 4002 characters"),
-            ("{tasks: {com: {weight: !!timestamp x}}}", "not valid YAML"),
             ("{tasks: {com: {weight: !!bool x}}}", "not valid YAML: KeyError: 'x'"),
             ("{tasks: {com: {weight: 1, weight: 2}}}", "tasks.com.weight: duplicate key 'weight'"),
             ("{tasks: {com: &a {weight: 1}, base: *a}}", "aliases (*name) are not supported"),
@@ -419,22 +352,14 @@ class TestUpdate:
             ("{tasks: {hand: {setpoint: [1, 2, 3]}}}", "has 3 values; a frame_pose task requires 7"),
             ("{tasks: {steady: {setpoint: [1, 2, 3]}}}", "has 3 values; a capture_point task requires 2"),
             ("{tasks: {spin: {setpoint: [1, 2]}}}", "has 2 values; an angular_momentum task requires 3"),
-            ("{tasks: {wrist: {setpoint: [1, 2, 3]}}}", "has 3 values; a relative_pose task requires 7"),
             ("{tasks: {wrist: {setpoint: [1, 2, 3, 0, 0, 0, 2]}}}", "[0, 0, 0, 2] is not a unit quaternion (norm 2)"),
-            ("{tasks: {torso: {setpoint: [0, 0, 0, 2]}}}", "[0, 0, 0, 2] is not a unit quaternion (norm 2)"),
             ("{tasks: {com: {setpoint: [1, 2, a]}}}", "is [1, 2, 'a']; it must be a list of 3 numbers"),
-            ("{tasks: {com: {setpoint: [1, 2, true]}}}", "is [1, 2, True]; it must be a list of 3 numbers"),
             ("{tasks: {com: {setpoint: [1, 2, .nan]}}}", "tasks.com.setpoint is not finite"),
-            (f"{{tasks: {{com: {{setpoint: [1, 2, 1{'0' * 400}]}}}}}}", "setpoint: integer with 401 characters"),
         ],
     )
     def test_invalid_messages_are_refused(self, make, text, said):
         with refused(said):
             self.update(make, text)
-
-    def test_one_bad_change_refuses_all(self, make):
-        with refused("unknown task 'cmo'"):
-            self.update(make, "{tasks: {com: {weight: 5}, cmo: {weight: 1}}}")
 
     def test_a_long_quoted_text_is_shortened(self, make):
         bomb = "a: &a [x]\n" + "".join(
@@ -449,7 +374,7 @@ class TestUpdate:
             self.update(make, "{tasks: {com: {setpoint: " + bomb.splitlines()[0][6:] + "}}}")
         assert len(str(refusal.value)) < 1000
 
-    @settings(max_examples=150, deadline=None)
+    @settings(max_examples=100, deadline=None)
     @given(
         text=st.one_of(
             st.text(max_size=80),
