@@ -1,19 +1,17 @@
 """Fuzzer of clocks and load: robots stand or are damped by a fault; injected defects are detected."""
 
-import dataclasses
-
-import pytest
+import numpy as np
 from click.testing import CliRunner
 
 from wbc_controller.cli import main
 from wbc_controller.nodes.inputs import Inputs
 from wbc_controller.validation.campaign.monitored_robot import TrueFall
 from wbc_controller.validation.fuzz import clocks
-from wbc_controller.validation.fuzz.clocks import CLOCKS, run_trial
+from wbc_controller.validation.fuzz.clocks import CLOCKS, ClockTrial, run_trial
 
 
 def test_no_fall_without_a_fault():
-    result = CliRunner().invoke(main, ["fuzz", "clocks", "go2", "--count", "30"])
+    result = CliRunner().invoke(main, ["fuzz", "clocks", "go2", "--count", "9", "--first", "9"])
     assert result.exit_code == 0, result.output
     lines = result.stdout.splitlines()
     assert [line.split()[:2] for line in lines] == [["go2", clock] for clock in CLOCKS]
@@ -21,24 +19,22 @@ def test_no_fall_without_a_fault():
         assert any(outcome in line for line in lines), outcome
 
 
-@pytest.mark.parametrize("number", [0, 4])
-def test_seed_and_number_determine_the_trial(number):
-    trial = run_trial("go2", 3, number)
-    assert run_trial("go2", 3, number) == trial != run_trial("go2", 4, number)
+def test_seed_and_number_determine_the_trial():
+    trial = run_trial("go2", 3, 4)
+    assert run_trial("go2", 3, 4) == trial != run_trial("go2", 4, 4)
 
 
 def test_torques_from_stale_states_are_detected(monkeypatch):
     monkeypatch.setattr(Inputs, "fault", lambda self, ages, timeout: None)
     monkeypatch.setattr("wbc_controller.nodes.loop.stale_inputs", lambda ages, timeout: None)
-    trials = (run_trial("go2", 0, number) for number in range(60))
-    assert next(trial.why for trial in trials if trial.why).startswith("stale: at ")
+    assert run_trial("go2", 0, 9).why.startswith("stale: at ")
 
 
 def test_exit_status_after_a_fall_without_a_fault(monkeypatch):
     monkeypatch.setattr(TrueFall, "has_fallen", lambda self: True)
-    result = CliRunner().invoke(main, ["fuzz", "clocks", "go2", "--count", "3", "--first", "10"])
+    result = CliRunner().invoke(main, ["fuzz", "clocks", "go2", "--count", "1", "--first", "15"])
     assert result.exit_code == 1
-    assert "go2, trial 1" in result.output
+    assert "go2, trial 15" in result.output
     assert "; the robot fell without a fault" in result.output
 
 
@@ -50,8 +46,8 @@ def test_clock_moves_in_steps():
             super()._period()
             stamps.append(self.clock.stamp())
 
-    trial = dataclasses.replace(run_trial("go2", 0, 0), clock="simulated")
     steps = clocks.ClockSteps(step=0.02, start=0.0, duration=60.0)
-    ObservedTrial(trial, [steps], True, clocks.np.random.default_rng(0)).run()
+    trial = ClockTrial("go2", 0, "simulated", "clock_steps", late=False)
+    ObservedTrial(trial, [steps], True, np.random.default_rng(0)).run()
     assert {stamp % 20_000_000 for stamp in stamps} == {0}
     assert len(set(stamps)) > 20

@@ -1,5 +1,6 @@
 """Fuzzer of files: hostile ones are refused; crashes and hangs of the reader are detected."""
 
+import logging
 import re
 
 import pytest
@@ -13,25 +14,31 @@ from wbc_controller.validation.fuzz.files import case_folder, fuzz_files, make_c
 from wbc_controller.validation.fuzz.hostile_files import structures
 from wbc_controller.validation.fuzz.strategies import draw_by_key
 
-#: Number of cases; `wbc fuzz configurations` and `urdf` read tens of thousands.
-COUNT = 20
 URDF = files._originals("go2")[1]
 
 
-@pytest.mark.parametrize(("kind", "robots"), [("configurations", "go2,g1"), ("urdf", "go2,g1"), ("recordings", "go2")])
-def test_hostile_files_work_or_are_refused(tmp_path, kind, robots):
-    arguments = ["fuzz", kind, robots, "--count", str(COUNT), "--out", str(tmp_path)]
-    result = CliRunner().invoke(main, arguments)
+def test_the_command_reads_hostile_files(tmp_path):
+    result = CliRunner().invoke(main, ["fuzz", "urdf", "go2", "--count", "6", "--out", str(tmp_path)])
     assert result.exit_code == 0, result.output
-    assert re.fullmatch(rf"{COUNT} cases in \d+ s: (\d+ (refused|works)(, |\n)){{2}}", result.stdout)
+    assert re.fullmatch(r"6 cases in \d+ s: (\d+ (refused|works)(, |\n)){2}", result.stdout)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("kind", ["configurations", "recordings"])
+def test_hostile_files_work_or_are_refused(tmp_path, caplog, kind):
+    """In this process; `wbc fuzz` reads tens of thousands in a child."""
+    caplog.set_level(logging.CRITICAL)
+    results = set()
+    for number in range(10):
+        make_case(kind, "go2", 0, number, tmp_path / str(number))
+        results.add(read_case(tmp_path / str(number)))
+    assert results == {"works", "refused"}
 
 
 @pytest.mark.parametrize("name", structures(URDF))
 def test_hostile_structures_of_a_urdf_work_or_are_refused(tmp_path, name):
     make_case("urdf", "go2", 0, 0, tmp_path)
-    for number in range(3):
-        text = draw_by_key(structures(URDF)[name], name, number)
+    for text in {draw_by_key(structures(URDF)[name], name, number) for number in range(2)}:
         assert text != URDF
         (tmp_path / "robot.urdf").write_text(text, encoding="utf-8")
         assert read_case(tmp_path) in ("works", "refused")
@@ -46,18 +53,20 @@ def test_seed_and_number_determine_the_case(tmp_path):
     assert (tmp_path / "a" / "robot.yaml").read_bytes() != texts[0]
 
 
-def test_unchanged_files_work(tmp_path, monkeypatch):
+def test_unchanged_files_work_in_time(tmp_path, monkeypatch):
     monkeypatch.setattr(files, "hostile_urdf", lambda text: st.just(text.encode()))
     make_case("urdf", "go2", 0, 0, tmp_path)
     assert read_case(tmp_path) == "works"
+    monkeypatch.setattr(files, "_PROCESSOR_TIME_LIMIT", 0.0)
+    assert read_case(tmp_path).startswith("slow: ")
 
 
 def test_crash_and_hang_of_the_reader(tmp_path, monkeypatch):
     monkeypatch.setattr(files, "_CASE_TIMEOUT", 3.0)
     monkeypatch.setattr(files, "read_case", dies_and_hangs)
-    results = {trial.folder: trial.result for trial in fuzz_files("configurations", ("go2",), 4, 0, tmp_path)}
-    works, dead, hanging, last = (case_folder(tmp_path, "configurations", number) for number in range(4))
-    assert results == {works: "works", dead: "crash: SIGSEGV", hanging: "hang: no result after 3 s", last: "works"}
+    results = {trial.folder: trial.result for trial in fuzz_files("configurations", ("go2",), 3, 0, tmp_path)}
+    works, dead, hanging = (case_folder(tmp_path, "configurations", number) for number in range(3))
+    assert results == {works: "works", dead: "crash: SIGSEGV", hanging: "hang: no result after 3 s"}
     assert (dead / "robot.yaml").exists()
 
 
@@ -76,9 +85,3 @@ def test_tracebacks_and_errors_without_a_path_are_failures(tmp_path, monkeypatch
     monkeypatch.setattr(files, "check", broken)
     make_case("configurations", "go2", 0, 0, tmp_path)
     assert read_case(tmp_path).startswith(said)
-
-
-def test_slow_case_is_a_failure(tmp_path, monkeypatch):
-    monkeypatch.setattr(files, "_PROCESSOR_TIME_LIMIT", 0.0)
-    make_case("configurations", "go2", 0, 0, tmp_path)
-    assert read_case(tmp_path).startswith("slow: ")
