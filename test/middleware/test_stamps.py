@@ -25,10 +25,6 @@ def fed(tracker, count=100, lag=0.0):
     return tracker
 
 
-def test_nothing_has_come():
-    assert StampTracker().age(5.0) == np.inf
-
-
 def test_between_two_clocks_the_age_is_the_time_since_the_stamp():
     tracker = StampTracker()
     assert feed(tracker, np.arange(100) * 0.002, 0.0003) == [None] * 100
@@ -82,19 +78,18 @@ def test_a_clock_of_another_rate_is_not_latency(rate):
     assert tracker.age(4999 * 0.002) < 0.003
 
 
+@pytest.mark.parametrize("made", [StampTracker, lambda: StampTracker(lambda: START, 0.01)], ids=["own", "synchronized"])
 @pytest.mark.parametrize(
     ("step", "said"),
     [
         (0.0, "header.stamp does not advance from"),
         (-0.004, "header.stamp is 0.004 s before the last message"),
-        (-10.0, "header.stamp is 10.000 s before"),
-        (60.0, "header.stamp is 59.998 s ahead of the previous messages"),
-        (0.25, "header.stamp is 0.248 s ahead of the previous messages"),
-        (0.1, "header.stamp is 0.098 s ahead of the previous messages"),
+        (60.0, "header.stamp is 59.998 s ahead of the "),
+        (0.1, "header.stamp is 0.098 s ahead of the "),
     ],
 )
-def test_one_contradictory_stamp_is_refused(step, said):
-    tracker = fed(StampTracker())
+def test_one_contradictory_stamp_is_refused(made, step, said):
+    tracker = fed(made())
     last = 99 * 0.002
     assert tracker.check_stamp(round((START + last + step) * 1e9), last + 0.002).startswith(said)
     assert tracker.age(last + 0.002) == pytest.approx(0.002, abs=1e-6)
@@ -133,8 +128,10 @@ def test_a_stream_with_a_new_time_is_taken_after_a_while():
     assert tracker.age(0.2 + 399 * 0.002) == pytest.approx(0.0, abs=1e-6)
 
 
-def test_no_time_at_all():
-    assert "header.stamp is 0" in StampTracker().check_stamp(0, 1.0)
+def test_without_a_stamp_the_age_is_infinite():
+    tracker = StampTracker()
+    assert "header.stamp is 0" in tracker.check_stamp(0, 1.0)
+    assert tracker.age(5.0) == np.inf
 
 
 def known(clock_offset=START, tolerance=0.01):
@@ -148,12 +145,9 @@ def test_on_synchronized_clocks_a_constant_latency_counts(latency):
     assert tracker.age(0.198 + latency) == pytest.approx(latency, abs=1e-6)
     assert tracker.age(0.198 + latency + 0.02) == pytest.approx(latency + 0.02, abs=1e-6)
     assert tracker.transit_time(0.198 + latency + 0.02) == pytest.approx(latency, abs=1e-6)
-
-
-def test_without_synchronized_clocks_a_constant_latency_is_an_offset():
-    tracker = fed(StampTracker(), lag=1.0)
-    assert tracker.age(1.198) == pytest.approx(0.0, abs=1e-6)
-    assert tracker.transit_time(1.198) == pytest.approx(0.0, abs=1e-6)
+    other = fed(StampTracker(), lag=latency)  # on other clocks it is an offset
+    assert other.age(0.198 + latency) == pytest.approx(0.0, abs=1e-6)
+    assert other.transit_time(0.198 + latency) == pytest.approx(0.0, abs=1e-6)
 
 
 @pytest.mark.parametrize(("clock_offset", "good"), [(0.0099, True), (0.0101, False), (np.nan, False)])
@@ -201,8 +195,3 @@ def test_ages_follow_a_clock_that_is_set():
     feed(tracker, np.arange(100) * 0.002, 0.001)
     clock_offset[0] += 5.0
     assert tracker.age(0.199) == pytest.approx(5.001, abs=1e-6)
-
-
-def test_on_synchronized_clocks_stamps_that_go_back_are_refused_as_always():
-    tracker = fed(known())
-    assert "0.004 s before" in tracker.check_stamp(round((START + 0.194) * 1e9), 0.2)

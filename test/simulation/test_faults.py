@@ -49,9 +49,7 @@ def test_clear_ends_every_fault(stand):
     ("text", "said"),
     [
         ("{kind: odom_jumb}", "did you mean 'odom_jump'?"),
-        ("{kind: odom_jump, size: 50.0}", "odom_jump.size = 50.0: input should be less than or equal to 3"),
         ("[{kind: kick}, {kind: joint_locked, joint: knee}]", "unknown joint 'knee'"),
-        ("stop", "expected a mapping, got 'stop'"),
     ],
 )
 def test_a_fault_that_cannot_be_used_is_refused_with_a_sentence(stand, caplog, text, said):
@@ -59,9 +57,9 @@ def test_a_fault_that_cannot_be_used_is_refused_with_a_sentence(stand, caplog, t
     with caplog.at_level(logging.WARNING):
         peer.say("fault", text)
         step(robot)
-    (record,) = caplog.records
-    assert record.getMessage().startswith("fault refused: ")
-    assert said in record.getMessage()
+    (sentence,) = caplog.messages
+    assert sentence.startswith("fault refused: ")
+    assert said in sentence
     assert not robot.faults.busy
 
 
@@ -78,16 +76,14 @@ def test_commands_are_lost_and_torques_are_changed_on_their_way(stand):
         applied.append(robot.plant.applied_torques.tolist())
     assert [values[0] for values in applied] == [1.0, 2.0, 2.0, 2.0]
     assert [values[2] for values in applied] == [0.5, 1.0, 2.0, 2.0]
-
-
-def test_of_commands_that_arrive_together_the_newest_acts(stand):
-    robot, peer = stand
+    peer.say("fault", "clear")
+    step(robot)
     robot.plan(read_faults("{kind: command_twice, gap: 0.002, duration: 1.0}", "x"))
     for number in range(1, 4):
         robot.publish()
         peer.effort(np.full(12, float(number)))
         robot.advance()
-        assert robot.plant.applied_torques[0] == number
+        assert robot.plant.applied_torques[0] == number  # the newest of two that arrive together
 
 
 def test_sent_reports_the_true_time(stand):
@@ -108,12 +104,12 @@ def test_without_faults_nothing_passes_through_them(stand, monkeypatch):
     step(robot)
 
 
-@pytest.mark.parametrize("kind", ["message_dropout", "stamp_zero", "command_loss"])
-def test_faults_incompatible_with_lockstep_are_refused(go2, kind):
+def test_faults_incompatible_with_lockstep_are_refused(go2):
     model, settings = go2
     robot = MockRobot(model, settings, MockPeer(MemoryBus(), settings).transport, lockstep=True)
-    with pytest.raises(InputRefused, match=f"{kind}: not possible in lockstep"):
-        robot.plan(read_faults(f"{{kind: {kind}}}", "x"))
+    for kind in ("message_dropout", "stamp_zero", "command_loss"):
+        with pytest.raises(InputRefused, match=f"{kind}: not possible in lockstep"):
+            robot.plan(read_faults(f"{{kind: {kind}}}", "x"))
     robot.plan(read_faults("{kind: joint_noise}", "x"))
 
 

@@ -28,19 +28,15 @@ def upper_height(block, x, y):
     return top[2] - (normal[:2] @ (np.array([x, y]) - top[:2])) / normal[2]
 
 
-@pytest.mark.parametrize(
-    ("rpy", "x", "y", "height"),
-    [
-        ([0.0, 0.0, 0.0], 2.0, 1.0, 0.3),
-        ([0.0, -TILT, 0.0], 2.0, 1.0, 0.3 + 2.0 * np.tan(TILT)),  # ascends along x from the edge
-        ([0.0, TILT, 0.0], 2.0, 1.0, 0.3 - 2.0 * np.tan(TILT)),
-        ([0.0, -TILT, 0.5 * np.pi], 0.5, 2.0, 0.3 + 2.0 * np.tan(TILT)),  # ascends along y
-    ],
-)
-def test_a_block_begins_at_its_edge(rpy, x, y, height):
-    block = {"position": [0.0, 0.0, 0.3], "size": [3.0, 3.0, 0.2], "rpy": rpy}
-    assert upper_height(block, 0.0, 0.0) == pytest.approx(0.3, abs=1e-12)
-    assert upper_height(block, x, y) == pytest.approx(height, abs=1e-12)
+def test_a_block_begins_at_its_edge():
+    for rpy, x, y, rise in (
+        ([0.0, -TILT, 0.0], 2.0, 1.0, 2.0 * np.tan(TILT)),  # ascends along x from the edge
+        ([0.0, TILT, 0.0], 2.0, 1.0, -2.0 * np.tan(TILT)),
+        ([0.0, -TILT, 0.5 * np.pi], 0.5, 2.0, 2.0 * np.tan(TILT)),  # ascends along y
+    ):
+        block = {"position": [0.0, 0.0, 0.3], "size": [3.0, 3.0, 0.2], "rpy": rpy}
+        assert upper_height(block, 0.0, 0.0) == pytest.approx(0.3, abs=1e-12)
+        assert upper_height(block, x, y) == pytest.approx(0.3 + rise, abs=1e-12)
 
 
 def test_cells_cover_the_block_at_heights_in_their_range():
@@ -57,12 +53,6 @@ def test_cells_cover_the_block_at_heights_in_their_range():
     assert not np.allclose([placement.translation[2] for placement, _ in other], tops - 0.05)
 
 
-def test_a_robot_starts_on_a_block(load):
-    flat, raised = Plant(*load("g1")), plant_on(load, **FLAT)
-    assert raised.state()[0][2] - flat.state()[0][2] == pytest.approx(0.3, abs=1e-6)
-    assert not raised.fallen
-
-
 def test_a_robot_starts_with_its_lowest_foot_on_a_slope(load):
     plant = plant_on(load, position=[-2.0, 0.0, 0.0], size=[4.0, 4.0, 0.1], rpy=[0.0, -TILT, 0.0])
     touch = plant.contact_forces
@@ -72,10 +62,12 @@ def test_a_robot_starts_with_its_lowest_foot_on_a_slope(load):
     assert (heights - plant.model.geom_size[balls, 0] / np.cos(TILT)).min() == pytest.approx(0.0, abs=1e-5)
 
 
-def test_a_fall_is_relative_to_the_feet(load):
+def test_a_robot_starts_on_a_block_and_a_fall_is_relative_to_the_feet(load):
     model, _ = load("g1")
-    plant = plant_on(load, **FLAT)
+    flat, plant = Plant(*load("g1")), plant_on(load, **FLAT)
     q, v = plant.state()
+    assert q[2] - flat.state()[0][2] == pytest.approx(0.3, abs=1e-6)
+    assert not plant.fallen
     q[2] -= 0.5  # the robot goes down with its ground
     plant.set_state(q, v)
     assert not plant.fallen
@@ -83,17 +75,13 @@ def test_a_fall_is_relative_to_the_feet(load):
         q[[index for index, name in zip(model.q_index, model.joints, strict=True) if part in name]] = angle
     plant.set_state(q, v)
     assert plant.fallen
-
-
-def test_a_tilt_of_70_degrees_is_a_fall(load):
-    plant = Plant(*load("g1"))
-    q, v = plant.state()
+    q, v = flat.state()
     q[2] += 1.0
-    for degrees, fallen in ((69.0, False), (71.0, True)):
+    for degrees, fallen in ((69.0, False), (71.0, True)):  # a tilt of 70 degrees is a fall
         half = np.radians(0.5 * degrees)
         q[3:7] = [np.sin(half), 0.0, 0.0, np.cos(half)]
-        plant.set_state(q, v)
-        assert plant.fallen is fallen
+        flat.set_state(q, v)
+        assert flat.fallen is fallen
 
 
 def test_soft_ground_yields_by_its_stiffness():

@@ -46,13 +46,8 @@ def texts(payloads):
 )
 def test_every_row_of_the_table_carries_its_message(request, join, eventually, example, node, table):
     owner, other = join(node), join("other")
-    rows = endpoints(
-        table,
-        node,
-        task_kinds={kind: kind for kind in topics.TASK_TYPES},
-        contacts=("left", "right"),
-        frames=("pelvis",),
-    )
+    kinds = {kind: kind for kind in topics.TASK_TYPES}
+    rows = endpoints(table, node, task_kinds=kinds, contacts=("left", "right"), frames=("pelvis",))
     on_ros2 = request.node.callspec.params["join"] == "ros2"
     rows = [row for row in rows if not (on_ros2 and is_omitted(row))]
     received = {row.name: [] for row in rows}
@@ -70,25 +65,19 @@ def test_every_row_of_the_table_carries_its_message(request, join, eventually, e
         assert encode(message_received) == payloads[row.name], row
 
 
-def test_latched_topic_replays_its_last_message_to_a_late_subscriber(join, eventually):
-    writer, reader = join("writer"), join("reader")
-    publish = writer.advertise(endpoint("/state", topics.LATCHED))
-    publish(text("first"))
-    publish(text("last"))
-    received = []
+def test_latched_topic_replays_its_last_message_to_a_late_subscriber_and_others_nothing(join, eventually):
+    writer, reader, large = join("writer"), join("reader"), "<robot>" + "x" * 2_000_000
+    publish, other = writer.advertise(endpoint("/state", topics.LATCHED)), writer.advertise(endpoint("/command"))
+    for content in ("first", large):
+        publish(text(content))
+    other(text("early"))
+    received, others = [], []
     reader.subscribe(endpoint("/state", topics.LATCHED), received.append)
+    reader.subscribe(endpoint("/command"), others.append)
     eventually(lambda: received)
-    assert texts(received) == ["last"]
-
-
-def test_other_topics_replay_nothing(join, eventually):
-    writer, reader = join("writer"), join("reader")
-    publish = writer.advertise(endpoint("/command"))
-    publish(text("early"))
-    received = []
-    reader.subscribe(endpoint("/command"), received.append)
-    eventually(lambda: received, lambda: publish(text("late")))
-    assert set(texts(received)) == {"late"}
+    assert texts(received) == [large]
+    eventually(lambda: others, lambda: other(text("late")))
+    assert set(texts(others)) == {"late"}
 
 
 def test_best_effort_reader_matches_reliable_writer(join, eventually):
@@ -109,16 +98,6 @@ def test_burst_of_ten_requests_arrives_whole_and_in_order(join, eventually):
     for request in burst:
         publish(text(request))
     eventually(lambda: texts(received)[-10:] == burst)
-
-
-def test_large_message_arrives(join, eventually):
-    urdf = "<robot>" + "x" * 2_000_000
-    publish = join("writer").advertise(endpoint("/robot_description", topics.LATCHED))
-    publish(text(urdf))
-    received = []
-    join("reader").subscribe(endpoint("/robot_description", topics.LATCHED), received.append)
-    eventually(lambda: received)
-    assert texts(received) == [urdf]
 
 
 def test_namespaces_do_not_mix(join, eventually):
@@ -203,10 +182,8 @@ def test_topics_may_be_opened_and_messages_sent_from_a_callback(join, eventually
 
 
 def test_a_stream_keeps_the_newest_messages_until_they_are_taken(join, eventually):
-    publish, stream = (
-        join("writer").advertise(endpoint("/odom", topics.STATE_OUT)),
-        join("reader").stream(ODOM, depth=2),
-    )
+    publish = join("writer").advertise(endpoint("/odom", topics.STATE_OUT))
+    stream = join("reader").stream(ODOM, depth=2)
     eventually(stream.take, lambda: publish(text("first")))
     time.sleep(0.05)  # messages in transit
     stream.take()
@@ -220,10 +197,8 @@ def test_a_stream_keeps_the_newest_messages_until_they_are_taken(join, eventuall
 
 
 def test_a_message_ends_the_wait_of_a_stream(join, eventually):
-    publish, stream = (
-        join("writer").advertise(endpoint("/odom", topics.STATE_OUT)),
-        join("reader").stream(ODOM, depth=1),
-    )
+    publish = join("writer").advertise(endpoint("/odom", topics.STATE_OUT))
+    stream = join("reader").stream(ODOM, depth=1)
     eventually(stream.take, lambda: publish(text("first")))
     time.sleep(0.05)
     stream.take()

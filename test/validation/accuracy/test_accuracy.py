@@ -11,6 +11,7 @@ from wbc_controller.settings.config import load
 from wbc_controller.simulation.faults.fault import LONGEST
 from wbc_controller.simulation.faults.world import SlipperyFloor
 from wbc_controller.simulation.sensors import PARTS
+from wbc_controller.validation.accuracy import walks
 from wbc_controller.validation.accuracy.accuracy_commands import accuracy
 from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 from wbc_controller.validation.accuracy.flaws import FLAWS, FlawErrors, chatter, measure_flaw
@@ -23,18 +24,15 @@ SHORT = {"estimation.base_state": "imu", "estimation.settling": 0.1, "safety.act
 
 def test_errors_of_a_standing_robot_agree_with_the_truth():
     found = stand("go2", "good", 0, 0.5)
-    assert found.ended == ""
+    assert (found.ended, len(found.observable_nees), len(found.drifting_nees)) == ("", 5, 4)
     assert 0.0 < found.tilt < np.deg2rad(0.4)
     assert found.height < 0.003
     assert 0.0 < found.velocity < 0.02
-    assert len(found.observable_nees) == 5
-    assert len(found.drifting_nees) == 4
     assert (found.observable_nees > 0.0).all()
 
 
-@pytest.mark.parametrize("seed", [0, 7])
-def test_tall_robot_with_light_ankles_and_cheap_sensors(seed):
-    found = stand("talos", "cheap", seed, 0.5)
+def test_tall_robot_with_light_ankles_and_cheap_sensors():
+    found = stand("talos", "cheap", 7, 0.3)
     assert found.ended == ""
     assert found.velocity < 0.005
 
@@ -91,13 +89,10 @@ def test_faults_are_reported():
     trial = EstimationTrial("go2", {"safety.activation_ramp": 0.0})
     trial.faults = [SlipperyFloor(duration=LONGEST, friction=0.0)]
 
-    def slip():
-        trial.stand()
-        trial.follow([0.3], [trial.origin + [0.1, 0.1, 0.0]])
-        trial.run(3.0)
-
+    trial.stand()
+    trial.follow([0.3], [trial.origin + [0.1, 0.1, 0.0]])
     with pytest.raises(NoSolution, match=r"FALLEN|IMPLAUSIBLE|NO_SOLUTION|fell"):
-        slip()
+        trial.run(3.0)
 
 
 @pytest.mark.parametrize(("factor", "share"), [(1.0, 0.95), (0.1, 0.0), (3.0, 0.0)])
@@ -198,26 +193,20 @@ def test_unknown_flaw_is_refused():
     assert len({flaw.name for flaw in FLAWS}) == len(FLAWS)
 
 
-def test_mishaps_with_force_sensors_and_a_wrong_estimate(monkeypatch):
+def test_mishap_with_force_sensors(monkeypatch):
     monkeypatch.setattr("wbc_controller.validation.accuracy.mishaps._DURATION", 0.3)
     short = {"estimation.settling": 0.1, "safety.activation_ramp": 0.0}
-    for name in ("one foot on ice, friction 0.05", "IMU silent for 20 ms"):
-        found = run_mishap("go2", name, force_sensors=True, changes=short)
-        assert (found.fault_texts, found.ended, found.silently_wrong, found.undetected) == ((), False, False, 0.0)
-        assert 0.0 < found.error < 0.1
+    found = run_mishap("go2", "IMU silent for 20 ms", force_sensors=True, changes=short)
+    assert (found.fault_texts, found.ended, found.silently_wrong, found.undetected) == ((), False, False, 0.0)
+    assert 0.0 < found.error < 0.1
 
 
 @pytest.mark.parametrize(
-    ("robot", "name"),
-    [
-        ("go2", "one foot on ice, friction 0.05"),
-        ("go2", "one foot slides at 0.6 m/s"),
-        ("g1", "one foot on ice, friction 0.05"),
-        ("g1", "one foot slides at 1 m/s"),
-    ],
+    ("robot", "name"), [("go2", "one foot slides at 0.6 m/s"), ("g1", "one foot on ice, friction 0.05")]
 )
-def test_slipping_foot_is_detected_and_the_robot_keeps_standing(robot, name):
+def test_slipping_foot_is_detected_and_the_robot_keeps_standing(monkeypatch, robot, name):
     """Before the friction of the foot was reduced, Go2 fell and G1 was damped."""
+    monkeypatch.setattr("wbc_controller.validation.accuracy.mishaps._DURATION", 1.2)
     found = run_mishap(robot, name, changes={"safety.activation_ramp": 0.0})
     assert found.left_out == (next(iter(load(robot).settings.contacts)),)
     assert (found.fault_texts, found.ended, found.fell) == ((), False, False)
@@ -226,17 +215,14 @@ def test_slipping_foot_is_detected_and_the_robot_keeps_standing(robot, name):
 
 @pytest.mark.parametrize(
     ("robot", "name"),
-    [
-        ("g1", "gyroscope bias of 0.2 rad/s about x"),
-        ("go2", "IMU shock of 20 m/s² along z for 50 ms"),
-        ("go2", "IMU shock of 5 rad/s for 1.5 s, on the hoist"),
-    ],
+    [("g1", "gyroscope bias of 0.2 rad/s about x"), ("go2", "IMU shock of 5 rad/s for 1.5 s, on the hoist")],
 )
 def test_failed_imu_is_a_fault_and_the_robot_can_be_reactivated(monkeypatch, robot, name):
-    monkeypatch.setattr("wbc_controller.validation.accuracy.mishaps._LIFT_TIME", 2.0)
+    monkeypatch.setattr("wbc_controller.validation.accuracy.mishaps._LIFT_TIME", 1.0)
     found = run_mishap(robot, name, changes={"safety.activation_ramp": 0.0})
-    assert [sentence.partition(":")[0] for sentence in found.fault_texts] == ["ESTIMATE_LOST"]
-    assert "the IMU contradicts all contacts" in found.fault_texts[0]
+    (sentence,) = found.fault_texts
+    assert sentence.startswith("ESTIMATE_LOST: ")
+    assert "the IMU contradicts all contacts" in sentence
     assert (found.silently_wrong, found.fell, found.ended) == (False, False, "hoist" not in name)
     assert 0.4 < found.recovery < 2.0  # 'reset' restarts the settling of 0.5 s
 
@@ -268,22 +254,14 @@ def test_table_of_mishaps(monkeypatch):
     assert [longest_run(np.array(values, dtype=bool)) for values in ([], [0, 1, 1, 0, 1], [1, 1, 1])] == [0, 2, 3]
 
 
-def test_robot_turns_on_its_estimate_and_stops():
-    found = walk("g1", "turn", "good", 0, 6.0)
-    assert found.ended == ""
-    np.testing.assert_allclose(found.speed[:2], 0.0, atol=0.1)  # the base sways during steps
-    assert found.speed[2] == pytest.approx(0.5, abs=0.06)
-    assert found.drift < 0.02
-    assert found.relaxed == 0
-
-
-def test_a_fast_robot_walks_on_its_estimate():
+def test_a_fast_robot_walks_and_turns_on_its_estimate_and_stops(monkeypatch):
     """It fell when the trailing knee straightened at 0.8 m/s, or when the soft base made the stance foot tip over."""
-    found = walk("g1", "forward", "good", 0, 6.0, 1.6)
-    assert found.ended == ""
-    assert found.speed[0] == pytest.approx(0.8, rel=0.1)
+    monkeypatch.setattr(walks, "_REACHED", 2.5)
+    monkeypatch.setitem(walks.COMMANDS["g1"], "arc", (0.5, 0.0, 0.1875))
+    found = walk("g1", "arc", "good", 0, 3.5, 1.6)
+    assert (found.ended, found.relaxed) == ("", 0)
+    np.testing.assert_allclose(found.speed, [0.8, 0.0, 0.3], atol=0.08)
     assert found.drift < 0.02 * found.distance
-    assert found.relaxed == 0
 
 
 def test_mean_velocities_have_heading_axes():

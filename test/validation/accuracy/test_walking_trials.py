@@ -1,5 +1,6 @@
 """Trials of walking: unknown ground, pushes, starts and stops; their figures and tables."""
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.settings.config import load
 from wbc_controller.validation.accuracy import walk_pushes
 from wbc_controller.validation.accuracy.accuracy_commands import accuracy
 from wbc_controller.validation.accuracy.walk_figures import WalkFigures, WalkMeter
@@ -23,9 +25,7 @@ def walked(seed, ended=""):
     return Walk(seed, np.zeros(3), 2.0, 0.0, 0, ended, FIGURES)
 
 
-def test_grounds_are_valid_and_begin_flat(robot_of):
-    from wbc_controller.settings.config import load
-
+def test_grounds_are_valid_and_begin_flat():
     for ground in GROUNDS:
         settings = load("g1").replace(terrain_of(ground, 3)).settings
         assert settings.mock.terrain.keys() or ground in ("flat", "slippery")
@@ -92,10 +92,10 @@ def test_the_bisection_finds_the_largest_impulse(monkeypatch):
 
 
 def test_a_robot_that_steps_survives_a_push_and_falls_at_a_large_one(monkeypatch):
-    monkeypatch.setattr(walk_pushes, "AFTER", 1.5)
+    monkeypatch.setattr(walk_pushes, "AFTER", 0.8)
     assert ends("g1", Push(0.0, 0.25), 0.2, "ideal", 0)[0] == ""
     fell, mass = ends("g1", Push(0.0, None), LARGEST, "ideal", 0)
-    assert "FALLEN" in fell or "FALLING" in fell or "fell" in fell or "NO_SOLUTION" in fell
+    assert re.search("FALLEN|FALLING|fell|NO_SOLUTION", fell)
     assert mass == pytest.approx(33.3, abs=2.0)
 
 

@@ -51,16 +51,12 @@ def test_kinds_seeds_and_robots_are_combined(bench, tmp_path):
     assert bench.recordings is None
 
 
-def test_every_trial_records(bench, tmp_path):
-    assert bench.campaign(tmp_path, recordings=tmp_path / "recordings")
-    assert bench.recordings == tmp_path / "recordings"
-
-
 def test_second_call_runs_missing_trials_and_reports_all(bench, tmp_path):
     bench.campaign(tmp_path, seeds=(0,))
     bench.keys.clear()
-    assert bench.campaign(tmp_path, seeds=(0, 1))
+    assert bench.campaign(tmp_path, seeds=(0, 1), recordings=tmp_path / "recordings")
     assert sorted(bench.keys) == [("go2", "kick", 1), ("go2", "push", 1)]
+    assert bench.recordings == tmp_path / "recordings"
     assert "2 of 4 trials exist already" in bench.said
     assert "4 trials, 2 kinds" in bench.said
 
@@ -99,26 +95,20 @@ def test_unused_results_are_reported(bench, tmp_path, monkeypatch):
     assert "4 trials of another version of the code or the robot are ignored" in " ".join(bench.said.split())
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
+def test_unknown_names_and_missing_packages_are_refused(bench, tmp_path, monkeypatch):
+    for options, said in (
         ({"kinds": ("kik",)}, "unknown kind of fault 'kik'; did you mean 'kick'"),
         ({"robots": ("go3",)}, "unknown configuration 'go3'"),
         ({"backend": "threads"}, "unknown backend 'threads'; Valid: dask, loky, ray"),
         ({"address": "tcp://x:1"}, "--address 'tcp://x:1': not valid for the backend loky"),
-    ],
-)
-def test_unknown_names_are_refused(bench, tmp_path, options, said):
-    with pytest.raises(ConfigurationError, match=said):
-        bench.campaign(tmp_path, **options)
+    ):
+        with pytest.raises(ConfigurationError, match=said):
+            bench.campaign(tmp_path, **options)
+    for backend, missing in (("dask", "distributed"), ("ray", "ray"), ("loky", "joblib")):
+        monkeypatch.setitem(sys.modules, missing, None)
+        with pytest.raises(ConfigurationError, match=missing):
+            bench.campaign(tmp_path, backend=backend)
     assert not bench.keys
-
-
-@pytest.mark.parametrize(("backend", "missing"), [("dask", "distributed"), ("ray", "ray"), ("loky", "joblib")])
-def test_missing_packages_are_reported(bench, tmp_path, monkeypatch, backend, missing):
-    monkeypatch.setitem(sys.modules, missing, None)
-    with pytest.raises(ConfigurationError, match=missing):
-        bench.campaign(tmp_path, backend=backend)
 
 
 def test_command_runs_trials_in_processes(tmp_path):

@@ -52,12 +52,8 @@ def test_nodes_survive_hostile_messages(monkeypatch):
     assert set(outcome.counts) == wanted | {"urdf: robot_description"}
 
 
-def test_fuzzed_robot_has_a_task_of_every_type():
-    robot = fuzzed_robot(ROBOT)
-    assert {task.type for task in robot.settings.tasks.values()} == set(TASK_TYPES)
-
-
-def test_valid_requests_are_accepted():
+def test_valid_requests_are_accepted_by_tasks_of_every_type():
+    assert {task.type for task in fuzzed_robot("g1").settings.tasks.values()} == set(TASK_TYPES)
     target = ControllerTarget("g1")
     for topic in target.topics.values():
         if topic.key not in ("joint_states", "odom", "clock", "command", "update"):
@@ -158,9 +154,12 @@ class TestWhatIsBrokenIsFound:
         why = replay("controller", ROBOT, [(command.name, encode(message("std_msgs/msg/String", data="actvate")))])
         assert (why or "").startswith("refused messages led from active to damping")
 
-    def test_torques_that_change_too_fast(self, monkeypatch):
-        monkeypatch.setattr(Supervisor, "_update_time", lambda self, now: self._rate.fill(np.inf))
-        assert "exceeded the torque step" in self.found("controller").why
+    def test_torques_that_change_too_fast_and_an_estimate_without_a_covariance(self, monkeypatch):
+        with monkeypatch.context() as patch:
+            patch.setattr(Supervisor, "_update_time", lambda self, now: self._rate.fill(np.inf))
+            assert "exceeded the torque step" in self.found("controller").why
+        monkeypatch.setattr(BaseEstimator, "covariance", (-np.eye(6), np.eye(6)))
+        assert "invalid covariance of the estimate" in self.found("estimator", 200).why
 
     def test_a_message_that_takes_long(self, monkeypatch):
         def slow(vocabulary, subject, content):
@@ -186,10 +185,6 @@ class TestWhatIsBrokenIsFound:
         monkeypatch.setattr(Inputs, "_decode", broken)
         assert "was refused" in self.found("estimator", 200).why
 
-    def test_an_estimate_without_a_covariance(self, monkeypatch):
-        monkeypatch.setattr(BaseEstimator, "covariance", (-np.eye(6), np.eye(6)))
-        assert "invalid covariance of the estimate" in self.found("estimator", 200).why
-
     def test_a_guard_that_believes_torques_over_the_limits(self, monkeypatch):
         original = Guard._take_over
 
@@ -201,12 +196,16 @@ class TestWhatIsBrokenIsFound:
         assert "the guard exceeded a torque limit" in self.found("guard", 200).why
 
 
-@pytest.mark.parametrize("text", ["", "{}", "[1]", '{"messages": [{"topic": "/a", "payload": 3}]}'])
-def test_invalid_failure_file_is_refused(tmp_path, text):
+def test_invalid_failure_files_and_nodes_are_refused(tmp_path):
     path = tmp_path / "none.json"
-    path.write_text(text)
-    with pytest.raises(ConfigurationError, match="not a file of fuzzer messages"):
-        load(path)
+    for text in ("", "{}", "[1]", '{"messages": [{"topic": "/a", "payload": 3}]}'):
+        path.write_text(text)
+        with pytest.raises(ConfigurationError, match="not a file of fuzzer messages"):
+            load(path)
+    result = CliRunner().invoke(main, ["fuzz", "messages", "--nodes", "controler"])
+    assert result.exit_code == 2
+    valid = "Valid: controller, estimator, guard, mock, urdf"
+    assert f"unknown node 'controler'; did you mean 'controller'? {valid}" in result.output
 
 
 def test_command_reports_messages_and_saves_failures_for_replay(tmp_path, monkeypatch):
@@ -235,12 +234,3 @@ def test_command_reports_messages_and_saves_failures_for_replay(tmp_path, monkey
     node, robot, ((_, payload),) = load(path)
     assert (node, robot) == ("controller", ROBOT)
     assert decode(payload, "std_msgs/msg/Float64") is not None
-
-
-def test_unknown_node_is_refused():
-    result = CliRunner().invoke(main, ["fuzz", "messages", "--nodes", "controler"])
-    assert result.exit_code == 2
-    assert (
-        "unknown node 'controler'; did you mean 'controller'? Valid: controller, estimator, guard, mock, urdf"
-        in result.output
-    )

@@ -1,5 +1,6 @@
 """`wbc bench latency`: refusals, output, and the command with real processes."""
 
+import dataclasses
 import json
 import threading
 from types import SimpleNamespace
@@ -31,7 +32,7 @@ FOUND = Latency(
 )
 
 
-def test_table_of_a_measurement():
+def test_table_and_file_of_a_measurement():
     text = "\n".join(lines(FOUND))
     assert "controller        700     3000     3000" in text
     assert "bare echo         200      200      200" in text
@@ -42,14 +43,8 @@ def test_table_of_a_measurement():
     assert "median 0 us, p99 4000 us, p99.9 4000 us" in text
     assert "waited for a processor for 1.20 % of the time" in text
     assert "not always active" not in text
-
-
-def test_table_reports_an_inactive_controller():
-    found = Latency(FOUND.controller, FOUND.echo, 0.1, 0.1, 0.0, (1, 1), "", ("damping FALLEN: …", "damping FALLEN: …"))
+    found = dataclasses.replace(FOUND, inactive_states=("damping FALLEN: …", "damping FALLEN: …"))
     assert lines(found)[-1] == "inactive states of the controller: damping FALLEN: …"
-
-
-def test_file_agrees_with_the_table():
     kept = json.loads(json.dumps(figures(FOUND)))
     assert kept["difference_us"]["median"] == pytest.approx(500.0)
     assert kept["controller"] == {"states": 100, "late": 2, "without_torques": 1}
@@ -87,22 +82,16 @@ def test_other_processes_avoid_the_controller_s_processors(robot_of, monkeypatch
     assert after == RealtimeSettings(scheduling="fifo", priority=50, affinity=others)
 
 
-@pytest.mark.parametrize("seconds", [0.0, -1.0, float("nan"), float("inf")])
-def test_invalid_duration_is_refused(tmp_path, seconds):
-    with pytest.raises(ConfigurationError, match=r"seconds = .*; valid: positive and finite"):
-        measure_latency("go2", tmp_path, seconds=seconds)
-
-
-def test_other_systems_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(latency.sys, "platform", "darwin")
-    with pytest.raises(ConfigurationError, match=r"requires /proc .Linux., got darwin"):
-        measure_latency("go2", tmp_path)
-
-
-def test_invalid_rate_is_refused(tmp_path):
+def test_invalid_duration_rate_and_system_are_refused(tmp_path, monkeypatch):
+    for seconds in (0.0, -1.0, float("nan"), float("inf")):
+        with pytest.raises(ConfigurationError, match=r"seconds = .*; valid: positive and finite"):
+            measure_latency("go2", tmp_path, seconds=seconds)
     result = CliRunner().invoke(main, ["bench", "latency", "go2", "--rate", "0", "--out", str(tmp_path)])
     assert result.exit_code == 2
     assert "control.rate = 0.0" in result.stderr
+    monkeypatch.setattr(latency.sys, "platform", "darwin")
+    with pytest.raises(ConfigurationError, match=r"requires /proc .Linux., got darwin"):
+        measure_latency("go2", tmp_path)
 
 
 def test_ended_controller_is_reported_with_its_error():
