@@ -55,6 +55,7 @@ CASES = {
     "pinned to the other hand": ("grip", GRIP | {"against": "right_rubber_hand", "mask": masked(0, 1, 2)}),
     "palm": ("palm", PALM),
     "knob": ("knob", KNOB),
+    "balls": ("front_left_foot", None),
 }
 
 
@@ -65,7 +66,7 @@ def test_the_wrenches_that_are_read_explain_the_acceleration(case):
     The audit finds no unexplained power or force; only contacts with the world act on the robot as a whole.
     """
     name, contact = CASES[case]
-    robot = Simulation(g1_with(name, contact))
+    robot = Simulation(g1_with(name, contact) if contact else load("go2"))
     model, reports = robot.controller.model, []
     audit = ModelAudit(model, robot.controller.config.settings.audit, robot.controller.period)
 

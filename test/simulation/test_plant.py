@@ -12,7 +12,6 @@ from urdf_models import build_model
 import wbc_controller as wbc
 from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.settings.files import parse_settings
-from wbc_controller.simulation.mechanism import contact_frame
 from wbc_controller.simulation.plant import Plant
 
 ROBOTS = ("g1", "go2")
@@ -88,16 +87,6 @@ def test_links_without_a_contact_that_come_down_are_named(plant):
     assert down <= {"base", *(f"{leg}_{link}" for leg in ("FL", "FR", "RL", "RR") for link in ("hip", "thigh", "calf"))}
 
 
-def test_a_held_robot_without_torques_stays(any_robot):
-    plant = Plant(*any_robot)
-    start, _ = plant.state()
-    plant.damp(2.0)
-    simulate(plant, 300)
-    q, _ = plant.state()
-    np.testing.assert_allclose(q[:7], start[:7], atol=1e-4)
-    assert penetration(plant) < 1e-3
-
-
 def test_standing_the_feet_carry_the_weight_and_the_release_is_smooth(any_robot, standing):
     model, settings = any_robot
     plant = Plant(model, settings)
@@ -134,35 +123,6 @@ def test_standing_the_feet_carry_the_weight_and_the_release_is_smooth(any_robot,
     assert np.linalg.norm(plant.state()[0][:3] - start[:3]) < 1e-3
 
 
-def test_contact_wrenches_explain_the_acceleration(any_robot):
-    model, settings = any_robot
-    plant = Plant(model, settings)
-    plant.hold(False, ramp=0.0)
-    tau = 0.2 * plant.effort_limits * np.sin(np.arange(model.na))
-    plant.apply(tau)
-    simulate(plant, 3)
-    q, v = plant.state()
-    data = model.pinocchio.createData()
-    pin.forwardKinematics(model.pinocchio, data, q)
-    external = pin.StdVec_Force()
-    external.extend([pin.Force.Zero() for _ in range(model.pinocchio.njoints)])
-    for name, wrench in plant.contact_wrenches().items():
-        joint, placement = contact_frame(model, name, settings.contacts[name])
-        if wrench.size == 6:
-            external[joint] += placement.act(pin.Force(wrench))
-        else:
-            # The ball touches the floor a radius below its centre; its force there has a moment about the centre.
-            rotation = (data.oMi[joint] * placement).rotation
-            arm = np.array([0.0, 0.0, -settings.contacts[name].radius])
-            local = pin.Force(rotation.T @ wrench, rotation.T @ np.cross(arm, wrench))
-            external[joint] += placement.act(local)
-    generalized = np.zeros(model.nv)
-    generalized[model.v_index] = tau
-    assert any(np.linalg.norm(wrench) > 1.0 for wrench in plant.contact_wrenches().values())
-    expected = pin.aba(model.pinocchio, data, q, v, generalized, external)
-    assert np.linalg.norm(plant.acceleration() - expected) < 1e-3 * np.linalg.norm(expected)
-
-
 def test_friction_is_that_of_the_floor(go2, standing):
     model, settings = go2
     friction = settings.mock.friction
@@ -188,25 +148,6 @@ def test_friction_is_that_of_the_floor(go2, standing):
         plant.push(model.base_link, [force, 0.0, 0.0, 0.0, 0.0, 0.0], 0.3)
         way = np.linalg.norm(foot_after(300) - start)
         assert (way > 0.02) if slides else (way < 0.01), (share, way)  # the balls roll a little
-
-
-def test_the_same_calls_give_the_same_bits(any_robot):
-    model, settings = any_robot
-
-    def run():
-        plant = Plant(model, settings)
-        rng = np.random.default_rng(5)
-        plant.hold(False, ramp=0.05)
-        plant.push(model.base_link, [50.0, 0.0, 0.0, 0.0, 0.0, 5.0], 0.05)
-        out = []
-        for _ in range(100):
-            plant.apply(rng.normal(size=model.na, scale=5.0))
-            plant.step()
-            out += [*plant.state(), plant.acceleration(), *plant.contact_wrenches().values()]
-            out += plant.imu(model.base_link)
-        return np.concatenate(out).tobytes()
-
-    assert run() == run()
 
 
 def test_a_push_changes_the_momentum_by_its_impulse(load):

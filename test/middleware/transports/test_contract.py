@@ -113,13 +113,6 @@ def test_namespaces_do_not_mix(join, eventually):
     assert set(texts(received["/b"])) == {"for b"}
 
 
-def test_topic_has_one_type(join):
-    transport = join("node")
-    transport.advertise(endpoint("/topic"))
-    with pytest.raises(TransportError, match=r"/topic.*std_msgs/msg/String.*std_msgs/msg/Bool"):
-        transport.subscribe(endpoint("/topic", type_name="std_msgs/msg/Bool"), lambda payload: None)
-
-
 @pytest.mark.parametrize("join", ["dds", "ros2"], indirect=True)  # memory carries bytes of any type
 def test_unknown_type_is_refused(join):
     with pytest.raises(TransportError, match="std_msgs/msg/Strin"):
@@ -141,9 +134,11 @@ def test_nothing_arrives_after_close(join, eventually):
     assert len(received) == count
 
 
-def test_closed_transport_refuses_everything(join):
+def test_another_type_of_a_topic_is_refused_and_everything_after_close(join):
     transport = join("node")
     publish = transport.advertise(endpoint("/command"))
+    with pytest.raises(TransportError, match=r"/command.*std_msgs/msg/String.*std_msgs/msg/Bool"):
+        transport.subscribe(endpoint("/command", type_name="std_msgs/msg/Bool"), lambda payload: None)
     transport.close()
     with pytest.raises(TransportError, match="/command"):
         publish(text("x"))
@@ -181,12 +176,18 @@ def test_topics_may_be_opened_and_messages_sent_from_a_callback(join, eventually
     eventually(lambda: answers, lambda: ask(text("x")))
 
 
-def test_a_stream_keeps_the_newest_messages_until_they_are_taken(join, eventually):
-    publish = join("writer").advertise(endpoint("/odom", topics.STATE_OUT))
-    stream = join("reader").stream(ODOM, depth=2)
+def open_stream(join, eventually, depth=1):
+    """Return a writer, its function to publish, and a stream from which the first messages are taken."""
+    writer, stream = join("writer"), join("reader").stream(ODOM, depth)
+    publish = writer.advertise(endpoint("/odom", topics.STATE_OUT))
     eventually(stream.take, lambda: publish(text("first")))
     time.sleep(0.05)  # messages in transit
     stream.take()
+    return writer, publish, stream
+
+
+def test_a_stream_keeps_the_newest_messages_until_they_are_taken(join, eventually):
+    _, publish, stream = open_stream(join, eventually, 2)
     assert stream.take() == []
     for i in range(5):
         publish(text(str(i)))
@@ -197,11 +198,7 @@ def test_a_stream_keeps_the_newest_messages_until_they_are_taken(join, eventuall
 
 
 def test_a_message_ends_the_wait_of_a_stream(join, eventually):
-    publish = join("writer").advertise(endpoint("/odom", topics.STATE_OUT))
-    stream = join("reader").stream(ODOM, depth=1)
-    eventually(stream.take, lambda: publish(text("first")))
-    time.sleep(0.05)
-    stream.take()
+    _, publish, stream = open_stream(join, eventually)
     assert not stream.wait(0.0)
     assert not stream.wait(0.05)
     later = threading.Timer(0.1, lambda: publish(text("second")))
@@ -214,18 +211,15 @@ def test_a_message_ends_the_wait_of_a_stream(join, eventually):
 
 
 def test_that_a_writer_is_gone_is_no_message(join, eventually):
-    writer, stream = join("writer"), join("reader").stream(ODOM, depth=1)
-    publish = writer.advertise(endpoint("/odom", topics.STATE_OUT))
-    eventually(stream.take, lambda: publish(text("first")))
-    time.sleep(0.05)
-    stream.take()
+    writer, _, stream = open_stream(join, eventually)
     writer.close()
     stream.wait(0.5)  # DDS reports it
     assert stream.take() == []
 
 
-def test_wake_ends_the_wait_of_a_stream(join):
-    stream = join("reader").stream(ODOM, depth=1)
+def test_wake_ends_the_wait_of_a_stream_and_a_stream_ends_with_its_transport(join):
+    transport = join("reader")
+    stream = transport.stream(ODOM, depth=1)
     stream.wake()
     assert stream.wait(20.0)
     assert not stream.wait(0.0)
@@ -234,11 +228,6 @@ def test_wake_ends_the_wait_of_a_stream(join):
     assert stream.wait(20.0)
     assert stream.take() == []
     later.join()
-
-
-def test_a_stream_ends_with_its_transport(join):
-    transport = join("reader")
-    stream = transport.stream(ODOM, depth=1)
     transport.close()
     with pytest.raises(TransportError, match="cannot read /odom: the transport is closed"):
         stream.take()

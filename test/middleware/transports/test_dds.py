@@ -137,14 +137,17 @@ def test_the_user_s_configuration_comes_last_and_peers_are_escaped():
 
 
 @pytest.mark.parametrize("discovery_range", DISCOVERY_RANGES)
-def test_types_announced_by_fast_dds_are_ignored_and_lost_packets_sent_again_within_a_few_cycles(discovery_range):
+def test_types_of_fast_dds_are_ignored_and_packets_sent_again_and_peers_announced_to_for_ever(discovery_range):
     """Cyclone refuses the arrays and sequences that rmw_fastrtps announces from Kilted on; Jazzy announces none.
 
     Without the interval, Cyclone waits for 100 ms: `wbc fuzz floods --kinds large` beside other load shows it.
     """
-    xml = configuration(DomainSettings(0, discovery_range))
+    xml = configuration(DomainSettings(0, discovery_range, ("robot",)))
     assert "<IgnoreTypeInformation>1.15</IgnoreTypeInformation>" in xml
     assert discovery_range == "SYSTEM_DEFAULT" or "<HeartbeatInterval>10 ms</HeartbeatInterval>" in xml
+    if discovery_range in ("LOCALHOST", "SUBNET"):  # Cyclone's default ends announcements without an answer after 30 s
+        assert '<Peer Address="localhost" PruneDelay="inf"/><Peer Address="robot" PruneDelay="inf"/>' in xml
+        assert "<SPDPInterval>1 s</SPDPInterval>" in xml
 
 
 @pytest.mark.parametrize("domain_id", [0, 101, 232])

@@ -15,7 +15,6 @@ from wbc_controller.apps.terminal.session import Session
 from wbc_controller.middleware.codec import decode, diagnostics, encode, message
 from wbc_controller.middleware.topics import LATCHED, REQUEST, Direction, Endpoint
 from wbc_controller.middleware.transports.dds import DdsTransport
-from wbc_controller.middleware.transports.dds_domain import DomainSettings, configuration
 from wbc_controller.settings.config import load
 
 pytestmark = pytest.mark.live
@@ -77,14 +76,6 @@ def test_all_ranges_but_off_discover_each_other_on_one_host(ros_range, wbc_range
         for transport in opened:
             transport.close()
         ros.close()
-
-
-@pytest.mark.parametrize("discovery_range", ["LOCALHOST", "SUBNET"])
-def test_peers_are_announced_to_for_ever(discovery_range):
-    """Cyclone's default ends the announcements to a port without a participant after 30 s."""
-    xml = configuration(DomainSettings(0, discovery_range, ("robot",)))
-    assert '<Peer Address="localhost" PruneDelay="inf"/><Peer Address="robot" PruneDelay="inf"/>' in xml
-    assert "<SPDPInterval>1 s</SPDPInterval>" in xml
 
 
 def test_a_session_hears_a_running_ros2_controller_within_its_patience(set_range, monkeypatch):

@@ -76,11 +76,8 @@ def spun(context):
     made = []
 
     def spun(**parameters):
-        node = rclpy.create_node(
-            "spun",
-            context=context,
-            parameter_overrides=[Parameter(name, value=value) for name, value in parameters.items()],
-        )
+        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
+        node = rclpy.create_node("spun", context=context, parameter_overrides=overrides)
         counter, transport = Counter(), Ros2Transport(node)
         node.add_waitable(counter)
         failures = []
@@ -204,9 +201,8 @@ def test_a_publisher_of_incompatible_quality_of_service_is_named_once(warned):
 
 
 def test_a_publisher_of_another_type_is_named_once(warned):
-    (sentence,) = warned(
-        endpoint("/command", topics.REQUEST), endpoint("/command", topics.REQUEST, "std_msgs/msg/Bool")
-    )
+    other = endpoint("/command", topics.REQUEST, "std_msgs/msg/Bool")
+    (sentence,) = warned(endpoint("/command", topics.REQUEST), other)
     assert sentence == ("no messages on /command from /ns/writer: type std_msgs/msg/Bool; publish std_msgs/msg/String")
 
 

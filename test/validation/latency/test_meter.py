@@ -51,12 +51,9 @@ def test_following_command_assigns_torques_to_a_state(sent, efforts, commands, s
     assert (found.late, found.unanswered) == (late, seconds.count(np.inf))
 
 
-@pytest.mark.parametrize(("seconds", "late"), [(PERIOD, 0), (np.nextafter(PERIOD, 1.0), 1), (np.inf, 1), (np.nan, 1)])
-def test_late_states(seconds, late):
-    assert RoundTrips(np.array([0.001, seconds]), np.zeros(1), PERIOD).late == late
-
-
-def test_quantiles_of_answered_states():
+def test_late_states_and_quantiles_of_answered_ones():
+    for seconds, late in ((PERIOD, 0), (np.nextafter(PERIOD, 1.0), 1), (np.inf, 1), (np.nan, 1)):
+        assert RoundTrips(np.array([0.001, seconds]), np.zeros(1), PERIOD).late == late
     found = RoundTrips(np.array([np.inf, *np.arange(1.0, 1001.0)]), np.zeros(1000), PERIOD)
     assert found.quantiles == (501.0, 991.0, 1000.0)
     assert np.isnan(RoundTrips(np.array([np.inf]), np.zeros(0), PERIOD).quantiles).all()
