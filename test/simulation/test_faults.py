@@ -129,14 +129,10 @@ def test_a_script_acts_at_its_times(go2, tmp_path):
     assert [len(content.name) for content in peer.all("joint_states")][:6] == [12, 12, 11, 11, 12, 12]
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [("- {kind: kick}", "'at'"), ("- {at: 1.0, kind: payload, link: x}", "unknown link 'x'"), ("{", "not valid YAML")],
-)
-def test_a_script_that_cannot_be_used_is_an_error_with_its_path(go2, tmp_path, text, said):
-    _, settings = go2
-    script = tmp_path / "faults.yaml"
-    script.write_text(text, encoding="utf-8")
-    with pytest.raises(ConfigurationError, match=said) as error:
-        run_mock(settings, MockPeer(MemoryBus(), settings).transport, threading.Event(), faults=script)
-    assert str(error.value).startswith(str(script))
+def test_a_script_that_cannot_be_used_is_an_error_with_its_path(go2, tmp_path):
+    (_, settings), script = go2, tmp_path / "faults.yaml"
+    for text, said in (("- {kind: kick}", "'at'"), ("- {at: 1.0, kind: payload, link: x}", "unknown link 'x'")):
+        script.write_text(text, encoding="utf-8")
+        with pytest.raises(ConfigurationError, match=said) as error:
+            run_mock(settings, MockPeer(MemoryBus(), settings).transport, threading.Event(), faults=script)
+        assert str(error.value).startswith(str(script))

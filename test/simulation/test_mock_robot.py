@@ -215,20 +215,27 @@ def test_pushes_by_topic(make, caplog):
     assert "finite" in infinite
 
 
-def test_lockstep_answers_within_the_publication(make, go2):
+def test_lockstep_answers_within_the_publication_and_runs_are_the_same_bit_for_bit(make, go2):
     model, _ = go2
-    robot, peer = make(lockstep=True)
-    torques = []
 
-    def controller(content):
-        torques.append(np.full(model.na, 0.01 * len(torques)))
-        peer.answer(stamp_of(content), reversed(model.joints), torques[-1])
+    def run():
+        robot, peer = make(lockstep=True)
+        seen, torques = [], []
 
-    peer.reactions["joint_states"] = controller
-    for index in range(50):
-        step(robot)
-        np.testing.assert_array_equal(robot.plant.applied_torques, torques[index])
-    assert len(torques) == 50
+        def controller(content):
+            seen.append(content.position.tobytes() + content.velocity.tobytes())
+            torques.append(20.0 * (model.posture - content.position))
+            peer.answer(stamp_of(content), reversed(model.joints), np.array(torques[-1][::-1]))
+
+        peer.reactions["joint_states"] = controller
+        peer.hold(False)
+        for index in range(60):
+            step(robot)
+            np.testing.assert_array_equal(robot.plant.applied_torques, torques[index])
+        assert len(torques) == 60
+        return seen
+
+    assert run() == run()
 
 
 def test_lockstep_waits_for_the_answer_to_its_own_state(make, go2):
@@ -271,25 +278,6 @@ def test_lockstep_goes_on_damped_after_an_unusable_answer(make, go2, caplog, nam
         step(robot)
     assert said in caplog.records[0].getMessage()
     assert (np.abs(robot.plant.applied_torques) < 0.9).all()
-
-
-def test_lockstep_runs_are_the_same_bit_for_bit(make, go2):
-    model, _ = go2
-
-    def run():
-        robot, peer = make(lockstep=True)
-        seen = []
-
-        def controller(content):
-            seen.append(content.position.tobytes() + content.velocity.tobytes())
-            peer.answer(stamp_of(content), model.joints, 20.0 * (model.posture - content.position))
-
-        peer.reactions["joint_states"] = controller
-        peer.hold(False)
-        step(robot, 100)
-        return seen
-
-    assert run() == run()
 
 
 def test_real_time_keeps_absolute_deadlines(make):

@@ -52,14 +52,6 @@ def test_noise_is_of_the_stated_density_and_biases_stay(standing, quality):
     assert np.abs(np.mean(errors["velocity"], axis=0)).max() < 0.1 * parts.velocity_noise
 
 
-def test_positions_come_in_steps(standing):
-    model, look = standing
-    measured = look(0)
-    ImperfectSensors(PARTS["cheap"], model, PERIOD, 0).measure(measured)
-    steps = measured.position / (2.0 * math.pi / 2**14)
-    np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
-
-
 def test_the_same_seed_measures_the_same_and_the_same_time_is_measured_once(standing):
     model, look = standing
     first, second, other = (ImperfectSensors(PARTS["good"], model, PERIOD, seed) for seed in (5, 5, 6))
@@ -74,6 +66,9 @@ def test_the_same_seed_measures_the_same_and_the_same_time_is_measured_once(stan
     first.measure(later)
     assert (later.specific_force != seen[0].specific_force).all()
     np.testing.assert_array_equal(later.pose, seen[0].pose)  # odometry stays true
+    ImperfectSensors(PARTS["cheap"], model, PERIOD, 0).measure(later)
+    steps = later.position / (2.0 * math.pi / 2**14)  # of the encoder
+    np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
 
 
 def test_each_motor_has_an_error_of_its_own(standing):
@@ -85,12 +80,9 @@ def test_each_motor_has_an_error_of_its_own(standing):
     np.testing.assert_allclose(ImperfectSensors(PARTS["cheap"], model, PERIOD, 0).torques(2.0 * tau), 2.0 * sent)
 
 
-def test_every_quality_but_the_ideal_one_has_parts():
-    assert {*PARTS, "ideal"} == {*get_args(SensorQuality)}
-
-
 @pytest.mark.parametrize("quality", ["ideal", "good"])
 def test_the_mock_robot_measures_and_pulls_as_its_parts_do(robot_of, changed, quality):
+    assert {*PARTS, "ideal"} == {*get_args(SensorQuality)}
     settings, model = robot_of("go2")
     settings = changed(settings, {"mock": {"sensors": quality}})
     robot = MockRobot(model, settings, MemoryTransport(MemoryBus()))
@@ -108,14 +100,10 @@ def test_the_mock_robot_measures_and_pulls_as_its_parts_do(robot_of, changed, qu
     assert off < 0.01
 
 
-def test_an_imu_may_be_on_any_link_of_the_robot(robot_of, changed):
+def test_it_may_measure_no_joint_velocities_and_needs_the_link_of_the_imu(robot_of, changed):
     settings, model = robot_of("go2")
     with pytest.raises(ConfigurationError, match="nose"):
         MockRobot(model, changed(settings, {"estimation": {"imu_frame": "nose"}}), MemoryTransport(MemoryBus()))
-
-
-def test_it_may_measure_no_joint_velocities(robot_of, changed):
-    settings, model = robot_of("go2")
     peer = MockPeer(MemoryBus(), settings)
     MockRobot(model, changed(settings, {"mock": {"joint_velocity": False}}), peer.transport).publish()
     (content,) = peer.all("joint_states")

@@ -17,12 +17,9 @@ def made(kind, **parameters):
     return ALL_KINDS[kind].model_validate(parameters)
 
 
-def test_kinds_and_rules_agree():
-    assert set(RULES) == set(ALL_KINDS)
-
-
-@pytest.mark.parametrize("kind", ALL_KINDS)
+@pytest.mark.parametrize("kind", RULES)
 def test_rules_accept_all_random_parameters(kind):
+    assert set(RULES) == set(ALL_KINDS)
     for seed in range(20):
         rng = np.random.default_rng(seed)
         for settings in (SETTINGS, SYNCHRONIZED):
@@ -69,13 +66,10 @@ def test_deadline_follows_from_the_settings():
     assert expect(made("message_dropout", duration=0.5), slow).deadline == pytest.approx(0.208)
 
 
-@pytest.mark.parametrize(
-    ("kind", "parameters"),
-    [("message_growing_delay", {"growth": 0.5, "duration": 1.0}), ("stamp_ahead", {"by": 0.1, "duration": 0.5})],
-)
-def test_synchronized_clocks_detect_more(kind, parameters):
-    assert expect(made(kind, **parameters), SETTINGS).label == "either"
-    assert expect(made(kind, **parameters), SYNCHRONIZED).label == "detect"
+def test_synchronized_clocks_detect_more():
+    for fault in (made("message_growing_delay", growth=0.5, duration=1.0), made("stamp_ahead", by=0.1, duration=0.5)):
+        assert expect(fault, SETTINGS).label == "either"
+        assert expect(fault, SYNCHRONIZED).label == "detect"
 
 
 def test_physical_faults_have_no_input_codes():
