@@ -22,6 +22,11 @@ from wbc_controller.validation.accuracy.walks import mean_velocity, walk
 SHORT = {"estimation.base_state": "imu", "estimation.settling": 0.1, "safety.activation_ramp": 0.0}
 
 
+@pytest.fixture(autouse=True)
+def _short_rest(monkeypatch):
+    monkeypatch.setattr("wbc_controller.validation.accuracy.estimation_trial._REST_TIME", 0.4)
+
+
 def test_errors_of_a_standing_robot_agree_with_the_truth():
     found = stand("go2", "good", 0, 0.5)
     assert (found.ended, len(found.observable_nees), len(found.drifting_nees)) == ("", 5, 4)
@@ -185,9 +190,6 @@ def test_table_of_flaws(monkeypatch):
     run = CliRunner().invoke(accuracy.commands["flaws"], ["go2", "g1", "--flaw", "slope", "--jobs", "1"])
     assert "| slope 10°, force sensors | 1.0, 2.0; 0.3 % | ends: FALLEN |" in run.output
     assert run.exit_code == 1
-
-
-def test_unknown_flaw_is_refused():
     run = CliRunner().invoke(accuracy.commands["flaws"], ["go2", "--flaw", "nothing"])
     assert "unknown flaw 'nothing'" in str(run.exception)
     assert len({flaw.name for flaw in FLAWS}) == len(FLAWS)

@@ -92,6 +92,7 @@ def test_the_bisection_finds_the_largest_impulse(monkeypatch):
 
 
 def test_a_robot_that_steps_survives_a_push_and_falls_at_a_large_one(monkeypatch):
+    monkeypatch.setattr("wbc_controller.validation.accuracy.estimation_trial._REST_TIME", 0.4)
     monkeypatch.setattr(walk_pushes, "AFTER", 0.8)
     assert ends("g1", Push(0.0, 0.25), 0.2, "ideal", 0)[0] == ""
     fell, mass = ends("g1", Push(0.0, None), LARGEST, "ideal", 0)
