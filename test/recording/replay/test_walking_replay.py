@@ -20,6 +20,9 @@ FALLS = {"FALLEN", "FALLING", "ESTIMATE_LOST", "IMPLAUSIBLE_STATE", "RELAXED", "
 #: Fault, its parameters, and the codes that may name it.
 FAULTS = [
     ("message_dropout", {"stream": "joint_states"}, {"STALE_INPUT"}),
+    ("imu_shock", {"turn": 50.0}, FALLS),
+    ("actuator_weak", {"share": 0.05}, FALLS),
+    ("command_loss", {"share": 1.0}, FALLS),
     ("floor_hole", {"contact": ""}, FALLS),
 ]
 
