@@ -2,6 +2,7 @@
 
 import threading
 import time
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -77,85 +78,20 @@ def state(make):
     return send
 
 
-def test_nothing_has_arrived(go2):
+def test_no_state_without_all_parts(go2, make):
     latched = go2.inputs.latch()
     assert latched.state is None
     assert latched.joint_velocity is None
     assert latched.ages == {"joint_states": np.inf, "odom": np.inf}
     assert not latched.refused
     assert not go2.inputs.wait(0.0)
-
-
-def test_no_state_without_all_parts(go2, make):
     model = go2.model
     go2.send("joint_states", make.joint_state(model.joints, np.zeros(model.na), np.ones(model.na)))
     assert go2.inputs.wait(0.0)
     latched = go2.inputs.latch()
-    assert latched.state is None
+    assert latched.state is None  # without the base
     np.testing.assert_array_equal(latched.joint_velocity, np.ones(model.na))
     assert not go2.inputs.wait(0.0)
-
-
-@pytest.mark.parametrize("name", ["g1", "talos", "go2"])
-def test_a_state_is_assembled_in_the_models_order_and_frozen(wire, make, name):
-    bench = wire(name)
-    model = bench.model
-    values = np.arange(1.0, model.na + 1.0)
-    shuffled = np.random.default_rng(3).permutation(model.na)
-    names = [model.joints[i] for i in shuffled]
-    bench.send("joint_states", make.joint_state(names, values[shuffled], -values[shuffled], time=7))
-    bench.send("odom", make.odom([1, 2, 3, 0, 0, 0, 1], [4, 5, 6, 7, 8, 9], model.base_link, 6))
-    state = bench.inputs.latch().state
-    assert state.stamp == 7
-    np.testing.assert_array_equal(state.q[:7], [1, 2, 3, 0, 0, 0, 1])
-    np.testing.assert_array_equal(state.v[:6], [4, 5, 6, 7, 8, 9])
-    for i, joint in enumerate(model.joints):
-        place = model.pinocchio.joints[model.pinocchio.getJointId(joint)]
-        assert state.q[place.idx_q] == values[i]
-        assert state.v[place.idx_v] == -values[i]
-    with pytest.raises(ValueError, match="read-only"):
-        state.q[0] = 0.0
-
-
-def test_ages_count_from_arrival_not_from_the_stamp(go2, state):
-    state(go2, time=123)
-    assert go2.inputs.latch().ages == {"joint_states": 0.0, "odom": 0.0}
-    go2.clock.time += 0.02
-    assert go2.inputs.latch().ages == pytest.approx({"joint_states": 0.02, "odom": 0.02})
-    go2.clock.time += 0.02
-    assert go2.inputs.latch().ages == pytest.approx({"joint_states": 0.04, "odom": 0.04})
-
-
-def test_after_a_bad_joint_state_the_last_good_one_stays_and_ages(go2, state, make):
-    state(go2)
-    before = go2.inputs.latch().state
-    go2.clock.time += 0.01
-    model, bad = go2.model, np.zeros(go2.model.na)
-    bad[2] = NAN
-    go2.send("joint_states", make.joint_state(model.joints, bad, np.zeros(model.na)))
-    latched = go2.inputs.latch()
-    (sentence,) = latched.refused
-    said = f"position of '{model.joints[2]}' is nan"
-    assert sentence.startswith(f"/joint_states: {said}")
-    assert said in go2.inputs.notes()["joint_states"]
-    np.testing.assert_array_equal(latched.state.q, before.q)
-    assert latched.state.stamp == before.stamp
-    assert latched.ages["joint_states"] == pytest.approx(0.01)
-    state(go2, velocity=0.5)
-    latched = go2.inputs.latch()
-    assert not latched.refused
-    assert not go2.inputs.notes()
-    assert latched.ages["joint_states"] == 0.0
-    assert (latched.joint_velocity == 0.5).all()
-
-
-def test_after_a_bad_base_state_the_last_good_one_stays(go2, state, make):
-    state(go2)
-    before = go2.inputs.latch().state
-    go2.send("odom", make.odom([9, 9, 9, 0, 0, 0, 1], child="torso"))
-    latched = go2.inputs.latch()
-    assert latched.refused == ("/odom: child_frame_id is 'torso'; the robot's base link is 'base'",)
-    np.testing.assert_array_equal(latched.state.q, before.q)
 
 
 @pytest.mark.parametrize("key", ["joint_states", "odom", "command", "update"])
@@ -170,16 +106,9 @@ def test_bytes_that_are_no_message_are_refused(go2, state, key, payload):
     assert latched.state is not None
 
 
-def test_commands_of_one_cycle_come_in_their_order(go2, make):
-    for word in ("reset", " activate \n", "nonsense"):
-        go2.send("command", make.string(word))
-    assert go2.inputs.latch().requests.commands == ("reset", "activate", "nonsense")
-    assert go2.inputs.latch().requests.commands == ()
-
-
 def test_excess_requests_are_counted_and_reported(go2, make):
     for i in range(130):
-        go2.send("command", make.string(str(i)))
+        go2.send("command", make.string(f" {i} \n"))
     latched = go2.inputs.latch()
     assert latched.refused == ("/wbc_controller/command: 30 messages dropped: more than 100 requests at once",)
     words = list(latched.requests.commands)
@@ -194,7 +123,7 @@ def test_excess_requests_are_counted_and_reported(go2, make):
 @pytest.mark.parametrize("reader", [True, False])
 def test_between_threads_no_request_is_lost_unsaid(go2, make, reader):
     """With concurrent threads for sending, reading and latching, each request is taken once, in order, or counted."""
-    sent, taken, counted = 2000, [], 0
+    sent, taken, counted = 1000, [], 0
     if reader:
         go2.inputs.requests.start_reader()
 
@@ -253,13 +182,6 @@ def test_refused_states_and_requests_of_one_cycle_are_reported(go2, state, make)
     assert second.startswith("/wbc_controller/tasks/com/weight: ")
 
 
-def test_an_update_of_several_changes_is_taken_whole_or_not_at_all(go2, make):
-    go2.send("update", make.string("{tasks: {com: {weight: 1}, posture: {weight: -1}}}"))
-    latched = go2.inputs.latch()
-    assert latched.requests.changes == ()
-    assert len(latched.refused) == 1
-
-
 def test_changes_of_settings_are_prepared_on_the_reader_thread(go2, make):
     prepared = []
 
@@ -299,10 +221,20 @@ def test_a_message_that_finds_a_defect_is_refused_and_logged(go2, state, make, m
     assert "Traceback" in caplog.text
 
 
-def test_a_fixed_base_needs_no_odometry(robot_of, stance_of, changed, make):
-    settings, _ = robot_of("go2")
-    fixed = changed(settings, {"robot": {"base": "fixed"}})
-    model = make_model(fixed)
+@pytest.fixture(scope="module")
+def robot_on(robot_of, changed):
+    """Settings and model of Go2 on a floating or fixed base, built once."""
+
+    @cache
+    def build(base):
+        own = changed(robot_of("go2")[0], {"robot": {"base": base}})
+        return own, make_model(own)
+
+    return build
+
+
+def test_a_fixed_base_needs_no_odometry(robot_on, make):
+    fixed, model = robot_on("fixed")
     bench = Wire(fixed, model, None)
     bench.send("joint_states", make.joint_state(model.joints, model.posture, np.zeros(model.na)))
     bench.publish["odom", ""](b"whatever")
@@ -332,13 +264,10 @@ CYCLES = st.lists(
 @pytest.mark.parametrize("base", ["floating", "fixed"])
 @pytest.mark.parametrize("tolerance", [None, 0.015])
 @given(cycles=CYCLES, seed=st.integers(0, 1000))
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=60)
-def test_the_state_is_that_of_the_newest_accepted_messages(
-    robot_of, stance_of, changed, make, base, tolerance, cycles, seed
-):
-    own, _ = robot_of("go2")
-    own = changed(own, {"robot": {"base": base}})
-    model, random = make_model(own), np.random.default_rng(seed)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=30)
+def test_the_state_is_that_of_the_newest_accepted_messages(robot_on, stance_of, make, base, tolerance, cycles, seed):
+    own, model = robot_on(base)
+    random = np.random.default_rng(seed)
     wire = Wire(own, model, stance_of("go2"), clock_tolerance=tolerance)
     keys = ("joint_states", "odom") if base == "floating" else ("joint_states",)
     ahead = None if tolerance is None else lambda: 0.0
@@ -392,7 +321,7 @@ def test_the_state_is_that_of_the_newest_accepted_messages(
 
 @pytest.mark.parametrize(
     ("key", "subject", "largest"),
-    [("joint_states", "", 1 << 18), ("odom", "", 1 << 16), ("trajectory", "com", 1 << 20)],
+    [("joint_states", "", 1 << 18), ("odom", "", 1 << 16), ("trajectory", "com", 1 << 20), ("command", "", 1 << 18)],
 )
 def test_each_topic_has_its_largest_message(go2, key, subject, largest):
     go2.publish[key, subject](b"\x00" * (largest + 1))
