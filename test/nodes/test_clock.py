@@ -244,11 +244,11 @@ def synchronized(bench):
     controller = bench(changes=SYNCHRONIZED)
     states(controller, 0.0)
     controller.command("activate")
-    assert states(controller, 0.0, 300).mode is Mode.ACTIVE
+    assert states(controller, 0.0, 20).mode is Mode.ACTIVE
     return controller
 
 
-def test_with_synchronized_clocks_a_constant_latency_does_not_activate(bench):
+def test_only_with_synchronized_clocks_a_constant_latency_prevents_the_activation(bench):
     controller = bench(changes=SYNCHRONIZED)
     assert states(controller, 1.0).inputs.ages == pytest.approx({"joint_states": 1.0, "odom": 1.0})
     controller.command("activate")
@@ -258,10 +258,7 @@ def test_with_synchronized_clocks_a_constant_latency_does_not_activate(bench):
         "clocks are not synchronized; odom is 1000 ms old (limit 50 ms); 1.000 s of it in transit, or the clocks are "
         "not synchronized"
     )
-
-
-def test_without_them_it_does(bench):
-    controller = bench()
+    controller = bench()  # without synchronized clocks the latency is an offset
     states(controller, 1.0)
     controller.command("activate")
     assert states(controller, 1.0).mode is Mode.ACTIVE
@@ -281,40 +278,13 @@ def test_clocks_that_part_are_a_fault_that_says_by_how_much(bench, skew, said):
     assert said in report.fault.sentence
 
 
-def test_a_clock_step_while_active_is_a_fault_and_restarts_the_ages(bench, monkeypatch):
-    controller = synchronized(bench)
-    clock = controller.clock
-    with monkeypatch.context() as patch:
-        patch.setattr(clock, "clock_fault", lambda: "this computer's clock was set forward by 3.500 s")
-        patch.setattr(clock, "clock_offset", lambda: 3.5)
-        report = states(controller, -3.5, 1)
-        assert report.mode is Mode.DAMPING
-        assert (report.fault.code, report.fault.sentence) == ("CLOCK", clock.clock_fault())
-        patch.setattr(clock, "clock_fault", lambda: None)
-        controller.command("reset")
-        states(controller, -3.5, 10)
-        controller.command("activate")
-        assert states(controller, -3.5, 10).mode is Mode.ACTIVE
-
-
-@pytest.mark.parametrize(("latency", "mode"), [(1.0, Mode.INACTIVE), (0.0, Mode.ACTIVE)])
-def test_with_a_simulators_clock_a_constant_latency_counts_too(bench, latency, mode):
-    controller = bench(changes=SYNCHRONIZED)
-    clock = SimulatedClock(controller.topics, controller.transport)
-    controller.loop = controller.remake(clock)
-    controller.command("activate")
-    for _ in range(50):
-        controller.send("clock", time_message(controller.time))
-        assert states(controller, latency, 1).mode is mode
-
-
 @pytest.mark.parametrize("changes", [None, SYNCHRONIZED])
 def test_a_stall_of_simulated_time_is_a_fault_and_damping_continues(bench, changes):
     controller = bench(changes=changes)
     clock = SimulatedClock(controller.topics, controller.transport)
     controller.loop = controller.remake(clock)
     controller.command("activate")
-    for _ in range(700):
+    for _ in range(120):
         controller.send("clock", time_message(controller.time))
         report = states(controller, 0.0, 1)
     assert report.mode is Mode.ACTIVE
@@ -335,14 +305,14 @@ def test_a_stall_of_simulated_time_is_a_fault_and_damping_continues(bench, chang
 
 @pytest.fixture
 def starved(bench):
-    """A controller with simulated time and a transport thread on request, active for a second."""
+    """A controller with simulated time and a transport thread on request, active for 0.2 s."""
     controller = bench()
     controller.transport.close()
     controller.transport = StarvedThread(controller.bus)
     clock = make_clock(controller.settings, controller.topics, controller.transport, use_sim_time=True)
     controller.loop = controller.remake(clock)
     controller.command("activate")
-    for _ in range(500):
+    for _ in range(100):
         controller.send("clock", time_message(controller.time))
         controller.transport.run()
         report = states(controller, 0.0, 1)
@@ -352,27 +322,17 @@ def starved(bench):
 
 def test_a_starved_thread_of_the_transport_does_not_stop_the_clock(starved):
     ages = []
-    for _ in range(500):
+    for _ in range(100):
         report = states_with_time(starved, 1)
         ages.append(max(report.inputs.ages.values()))
     assert (report.mode, report.fault) == (Mode.ACTIVE, None)
     assert max(ages) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_a_starved_loop_takes_the_newest_state_and_its_time(starved):
-    """All messages of the simulator wait while the loop is preempted."""
-    for _ in range(20):
-        for _ in range(100):  # 0.2 s, four times the limit of the ages
-            time_and_state(starved)
-        report = starved.loop.cycle()
-        assert (report.mode, report.fault) == (Mode.ACTIVE, None)
-        assert max(report.inputs.ages.values()) == pytest.approx(0.0, abs=1e-9)
-
-
-@pytest.mark.parametrize("late", [1, 10, 20])
+@pytest.mark.parametrize("late", [1, 20])
 def test_times_that_arrive_after_their_states_are_no_fault_within_the_limit_of_the_stamps(starved, late):
     """Two topics are two readers: the middleware may deliver a state before its time."""
-    for count in range(1000):
+    for count in range(200):
         starved.give_state()
         now = starved.clock.time
         if count % (2 * late) >= late:
@@ -383,10 +343,10 @@ def test_times_that_arrive_after_their_states_are_no_fault_within_the_limit_of_t
 
 
 def test_the_simulator_may_pause(starved):
-    for _ in range(1000):
+    for _ in range(200):
         report = starved.loop.cycle()
     assert (report.mode, report.fault) == (Mode.ACTIVE, None)
-    assert states_with_time(starved, 100).mode is Mode.ACTIVE
+    assert states_with_time(starved, 60).mode is Mode.ACTIVE
 
 
 def time_and_state(controller, *, with_time=True):
@@ -408,17 +368,11 @@ def states_with_time(controller, count, every=1):
     return report
 
 
-def test_a_clock_at_100_hz_is_fine_enough(starved):
-    report = states_with_time(starved, 1000, every=5)
-    assert (report.mode, report.fault) == (Mode.ACTIVE, None)
-    assert max(report.inputs.ages.values()) <= 0.01
-
-
 @pytest.mark.parametrize(("rate", "said"), [(10, "in steps of 100 ms"), (15, "in steps of 66 ms")])
 def test_a_coarse_clock_is_not_a_stall(simulated, rate, said):
     controller, _ = simulated
     every, sentences = round(1.0 / (rate * controller.period)), []
-    for number in range(1000):
+    for number in range(200):
         time_and_state(controller, with_time=number % every == 0)
         if number >= 2 * every:  # two messages show its step
             controller.command("activate")
@@ -428,21 +382,21 @@ def test_a_coarse_clock_is_not_a_stall(simulated, rate, said):
     assert any(f"the clock advances {said}, too coarse for ages up to 50 ms" in each for each in sentences)
 
 
-@pytest.mark.parametrize("asked", [1, 20, 220, 260])
 @pytest.mark.parametrize(
-    ("changes", "rate", "said"),
+    ("changes", "rate", "asked", "said"),
     [
-        (None, 10, "in steps of 100 ms, too coarse for ages up to 50 ms (safety.state_timeout)"),
-        (SYNCHRONIZED, 10, "in steps of 100 ms, too coarse for ages up to 10 ms (safety.clock_tolerance)"),
-        (SYNCHRONIZED, 50, "in steps of 20 ms, too coarse for ages up to 10 ms (safety.clock_tolerance)"),
+        (None, 10, 1, "in steps of 100 ms, too coarse for ages up to 50 ms (safety.state_timeout)"),
+        (None, 10, 100, "in steps of 100 ms, too coarse for ages up to 50 ms (safety.state_timeout)"),
+        (SYNCHRONIZED, 10, 20, "in steps of 100 ms, too coarse for ages up to 10 ms (safety.clock_tolerance)"),
+        (SYNCHRONIZED, 50, 125, "in steps of 20 ms, too coarse for ages up to 10 ms (safety.clock_tolerance)"),
     ],
 )
-def test_with_a_coarse_clock_activation_is_refused_with_its_step(bench, changes, rate, said, asked):
+def test_with_a_coarse_clock_activation_is_refused_with_its_step(bench, changes, rate, asked, said):
     """Activation in the first step of the clock, at one of its times, or between two."""
     controller = bench(changes=changes)
     controller.loop = controller.remake(SimulatedClock(controller.topics, controller.transport))
     every, refused = round(1.0 / (rate * controller.period)), []
-    for number in range(400):
+    for number in range(160):
         time_and_state(controller, with_time=number % every == 0)
         if number == asked:
             controller.command("activate")
@@ -471,7 +425,7 @@ def test_a_clock_as_fine_as_the_limit_is_accepted(bench, changes, rate):
     every = round(1.0 / (rate * controller.period))
     states_with_time(controller, 3 * every, every=every)
     controller.command("activate")
-    assert states_with_time(controller, 500, every=every).mode is Mode.ACTIVE
+    assert states_with_time(controller, 150, every=every).mode is Mode.ACTIVE
 
 
 def test_torques_of_a_state_that_became_stale_are_not_sent(starved, monkeypatch):

@@ -21,35 +21,10 @@ def last_status(controller):
     return status
 
 
-def test_one_command_for_each_state_with_its_stamp(bench):
-    controller = bench().activated()
-    for i in range(20):
-        report = controller.cycle()
-        assert report.mode is Mode.ACTIVE
-        assert report.command.stamp == controller.time
-        assert len(controller.received("effort")) == i + 2
-    assert [each.cycle for each in controller.reports] == list(range(21))
-
-
-def test_activation_ramps_from_zero_to_the_standing_torques(bench):
-    controller = bench().activated(600)
-    efforts = controller.efforts()
-    assert not efforts[0].any()
-    assert np.isfinite(efforts).all()
-    assert (np.abs(efforts) <= controller.model.effort_limits).all()
-    limit = controller.settings.limits.torque_rate * controller.period * controller.model.effort_limits
-    assert (np.abs(np.diff(efforts, axis=0)) <= limit + 1e-9).all()
-    knees = [i for i, name in enumerate(controller.model.joints) if "calf" in name]
-    assert (efforts[-1][knees] > 1.0).all()
-    tau = controller.reports[-1].solution.tau
-    np.testing.assert_allclose(efforts[-1], tau, atol=1e-6)
-
-
 def test_activation_is_refused_until_the_inputs_are_fresh(bench):
     controller = bench()
     controller.command("activate")
-    report = controller.cycle(joints=False, base=False)
-    (sentence,) = report.refused
+    (sentence,) = controller.cycle(joints=False, base=False).refused
     assert sentence == (
         "command 'activate' is refused: joint_states has not arrived (limit 50 ms); odom has not arrived (limit 50 ms)"
     )
@@ -59,26 +34,9 @@ def test_activation_is_refused_until_the_inputs_are_fresh(bench):
     assert controller.activate().mode is Mode.ACTIVE
 
 
-def test_the_word_of_a_burst_count_in_their_order(bench):
-    controller = bench().activated()
-    controller.command("estop")
-    controller.cycle()
-    controller.command("reset")
-    controller.command("activate")
-    report = controller.cycle()
-    assert (report.mode, report.refused) == (Mode.ACTIVE, ())
-    controller.command("damp")
-    controller.cycle()
-    controller.command("activate")
-    controller.command("reset")
-    report = controller.cycle()
-    assert report.mode is Mode.INACTIVE
-    assert "send 'reset' first" in report.refused[0]
-
-
 @pytest.mark.parametrize("missing", ["joints", "base"])
 def test_an_input_is_stale_one_cycle_after_the_timeout(bench, missing):
-    controller = bench().activated(50)
+    controller = bench().activated(10)
     silent = {missing: False}
     name = {"joints": "joint_states", "base": "odom"}[missing]
     count = round(TIMEOUT / controller.period)
@@ -122,7 +80,7 @@ def test_the_fault_contains_the_last_refusal(bench):
 
 
 def test_damping_opposes_fresh_velocities_and_lets_stale_ones_sink(bench):
-    controller = bench(changes={"safety": {"damping": 3.0, "damping_time": 1.0}}).activated(600)
+    controller = bench(changes={"safety": {"damping": 3.0, "damping_time": 0.3}}).activated(120)
     controller.v[controller.model.v_index] = 0.5
     report = controller.cycle(60, base=False)
     assert report.mode is Mode.DAMPING
@@ -130,38 +88,13 @@ def test_damping_opposes_fresh_velocities_and_lets_stale_ones_sink(bench):
     assert np.isnan(report.command.q_desired).all()
     report = controller.cycle(40, base=False, joints=False)
     assert not report.command.tau.any()
-    report = controller.cycle(500, base=False, joints=False)
+    report = controller.cycle(120, base=False, joints=False)
     assert report.mode is Mode.FAULT
     assert report.fault.code == "STALE_INPUT"
     controller.command("reset")
     controller.v[:] = 0.0  # at rest, by its positions
     assert controller.cycle().mode is Mode.INACTIVE
     assert controller.activate().mode is Mode.ACTIVE
-
-
-def test_without_a_solution_torques_are_held_then_damped_then_zero(bench, monkeypatch, caplog):
-    controller = bench(changes={"safety": {"damping_time": 0.1, "hold_time": 0.05}}).activated(600)
-    held = controller.reports[-1].command.tau
-
-    def solve(*arguments):
-        raise NoSolution("the contacts conflict", "infeasible", None)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(controller.loop.controller.qp, "solve", solve)
-        report = controller.cycle()
-        assert (report.mode, report.fault.code) == (Mode.HOLDING, "NO_SOLUTION")
-        np.testing.assert_array_equal(report.command.tau, held)
-        assert controller.received("state")[-1].data == "holding NO_SOLUTION: the contacts conflict"
-        controller.cycle(24)
-        assert controller.loop.controller.supervisor.mode is Mode.HOLDING
-        controller.cycle(3)
-        assert controller.loop.controller.supervisor.mode is Mode.DAMPING
-        report = controller.cycle(60)
-        assert report.mode is Mode.FAULT
-        assert not report.command.tau.any()
-    assert "the contacts conflict" in caplog.text
-    controller.cycle(100)
-    assert controller.loop.controller.supervisor.mode is Mode.FAULT
 
 
 def divide_by_zero(*arguments):
@@ -191,7 +124,8 @@ def searched(controller):
 
 
 def test_a_failure_is_explained_once_and_the_explanation_stays(bench, monkeypatch, caplog):
-    controller = bench(changes={"safety": {"damping_time": 0.1, "hold_time": 0.05}}).activated(600)
+    safety, often = {"damping_time": 0.1, "hold_time": 0.05}, {"diagnostics_rate": 100.0}
+    controller = bench(changes={"safety": safety, "control": often}).activated(120)
     press_at_most(controller, monkeypatch, -50.0)
     searches = []
 
@@ -201,10 +135,11 @@ def test_a_failure_is_explained_once_and_the_explanation_stays(bench, monkeypatc
 
     explained = NoSolution.explained
     monkeypatch.setattr(NoSolution, "explained", search)
-    sent = len(controller.efforts())
+    sent = controller.efforts()
     report = controller.cycle()
-    assert (report.mode, report.fault.infeasibility) == (Mode.HOLDING, None)
-    assert len(controller.efforts()) == sent + 1
+    assert (report.mode, report.fault.code, report.fault.infeasibility) == (Mode.HOLDING, "NO_SOLUTION", None)
+    assert sent[-1].any()
+    np.testing.assert_array_equal(controller.efforts(), [*sent, sent[-1]])
     searched(controller)
     report = controller.cycle()
     why = report.fault.infeasibility
@@ -216,33 +151,20 @@ def test_a_failure_is_explained_once_and_the_explanation_stays(bench, monkeypatc
         report = controller.cycle(count)
         assert (report.mode, report.fault.infeasibility) == (mode, why)
         assert why.sentence in last_status(controller).message
+    assert not report.command.tau.any()
     assert len(searches) == 1
     assert searches[0] is not threading.current_thread()  # the loop continues meanwhile
 
 
-def test_commands_continue_during_an_explanation(bench, monkeypatch):
-    controller = bench(changes={"safety": {"damping_time": 0.1, "hold_time": 0.05}}).activated(600)
-    press_at_most(controller, monkeypatch, -50.0)
-    release = delayed_explanation(monkeypatch)
-    sent = len(controller.efforts())
-    report = controller.cycle(40)
-    assert len(controller.efforts()) == sent + 40
-    assert (report.mode, report.fault.infeasibility) == (Mode.DAMPING, None)
-    press_at_most(controller, monkeypatch, 400.0)  # it explains the failure, not the present state
-    release.set()
-    searched(controller)
-    report = controller.cycle()
-    assert report.mode is Mode.DAMPING
-    assert set(report.fault.infeasibility.conflict) == {"normal_force:front_left_foot", "cone:front_left_foot"}
-
-
 def test_a_failure_that_is_over_is_explained_as_it_was(bench, monkeypatch, caplog):
-    controller = bench().activated(600)
+    controller = bench().activated(120)
     release = delayed_explanation(monkeypatch)
     press_at_most(controller, monkeypatch, -50.0)
     assert controller.cycle().mode is Mode.HOLDING
     press_at_most(controller, monkeypatch, 400.0)
+    sent = len(controller.efforts())
     assert controller.cycle(5).mode is Mode.ACTIVE
+    assert len(controller.efforts()) == sent + 5  # the search does not block the loop
     release.set()
     searched(controller)
     report = controller.cycle()
@@ -251,7 +173,7 @@ def test_a_failure_that_is_over_is_explained_as_it_was(bench, monkeypatch, caplo
 
 
 def test_a_search_that_fails_is_logged_and_the_fault_stays(bench, monkeypatch, caplog):
-    controller = bench().activated(600)
+    controller = bench().activated(120)
     press_at_most(controller, monkeypatch, -50.0)
 
     monkeypatch.setattr(NoSolution, "explained", divide_by_zero)
@@ -264,10 +186,10 @@ def test_a_search_that_fails_is_logged_and_the_fault_stays(bench, monkeypatch, c
 
 
 def test_failures_that_come_and_go_are_explained_once_a_second(bench, monkeypatch):
-    controller = bench().activated(600)
+    controller = bench(changes={"control": {"rate": 100.0}}).activated(30)
     explained, searches = NoSolution.explained, []
     monkeypatch.setattr(NoSolution, "explained", lambda failure: searches.append(1) or explained(failure))
-    for i in range(1000):  # two seconds
+    for i in range(200):  # two seconds
         fails = i % 40 == 1  # less often than the budget of holding allows
         press_at_most(controller, monkeypatch, -50.0 if fails else 400.0)
         report = controller.cycle()
@@ -314,9 +236,9 @@ def odometry_that_spins(controller):
 
 @pytest.mark.parametrize(("sample", "key"), [(zeros_on_joint_states, "joint_states"), (odometry_that_spins, "odom")])
 def test_single_implausible_samples_are_rejected_and_counted_and_a_sequence_damps(bench, sample, key):
-    controller = bench().activated(600)
+    controller = bench().activated(120)
     torques = controller.reports[-1].command.tau
-    for _ in range(3):
+    for _ in range(2):
         for _ in range(2):
             controller.give_state(joints=key != "joint_states", base=key != "odom")
             sample(controller)
@@ -326,8 +248,8 @@ def test_single_implausible_samples_are_rejected_and_counted_and_a_sequence_damp
             assert (report.mode, report.fault) == (Mode.ACTIVE, None)
             np.testing.assert_allclose(report.command.tau, torques, atol=0.5)
         controller.cycle(20)
-    controller.cycle(300)
-    assert {each.key: each.value for each in last_status(controller).values}[f"rejected/{key}"] == "6"
+    controller.cycle(110)
+    assert {each.key: each.value for each in last_status(controller).values}[f"rejected/{key}"] == "4"
     for _ in range(3):
         controller.give_state(joints=key != "joint_states", base=key != "odom")
         sample(controller)
@@ -336,45 +258,27 @@ def test_single_implausible_samples_are_rejected_and_counted_and_a_sequence_damp
     assert report.fault.sentence.startswith(f"/{key}: 3 consecutive messages rejected: ")
 
 
-@pytest.mark.parametrize("lead", [-1.0, -0.0021, 0.1, 0.24, 60.0])
-@pytest.mark.parametrize("key", ["joint_states", "odom"])
-def test_other_samples_with_refused_stamps_do_not_displace_the_last_accepted_one(bench, key, lead):
-    """A second publisher with another clock, in every tenth period."""
-    controller = bench().activated(200)
-    for _ in range(5):
-        controller.give_state(joints=key != "joint_states", base=key != "odom")
-        time = controller.time + round(1e9 * lead)
-        if key == "odom":
-            controller.base(pose=[0.0, -1000.0, *controller.q[2:7]], time=time)
-        else:
-            controller.joints(position=np.zeros(controller.model.nj), time=time)
-        (sentence,) = controller.loop.cycle().refused
-        assert re.match(
-            rf"/{key}: header.stamp is .* (before the last message|ahead of the previous messages)", sentence
-        )
-        report = controller.cycle(9)
-        assert (report.mode, report.fault, report.refused) == (Mode.ACTIVE, None, ())
-
-
-@pytest.mark.parametrize("velocity", [1e160, 1e200])
-def test_velocities_whose_squares_overflow_reach_no_method_of_a_task(bench, caplog, velocity):
+def test_velocities_whose_squares_overflow_reach_no_method_of_a_task(bench, caplog):
     spin = {"type": "angular_momentum", "weight": 1e-3, "damping": 10.0}
     controller = bench("g1", {"tasks": {"spin": spin}}).activated(20)
     for _ in range(3):
         controller.give_state(base=False)
-        controller.base(twist=[0.0, 0.0, 0.0, velocity, 0.0, 0.0])
+        controller.base(twist=[0.0, 0.0, 0.0, 1e160, 0.0, 0.0])
         report = controller.loop.cycle()
     assert (report.mode, report.fault.code) == (Mode.DAMPING, "IMPLAUSIBLE_STATE")
     assert "the controller failed" not in caplog.text
 
 
-def test_the_reason_names_several_publishers_of_the_topic(bench):
+def test_several_publishers_of_joint_states_are_on_diagnostics_and_in_the_reason_of_a_refusal(bench):
     controller = bench().activated(20)
     second = MemoryTransport(controller.bus, "gui")
     for topic in controller.topics:
         if topic.key == "joint_states":
             second.advertise(counterpart(topic))
-    controller.cycle(200)  # the graph is checked four times per second
+    controller.cycle(190)  # the graph is checked four times per second
+    status = last_status(controller)
+    assert status.level == 0
+    assert {"publishers//joint_states": "/gui, /memory"}.items() <= {v.key: v.value for v in status.values}.items()
     controller.give_state(joints=False)
     zeros_on_joint_states(controller)
     (sentence,) = controller.loop.cycle().refused
@@ -441,17 +345,8 @@ def test_a_command_in_the_cycle_of_the_activation_counts(bench, make):
     controller.send("contact_enable", make.bool(False), "front_left_foot")
     report = controller.cycle()
     assert not report.refused
-    controller.cycle(200)
+    controller.cycle(110)
     assert "front_left_foot" not in controller.reports[-1].solution.forces
-
-
-def test_a_trajectory_that_is_over_is_refused(bench, make):
-    controller = bench().activated()
-    points = [(1.0, [[0, 0, 0.3, 0, 0, 0, 1]])]
-    controller.send("trajectory", make.frame_trajectory(points, start=controller.time - 2_000_000_000), "com")
-    (sentence,) = controller.cycle().refused
-    assert "trajectory for task 'com' ended 1.00" in sentence
-    assert controller.loop.controller.supervisor.mode is Mode.ACTIVE
 
 
 def test_references_follow_the_clock_of_the_states(bench, make, monkeypatch):
@@ -467,16 +362,6 @@ def test_references_follow_the_clock_of_the_states(bench, make, monkeypatch):
     controller.cycle()
     assert taken == [controller.time * 1e-9]
     assert isinstance(sample(taken[0]).tasks["com"], Reference)
-
-
-def test_the_same_messages_give_the_same_torques(bench, make):
-    def run():
-        controller = bench().activated(50)
-        controller.send("setpoint", make.point([0.01, 0, 0.28]), "com")
-        controller.cycle(100)
-        return controller.efforts()
-
-    assert run().tobytes() == run().tobytes()
 
 
 class Schedule(threading.Event):
@@ -513,18 +398,17 @@ def timed(controller, monkeypatch, costs, until):
     return began
 
 
-def test_the_timer_keeps_absolute_deadlines(bench, monkeypatch):
+@pytest.mark.parametrize(
+    ("costs", "starts", "missed"),
+    [
+        ([0.1, 0.2, 0.05, 0.2499], [0.25 * i for i in range(8)], 0),
+        ([0.1, 0.3, 0.1, 0.8, 0.1], [0.0, 0.25, 0.75, 1.0, 2.0, 2.25, 2.5, 2.75], 1 + 3),
+    ],
+)
+def test_the_timer_keeps_absolute_deadlines_and_counts_lateness(bench, monkeypatch, costs, starts, missed):
     controller = bench()
-    began = timed(controller, monkeypatch, [0.1, 0.2, 0.05, 0.2499], 2.0)
-    assert began == [0.25 * i for i in range(8)]
-    assert controller.loop._deadlines_missed == 0
-
-
-def test_lateness_is_counted_and_does_not_add_up(bench, monkeypatch):
-    controller = bench()
-    began = timed(controller, monkeypatch, [0.1, 0.3, 0.1, 0.8, 0.1], 3.0)
-    assert began == [0.0, 0.25, 0.75, 1.0, 2.0, 2.25, 2.5, 2.75]
-    assert controller.loop._deadlines_missed == 1 + 3
+    assert timed(controller, monkeypatch, costs, starts[-1] + 0.25) == starts
+    assert controller.loop._deadlines_missed == missed
 
 
 @pytest.mark.parametrize("active", [True, False])
@@ -532,7 +416,7 @@ def test_the_end_of_the_loop_leaves_no_torque(bench, active):
     controller = bench()
     if active:
         controller.activate()
-        controller.cycle(600)
+        controller.cycle(20)
         assert controller.efforts()[-1].any()
     before = len(controller.received("effort"))
     stop = threading.Event()
@@ -551,7 +435,7 @@ def test_the_end_of_the_loop_leaves_no_torque(bench, active):
 @pytest.mark.parametrize("where", ["supervisor", "publish", "inputs", "observer"])
 def test_a_loop_in_which_something_fails_sends_zeros_and_damps_with_a_fault(bench, monkeypatch, where):
     """After any exception around the controller the process continues, from zero torques."""
-    controller = bench(changes={"limits": {"torque_rate": 10.0}}).activated(600)
+    controller = bench(changes={"limits": {"torque_rate": 10.0}}).activated(120)
     assert controller.efforts()[-1].any()
     loop, stop = controller.loop, threading.Event()
     owner = {"supervisor": loop.controller.supervisor, "inputs": loop._inputs}.get(where, loop._outputs)
@@ -659,15 +543,15 @@ def test_while_another_node_publishes_torques_activation_is_refused(bench):
     assert status.level == 1
     assert "published by /wbc_controller too" in status.message
     rival.close()
-    controller.cycle(200)
+    controller.cycle(130)
     assert controller.activate().mode is Mode.ACTIVE
     rival_of(controller, "guard")
-    controller.cycle(200)
+    controller.cycle(130)
     assert last_status(controller).level == 0
 
 
 def test_a_second_publisher_of_torques_is_reported_under_control(bench, caplog):
-    controller = bench(changes={"control": {"diagnostics_rate": 0.1}}).activated(300)
+    controller = bench(changes={"control": {"diagnostics_rate": 0.1}}).activated(60)
     said = len(controller.received("diagnostics"))
     rival_of(controller, "stranger")
     report = controller.cycle(round(0.25 / controller.period) + 1)  # the period of the checks
@@ -676,7 +560,7 @@ def test_a_second_publisher_of_torques_is_reported_under_control(bench, caplog):
     status = last_status(controller)
     assert (status.level, "published by /stranger too" in status.message) == (2, True)
     assert "published by /stranger too" in caplog.text
-    assert controller.cycle(300).mode is Mode.ACTIVE
+    assert controller.cycle(130).mode is Mode.ACTIVE
     controller.command("damp")  # all other requests are executed
     assert controller.cycle().mode is Mode.DAMPING
 
@@ -685,31 +569,20 @@ def test_the_activation_at_the_start_waits_until_the_robot_has_no_other_owner(be
     controller = bench()
     controller.loop._activate_when_fresh = True
     rival = rival_of(controller)
-    assert controller.cycle(300).mode is Mode.INACTIVE
+    assert controller.cycle(130).mode is Mode.INACTIVE
     assert sum("the activation at the start waits: torques on" in said for said in caplog.messages) == 1
     rival.close()
-    assert controller.cycle(200).mode is Mode.ACTIVE
-
-
-def test_several_publishers_of_joint_states_are_on_diagnostics(bench):
-    controller = bench()
-    other = MemoryTransport(controller.bus, "gripper")
-    other.advertise(counterpart(next(topic for topic in controller.topics if topic.key == "joint_states")))
-    assert controller.activate().mode is Mode.ACTIVE
-    controller.cycle(100)
-    status = last_status(controller)
-    assert status.level == 0
-    assert {"publishers//joint_states": "/gripper, /memory"}.items() <= {v.key: v.value for v in status.values}.items()
+    assert controller.cycle(130).mode is Mode.ACTIVE
 
 
 def test_a_fault_is_logged_once_for_as_long_as_it_lasts(bench, caplog):
     caplog.set_level("INFO", "wbc_controller")
-    controller = bench(changes={"safety": {"damping_time": 1.5, "activation_ramp": 0.1}}).activated(5)
+    controller = bench(changes={"safety": {"damping_time": 0.2, "activation_ramp": 0.1}}).activated(5)
     controller.command("deactivate")
     controller.cycle(100)
     controller.activate()
     controller.cycle(30, joints=False, base=False)
-    controller.cycle(2000)  # damping, and 2.5 s of the fault
+    controller.cycle(700)  # damping, and 1.2 s of the fault
     controller.command("reset")
     controller.cycle()
     said = [re.sub("is .*", "is …", said) for said in caplog.messages if not said.startswith("scheduling")]
@@ -733,6 +606,6 @@ def test_many_different_sentences_at_once_are_logged_in_bounded_number(bench, ca
     words = ["".join(pair) for pair in itertools.product("abcdefghij", repeat=2)]
     for _ in range(10):
         controller.loop._log_changes(dataclasses.replace(report, refused=tuple(words)), controller.clock.time)
-    assert len(caplog.messages) == 20
+    assert len(caplog.messages) == len(controller.loop._logged) == 20
     controller.loop._log_changes(dataclasses.replace(report, refused=tuple(words)), controller.clock.time + 1.0)
-    assert len(caplog.messages) == 40
+    assert (len(caplog.messages), len(controller.loop._logged)) == (40, 20)
