@@ -9,7 +9,7 @@ from wbc_controller.records import Fault, Mode
 from wbc_controller.validation.lockstep import Lockstep
 
 #: Time of the release from the hoist, and end of a run, s.
-LET_GO, END = 1.0, 3.0
+LET_GO, END = 0.6, 1.6
 
 
 class Wired:
@@ -65,8 +65,8 @@ ORDERS = {
 }
 
 
-@pytest.mark.parametrize("name", ["g1", "go2", "talos"])
-@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize(("name", "order"), [*((name, "alphabetical") for name in ("g1", "go2", "talos")),
+                                              ("g1", "shifted by one"), ("go2", "legs exchanged")])  # fmt: skip
 def test_torques_in_another_order_stop_the_robot_and_name_a_joint(robot_of, caplog, name, order):
     caplog.set_level(logging.CRITICAL)
     robot = Wired(robot_of(name)[0], ORDERS[order])
@@ -80,8 +80,7 @@ def test_torques_in_another_order_stop_the_robot_and_name_a_joint(robot_of, capl
 
 @pytest.mark.parametrize(
     ("first", "second"),
-    [("left_elbow_joint", "left_knee_joint"), ("right_wrist_yaw_joint", "waist_pitch_joint"),
-     ("left_ankle_pitch_joint", "right_knee_joint")],
+    [("left_elbow_joint", "left_knee_joint"), ("right_wrist_yaw_joint", "waist_pitch_joint")],
 )  # fmt: skip
 def test_two_exchanged_joints_stop_the_robot(robot_of, first, second):
     robot = Wired(robot_of("g1")[0], exchanged(first, second))
@@ -98,9 +97,10 @@ def test_a_wrong_sign_stops_the_robot(robot_of):
     assert report.fault.code == "UNEXPLAINED_MOTION"
 
 
-@pytest.mark.parametrize("name", ["g1", "go2", "talos"])
-@pytest.mark.parametrize("held", [True, False])
-@pytest.mark.parametrize("ramp", [0.0, 0.2, 1.0])
+@pytest.mark.parametrize(
+    ("name", "held", "ramp"),
+    [("g1", True, 0.2), ("g1", False, 1.0), ("go2", True, 1.0), ("go2", False, 0.2), ("talos", False, 0.0)],
+)
 def test_a_robot_that_receives_its_torques_stays_active(robot_of, changed, name, held, ramp):
     """On the hoist until it stands, or released at once, so that it sinks during the ramp."""
     settings = changed(robot_of(name)[0], {"safety": {"activation_ramp": ramp}})
