@@ -65,37 +65,21 @@ def robot():
     return Robot()
 
 
-@pytest.fixture(scope="module")
-def standing():
-    """A robot with a running estimate, which the tests leave unchanged."""
-    robot = Robot()
-    robot.run(0.7)
-    return robot
-
-
 def push(time=1):
     return wrench_stamped(np.array([0.0, 0.0, 40.0, 0.0, 0.0, 40.0]), "", time)
 
 
-def test_no_odometry_before_settling(robot):
-    robot.run(0.3)
-    assert robot.all("odom") == []
-    assert robot.all("tf") == []
-    assert robot.said.name == "base_estimator: base"
-    assert robot.said.level == 1
-    assert robot.said.message == "the robot has to stand still for 0.5 s"
-
-
-def test_each_joint_state_is_answered_by_odometry(standing):
-    assert (standing.said.level, standing.said.message) == (0, "the base is estimated")
-    assert set(standing.values["holding"].split(", ")) == FEET
-    com = standing.controller.dynamics.com.copy()
-    standing.controller.follow("com", [0.4], [com + [0.0, 0.03, -0.03]])
-    answered, moved, worst = len(standing.all("odom")), len(standing.all("tf")), np.zeros(2)
+def test_each_joint_state_is_answered_by_odometry(robot):
+    robot.run(0.7)
+    assert (robot.said.level, robot.said.message) == (0, "the base is estimated")
+    assert set(robot.values["holding"].split(", ")) == FEET
+    com = robot.controller.dynamics.com.copy()
+    robot.controller.follow("com", [0.4], [com + [0.0, 0.03, -0.03]])
+    answered, moved, worst = len(robot.all("odom")), len(robot.all("tf")), np.zeros(2)
 
     def look(_):
-        standing.sense()
-        odom, (q, v) = standing.all("odom")[-1], standing.simulation.plant.state()
+        robot.sense()
+        odom, (q, v) = robot.all("odom")[-1], robot.simulation.plant.state()
         pose, twist = odom.pose.pose, odom.twist.twist
         there = np.array([pose.position.x, pose.position.y, pose.position.z])
         moving = np.array([twist.linear.x, twist.linear.y, twist.linear.z])
@@ -103,15 +87,15 @@ def test_each_joint_state_is_answered_by_odometry(standing):
         turn = pin.Quaternion(*(getattr(pose.orientation, axis) for axis in "wxyz"))
         assert turn.angularDistance(pin.Quaternion(q[3:7])) < 0.01
 
-    standing.simulation.run(0.5, look)
+    robot.simulation.run(0.5, look)
     assert (worst < [0.005, 0.02]).all(), worst
-    assert len(standing.all("odom")) - answered == 250
-    assert 24 <= len(standing.all("tf")) - moved <= 26
-    odom, (sent,) = standing.all("odom")[-1], standing.all("tf")[-1].transforms
+    assert len(robot.all("odom")) - answered == 250
+    assert 24 <= len(robot.all("tf")) - moved <= 26
+    odom, (sent,) = robot.all("odom")[-1], robot.all("tf")[-1].transforms
     assert (
         (odom.header.frame_id, odom.child_frame_id) == (sent.header.frame_id, sent.child_frame_id) == ("odom", "base")
     )
-    assert nanoseconds(odom.header.stamp) == pytest.approx(1e9 * standing.simulation.time, abs=3e6)
+    assert nanoseconds(odom.header.stamp) == pytest.approx(1e9 * robot.simulation.time, abs=3e6)
     for covariance in (odom.pose.covariance, odom.twist.covariance):
         matrix = covariance.reshape(6, 6)
         np.testing.assert_allclose(matrix, matrix.T, atol=1e-12)
@@ -119,16 +103,18 @@ def test_each_joint_state_is_answered_by_odometry(standing):
     assert sent.transform.translation.z == pytest.approx(odom.pose.pose.position.z, abs=2e-3)
 
 
-def test_an_imu_that_is_silent_leaves_no_estimate_to_publish(standing):
-    before = len(standing.all("odom"))
-    standing.simulation.run(0.05, lambda _: standing.sense(imu=False))
-    assert len(standing.all("odom")) == before
-    standing.run(0.02)
-    assert len(standing.all("odom")) > before  # short gap
-
-
-def test_a_long_imu_gap_restarts_the_estimate(robot):
-    robot.run(0.7)
+def test_no_odometry_before_settling_and_after_a_long_imu_gap(robot):
+    robot.run(0.3)
+    assert robot.all("odom") == robot.all("tf") == []
+    assert (robot.said.name, robot.said.level) == ("base_estimator: base", 1)
+    assert robot.said.message == "the robot has to stand still for 0.5 s"
+    robot.run(0.4)
+    before = len(robot.all("odom"))
+    assert before > 0
+    robot.simulation.run(0.05, lambda _: robot.sense(imu=False))
+    assert len(robot.all("odom")) == before
+    robot.run(0.02)
+    assert len(robot.all("odom")) > before  # short gap
     robot.simulation.run(0.2, lambda _: robot.sense(imu=False))
     before = len(robot.all("odom"))
     robot.run(0.1)
@@ -140,27 +126,12 @@ def test_a_long_imu_gap_restarts_the_estimate(robot):
     assert len(robot.all("odom")) > before
 
 
-def test_an_imu_that_contradicts_all_contacts_is_named_and_the_estimate_starts_again(robot):
-    robot.run(0.7)
-    robot.simulation.run(0.1, lambda _: robot.sense(turning=2.0))
-    before = len(robot.all("odom"))
-    robot.run(0.3)
-    assert len(robot.all("odom")) == before
-    assert robot.said.message.startswith(
-        "the base estimate was lost: the IMU contradicts all contacts (front_left_foot"
-    )
-    robot.run(0.6)
-    assert len(robot.all("odom")) > before
-    assert np.abs(robot.node.estimator.base[1]).max() < 0.02
-
-
 def test_an_estimate_restarts_with_a_restarted_clock(robot):
-    robot.run(0.7)
+    robot.run(0.1)
     robot.node._stamp = 1e6  # as with the clock advanced before
     robot.node.estimator.restart()
-    before = len(robot.all("odom"))
     robot.run(0.7)
-    assert len(robot.all("odom")) > before
+    assert robot.all("odom")
 
 
 def test_which_contacts_hold():

@@ -99,11 +99,14 @@ def test_no_system_calls_by_default(calls, monkeypatch):
     apply_realtime(RealtimeSettings())
 
 
-def test_every_thread_gets_the_class_and_the_priority(calls, sleeper):
+def test_every_thread_gets_the_class_and_the_priority_and_all_memory_is_locked(calls, sleeper):
     apply_realtime(RealtimeSettings(scheduling="rr", priority=17))
     assert {name for name, *_ in calls} == {"sched_setscheduler"}
     assert {thread for _, thread, _, _ in calls} >= {os.getpid(), sleeper.number}
     assert {(kind, parameter.sched_priority) for _, _, kind, parameter in calls} == {(os.SCHED_RR, 17)}
+    calls.clear()
+    apply_realtime(RealtimeSettings(lock_memory=True))
+    assert calls == [("mlockall", 3)]  # MCL_CURRENT | MCL_FUTURE
 
 
 def test_a_thread_that_has_ended_meanwhile_is_passed_over(monkeypatch):
@@ -118,11 +121,6 @@ def test_a_thread_that_has_ended_meanwhile_is_passed_over(monkeypatch):
     monkeypatch.setattr(realtime, "_threads", lambda: [5, 7, 9])
     apply_realtime(RealtimeSettings(scheduling="fifo"))
     assert asked == [5, 7, 9]
-
-
-def test_present_and_future_memory_is_locked(calls):
-    apply_realtime(RealtimeSettings(lock_memory=True))
-    assert calls == [("mlockall", 3)]  # MCL_CURRENT | MCL_FUTURE
 
 
 @pytest.fixture
@@ -292,21 +290,6 @@ def test_a_refused_setting_prevents_the_start(restored):
     with pytest.raises(ConfigurationError, match=f"affinity = \\[{NOWHERE}\\]"):
         run_controller(settings, transport, threading.Event())
     assert opened == []
-
-
-def test_a_controller_runs_on_its_configured_processors(restored):
-    stop = threading.Event()
-    settings = load("go2").replace({"control.realtime.affinity": [ONE]}).settings
-    seen = []
-
-    class Looks(MemoryTransport):
-        def advertise(self, endpoint):
-            seen.append(os.sched_getaffinity(0))
-            stop.set()
-            return super().advertise(endpoint)
-
-    run_controller(settings, Looks(MemoryBus()), stop)
-    assert set(map(frozenset, seen)) == {frozenset([ONE])}
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """Geometry of the markers against Pinocchio, the solution and the references."""
 
+from functools import cache
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -40,9 +42,15 @@ def standing(bench, name, **changes):
     return controller
 
 
+@cache
+def at_rest(bench, name):
+    """A standing robot, left unchanged by the tests."""
+    return standing(bench, name)
+
+
 @pytest.mark.parametrize("name", ["g1", "go2"])
 def test_every_marker_is_one_that_rviz_takes(bench, name):
-    controller = standing(bench, name)
+    controller = at_rest(bench, name)
     found = scene(controller)
     assert {namespace for namespace, _ in found} >= set(KINDS) - {"contacts"} | {"com"}
     for (namespace, _), marker in found.items():
@@ -65,7 +73,7 @@ def test_every_marker_is_one_that_rviz_takes(bench, name):
 
 @pytest.mark.parametrize("name", ["g1", "go2"])
 def test_the_forces_are_the_solution_s_at_their_centre_of_pressure(bench, name):
-    controller = standing(bench, name)
+    controller = at_rest(bench, name)
     found, report, model = scene(controller), controller.reports[-1], controller.model
     weight = model.mass * model.gravity
     arrows = [points(found["contact_forces", i]) for i in range(len(controller.settings.contacts))]
@@ -87,7 +95,7 @@ def test_the_forces_are_the_solution_s_at_their_centre_of_pressure(bench, name):
 
 
 def test_the_cone_is_the_one_that_is_held(bench):
-    controller = standing(bench, "g1")
+    controller = at_rest(bench, "g1")
     contact = controller.settings.contacts["left_foot"]
     cone = points(scene(controller)["friction_cones", 0])[:8].reshape(4, 2, 3)
     centre = cone[0, 0]
@@ -99,7 +107,7 @@ def test_the_cone_is_the_one_that_is_held(bench):
 
 
 def test_centre_of_mass_and_capture_point(bench):
-    controller = standing(bench, "g1")
+    controller = at_rest(bench, "g1")
     found, model = scene(controller), controller.model
     data = model.pinocchio.createData()
     com = pin.centerOfMass(model.pinocchio, data, controller.q, controller.v)
@@ -116,7 +124,7 @@ def test_centre_of_mass_and_capture_point(bench):
 
 
 def test_the_support_is_the_hull_of_the_feet(bench):
-    controller = standing(bench, "g1")
+    controller = at_rest(bench, "g1")
     found = scene(controller)
     outline, corners = points(found["support", 0]), points(found["contacts", 0])
     np.testing.assert_array_equal(outline[0], outline[-1])
@@ -257,7 +265,7 @@ def test_the_plan_of_a_step_is_drawn_and_in_the_diagnostics(bench, make):
 
 
 def test_a_standing_robot_has_no_plan(bench):
-    controller = standing(bench, "g1")
+    controller = at_rest(bench, "g1")
     assert not {"steps", "swing_paths"} & {namespace for namespace, _ in scene(controller)}
     (status,) = controller.received("diagnostics")[-1].status
     values = {value.key: value.value for value in status.values if value.key.startswith("walking/")}
