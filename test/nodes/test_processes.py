@@ -51,8 +51,7 @@ def test_a_timeout_has_the_condition_and_details():
     assert asked == [1]
 
 
-@pytest.mark.parametrize("stopped", [False, True])
-@pytest.mark.parametrize("own_sessions", [False, True])
+@pytest.mark.parametrize(("own_sessions", "stopped"), [(False, False), (True, True)])
 def test_processes_end_with_their_killed_parent(tmp_path, own_sessions, stopped):
     script = (
         "import sys, time, pathlib\n"

@@ -6,8 +6,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 if sys.version_info >= (3, 11):
     import tomllib
 else:
@@ -32,15 +30,16 @@ def test_the_documented_installation_contains_all_libraries_of_package_and_tests
     assert {name(each) for each in needed} == {name(each) for each in re.findall(r"'(.*?)'", commands)}
 
 
-@pytest.mark.parametrize("plugin", PLUGINS)
-def test_the_plugins_of_a_sourced_ros_2_are_not_loaded(tmp_path, plugin):
+def test_the_plugins_of_a_sourced_ros_2_are_not_loaded(tmp_path):
     """They import each test file under its bare name, so that equal file names end the collection."""
     (tmp_path / "plugin_of_a_test.py").write_text("raise RuntimeError('the plugin is loaded')\n", encoding="utf-8")
     distribution = tmp_path / "plugin_of_a_test-1.dist-info"
     distribution.mkdir()
     (distribution / "METADATA").write_text("Metadata-Version: 2.1\nName: plugin-of-a-test\nVersion: 1\n")
-    (distribution / "entry_points.txt").write_text(f"[pytest11]\n{plugin} = plugin_of_a_test\n")
+    plugins = "".join(f"{plugin} = plugin_of_a_test\n" for plugin in PLUGINS)
+    (distribution / "entry_points.txt").write_text(f"[pytest11]\n{plugins}")
     paths = f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"
-    words = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-p", "no:cacheprovider", "test/test_layering.py"]
+    words = [sys.executable, "-m", "pytest", "--collect-only", "-q", "--noconftest", "-p", "no:cacheprovider"]
+    words += ["test/test_layering.py"]
     done = subprocess.run(words, cwd=ROOT, env=os.environ | {"PYTHONPATH": paths}, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -91,16 +91,28 @@ def opened(settings, model, namespace="/", remappings=None):
     return {CONTROLLER: controller, MOCK: mock, GUARD: guard, ESTIMATOR_NODE: estimator}
 
 
-@pytest.mark.parametrize("name", ["g1", "go2"])
+IMU = {"estimation": {"base_state": "imu", "absolute_pose": True}, "mock": {"pose_rate": 20.0}}
+
+
 @pytest.mark.parametrize(
-    ("namespace", "remappings"), [("/", None), ("/r1", {"odom": "/estimator/odom", "~/state": "mode"})]
+    ("name", "changes", "namespace", "remappings"),
+    [
+        ("g1", {}, "/", None),
+        ("go2", {}, "/r1", {"odom": "/estimator/odom", "~/state": "mode"}),
+        ("go2", IMU, "/", None),
+    ],
 )
-def test_each_node_has_exactly_its_permissions(robot_of, name, namespace, remappings):
+def test_each_node_has_exactly_its_permissions(robot_of, changed, name, changes, namespace, remappings):
     settings, model = robot_of(name)
+    settings = changed(settings, changes)
     allowed = read(security_policy(settings, model, namespace, remappings))
     prefix = namespace.rstrip("/")
     assert set(allowed) == {f"{prefix}/{node}" for node in (CONTROLLER, MOCK, GUARD, ESTIMATOR_NODE, OPERATOR)}
     recorders = opened(settings, model, namespace, remappings)
+    heard = {each.rpartition("/")[2] for each in recorders[CONTROLLER].subscribed}
+    assert heard & {"imu", "odom", "pose", "measured_wrench"} == (
+        {"imu", "pose", "measured_wrench"} if changes else {"odom"}
+    )
     sensors = {
         name for each in recorders.values() for name in each.subscribed if name.endswith(("/measured_wrench", "/holds"))
     }
@@ -113,26 +125,6 @@ def test_each_node_has_exactly_its_permissions(robot_of, name, namespace, remapp
         serves = {*NODE_SERVES, *(LIFECYCLE_SERVES if lifecycle else ()), *((*SERVICES, RECORD) if lifecycle else ())}
         assert rules["reply"] == {own + service for service in serves}
         assert "request" not in rules
-
-
-def test_imu_or_odometry_is_permitted_by_base_state(robot_of, changed):
-    settings, model = robot_of("go2")
-    for source, other in (("odom", "/imu"), ("imu", "/odom")):
-        heard = read(security_policy(changed(settings, {"estimation": {"base_state": source}}), model))
-        assert f"/{source}" in heard["/wbc_controller"]["subscribe"]
-        assert other not in heard["/wbc_controller"]["subscribe"]
-        sensed = "/wbc_controller/contacts/front_left_foot/measured_wrench" in heard["/wbc_controller"]["subscribe"]
-        assert sensed == (source == "imu")
-
-
-def test_poses_are_permitted_by_settings(robot_of, changed):
-    settings, model = robot_of("go2")
-    for source, asked in (("odom", True), ("imu", True), ("imu", False)):
-        changes = {"estimation": {"base_state": source, "absolute_pose": asked}, "mock": {"pose_rate": 20.0 * asked}}
-        rules = read(security_policy(changed(settings, changes), model))
-        assert ("/pose" in rules["/wbc_controller"]["subscribe"]) == (asked and source == "imu")
-        assert ("/pose" in rules["/base_estimator"]["subscribe"]) == asked
-        assert ("/pose" in rules["/mock_robot"]["publish"]) == asked
 
 
 def test_the_operator_may_command_and_listen_but_not_play_the_robot(robot_of):
