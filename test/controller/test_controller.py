@@ -31,7 +31,7 @@ def run(controller, seconds, q=None, start=0.0, v=None):
 
 
 def test_torques_ramp_in_from_zero_and_hold_their_rate(controller):
-    results = run(controller, 1.5)
+    results = run(controller, 0.3)
     tau = np.array([result.tau for result in results])
     assert not tau[0].any()
     step = controller.config["limits.torque_rate"] * PERIOD * controller.model.effort_limits
@@ -66,13 +66,13 @@ def test_controller_equals_service(bench, make):
     front.step(service.q, service.v, service.time * 1e-9)
     rng = np.random.default_rng(3)
     differences = []
-    for cycle in range(700):
+    for cycle in range(300):
         if cycle == 100:
             goal = front.dynamics.com + [0.01, 0.02, -0.03]
             text = f"{{tasks: {{com: {{setpoint: {goal.tolist()}}}}}}}"
             service.send("update", make.string(text))
             front.set("com", goal)
-        if cycle == 300:
+        if cycle == 150:
             service.send("contact_enable", make.bool(False), "front_left_foot")
             front.disable("front_left_foot")
         service.v = 0.01 * rng.normal(size=front.model.nv)
@@ -93,17 +93,6 @@ def test_a_reset_starts_anew_bit_for_bit(controller):
     controller.reset(controller.stance(), np.zeros(controller.model.nv))
     assert (controller.mode, controller.fault) == (Mode.ACTIVE, None)
     np.testing.assert_array_equal(first, [result.tau for result in run(controller, 0.3)])
-
-
-def test_a_setpoint_is_reached_along_its_quintic(controller):
-    run(controller, 0.1)
-    start = np.array(controller.dynamics.com)
-    controller.set("com", start + [0.0, 0.0, -0.05])
-    results = run(controller, 1.2, start=0.1)
-    wanted = np.array([result.references.tasks["com"].position[2] for result in results])
-    assert wanted[0] == pytest.approx(start[2], abs=1e-4)
-    assert wanted[250] == pytest.approx(start[2] - 0.025, abs=1e-3)
-    np.testing.assert_array_equal(wanted[-50:], start[2] - 0.05)
 
 
 def test_streamed_reference_applies_to_one_step(controller):
@@ -149,7 +138,7 @@ def test_a_foot_is_unloaded_smoothly_from_its_present_force():
     simulation = wbc.Simulation("g1")
     controller = simulation.controller
     controller.set("com", controller.dynamics.com - [0.0, 0.07, 0.0])
-    before = simulation.run(2.0)[-1].forces["left_foot"][2]
+    before = simulation.run(1.3)[-1].forces["left_foot"][2]
     assert before > 50.0
     controller.disable("left_foot")
     forces = [result.forces["left_foot"][2] for result in simulation.run(0.198)]
@@ -159,18 +148,6 @@ def test_a_foot_is_unloaded_smoothly_from_its_present_force():
     assert changes.min() > -3.1 * before * controller.period / 0.2  # derivative of (1 - t / T)³ at its start
     assert forces[-1] < 0.01
     assert set(simulation.run(0.01)[-1].forces) == {"right_foot"}
-
-
-def test_two_feet_that_are_unloaded_at_once_carry_the_weight_until_the_end():
-    simulation = wbc.Simulation("g1")
-    controller = simulation.controller
-    simulation.run(0.2)
-    weight = controller.model.mass * controller.model.gravity
-    for foot in ("left_foot", "right_foot"):
-        controller.disable(foot)
-    forces = [sum(force[2] for force in result.forces.values()) for result in simulation.run(0.198)]
-    assert min(forces) > 0.99 * weight
-    assert simulation.run(0.006)[-1].forces == {}
 
 
 @pytest.mark.parametrize("by_settings", [False, True])
@@ -208,7 +185,7 @@ def test_the_walker_plans_with_the_state_of_its_cycle():
     assert all(np.array_equal(q, result.state.q) for q, result in zip(seen, results, strict=True))
 
 
-def test_weights_contacts_and_settings_are_ramped(controller):
+def test_weights_contacts_and_settings_are_ramped_and_a_known_load_is_carried(controller):
     run(controller, 0.1)
     controller.set_weight("com", 5.0)
     controller.disable("contacts.front_left_foot")
@@ -223,23 +200,19 @@ def test_weights_contacts_and_settings_are_ramped(controller):
     controller.enable("front_left_foot")
     assert run(controller, 0.6, start=0.7)[-1].references.contacts["front_left_foot"] == 1.0
     controller.update({"tasks.com.stiffness": 100.0})
-
-
-def test_a_known_load_is_carried(controller):
-    run(controller, 0.1)
     controller.set_external_wrench("base", [0.0, 0.0, -30.0, 0.0, 0.0, 0.0])
-    (result,) = run(controller, PERIOD, start=0.1)
+    (result,) = run(controller, PERIOD, start=1.3)
     weight = controller.model.mass * controller.model.gravity
     assert sum(force[2] for force in result.forces.values()) == pytest.approx(weight + 30.0, rel=1e-3)
 
 
 @pytest.mark.parametrize("which", ["q", "v"])
 def test_a_state_that_is_not_finite_is_damped_with_its_reason(controller, which):
-    run(controller, 1.2)
+    run(controller, 0.3)
     q, v = controller.stance(), np.full(controller.model.nv, 0.1)
-    before = controller.step(q, v, 1.2).tau
+    before = controller.step(q, v, 0.3).tau
     {"q": q, "v": v}[which][8] = np.nan
-    result = controller.step(q, v, 1.202)
+    result = controller.step(q, v, 0.302)
     assert result.mode is Mode.DAMPING
     assert result.fault.code == "BAD_STATE"
     assert result.fault.sentence.startswith(f"{which} is not finite: [")
@@ -250,20 +223,20 @@ def test_a_state_that_is_not_finite_is_damped_with_its_reason(controller, which)
 
 
 def test_a_failure_holds_then_damps_and_is_explained(controller, monkeypatch):
-    run(controller, 1.2)
+    run(controller, 0.3)
     monkeypatch.setattr(controller.contacts["front_left_foot"], "max_normal_force", -50.0)
-    (failed,) = run(controller, PERIOD, start=1.2)
+    (failed,) = run(controller, PERIOD, start=0.3)
     assert (failed.mode, failed.fault.code) == (Mode.HOLDING, "NO_SOLUTION")
     controller._explanation.result()  # wait for the search
-    (explained,) = run(controller, PERIOD, start=1.202)
+    (explained,) = run(controller, PERIOD, start=0.302)
     assert "normal_force:front_left_foot" in explained.fault.infeasibility.conflict
-    assert run(controller, 0.2, start=1.204)[-1].mode is Mode.DAMPING
+    assert run(controller, 0.2, start=0.304)[-1].mode is Mode.DAMPING
 
 
 def test_requests_end_as_on_the_topic(controller):
-    run(controller, 1.2)
+    run(controller, 0.3)
     controller.request("deactivate")
-    result = run(controller, 1.2, start=1.2)[-1]
+    result = run(controller, 0.4, start=0.3)[-1]
     assert (result.mode, result.command) == (Mode.INACTIVE, None)
     assert not result.tau.any()
     with pytest.raises(wbc.InputRefused, match="command 'damp' has no effect: the controller is inactive"):
@@ -314,22 +287,13 @@ def test_calls_before_the_first_state_are_refused():
     ],
 )
 def test_invalid_calls_are_refused_without_effect(controller, call, sentence):
-    before = run(controller, 0.1)[-1]
+    before = run(controller, 0.01)[-1]
     with pytest.raises(wbc.InputRefused, match=sentence):
         call(controller)
-    (after,) = run(controller, PERIOD, start=0.1)
+    (after,) = run(controller, PERIOD, start=0.01)
     assert after.mode is Mode.ACTIVE
     assert after.references.weights == before.references.weights
     np.testing.assert_array_equal(after.references.tasks["com"].position, before.references.tasks["com"].position)
-
-
-def test_settings_that_are_fixed_or_wrong_are_refused(controller):
-    for key, value in (("control.rate", 100.0), ("safety.damping", 3.0), ("limits.torque_rate", 50.0)):
-        with pytest.raises(wbc.ConfigurationError, match=f"{key}: read only when the controller is configured"):
-            controller.update({key: value})
-    with pytest.raises(wbc.ConfigurationError, match=r"tasks\.com\.stiffness = -1\.0"):
-        controller.update({"tasks.com.stiffness": -1.0})
-    assert controller.live.settings.tasks["com"].stiffness == 100.0
 
 
 def test_the_configuration_is_checked_as_by_the_command():
@@ -347,7 +311,7 @@ def test_check_does_not_change_the_program():
     for controller in (checked, unchecked):
         controller.reset(controller.stance(), np.zeros(controller.model.nv))
         controller.set("com", controller.dynamics.com + [0.01, 0.02, -0.03])
-        results.append([result.solution.v_dot for result in run(controller, 0.5)])
+        results.append([result.solution.v_dot for result in run(controller, 0.1)])
     np.testing.assert_array_equal(*results)
     assert np.abs(results[0][-1][:6]).max() > 0.01  # the base accelerates
 
@@ -359,10 +323,10 @@ class Heavy(Height):
 def test_own_tasks_and_limits_take_part():
     controller = wbc.Controller(wbc.load("go2").replace({"tasks.com": None}), tasks=[Heavy], limits=[Ceiling])
     controller.reset(controller.stance(), np.zeros(controller.model.nv))
-    run(controller, 1.2)
+    run(controller, 0.3)
     assert controller.board.plans["height"].weight == 7.0
     controller.set("height", controller.dynamics.com[2] + 0.1, velocity=[0.0])
-    (result,) = run(controller, PERIOD, start=1.2)
+    (result,) = run(controller, PERIOD, start=0.3)
     assert result.task_errors["height"] == pytest.approx(0.1, abs=1e-6)
     assert result.binding["ceiling:com"] > 0.0
     assert isinstance(controller.limits["ceiling"], Ceiling)
@@ -370,24 +334,7 @@ def test_own_tasks_and_limits_take_part():
     assert acceleration[2] == pytest.approx(0.05, abs=1e-6)
     controller.update({"tasks.posture.weight": 0.1})  # settings change, user tasks remain
     controller.disable("height")
-    assert run(controller, 1.0, start=1.202)[-1].references.weights["height"] == 0.0
-
-
-def test_an_own_contact_takes_part():
-    from wbc_controller.inverse_dynamics.contacts import PointContact
-
-    def knee(model):
-        contact = PointContact(
-            "knee", model, "FL_calf", np.zeros(3), 0.02, normal=np.array([0.0, 0.0, 1.0]), max_normal_force=50.0
-        )
-        contact.enabled = False
-        return contact
-
-    controller = wbc.Controller("go2", contacts=[knee])
-    controller.reset(controller.stance(), np.zeros(controller.model.nv))
-    assert "knee" not in run(controller, 0.1)[-1].forces
-    controller.enable("knee")
-    assert "knee" in run(controller, 0.5, start=0.1)[-1].forces
+    assert run(controller, 1.0, start=0.302)[-1].references.weights["height"] == 0.0
 
 
 @pytest.mark.parametrize(

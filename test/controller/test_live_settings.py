@@ -112,11 +112,12 @@ def update(controller, text):
 
 def standing(bench, **changes):
     """Robot at rest with an error of 2 cm of the centre of mass: the torques depend on the gains."""
-    controller = bench(changes={"safety": {"activation_ramp": 0.0}, **changes})
+    quick = {"safety": {"activation_ramp": 0.0}, "tasks": {"com": {"setpoint_duration": 0.1}}}
+    controller = bench(changes=merged(quick, changes))
     controller.activate()
     x, y, z = controller.loop.controller.qp.dynamics.com
     update(controller, f"{{tasks: {{com: {{setpoint: [{x + 0.02}, {y}, {z}]}}}}}}")
-    controller.cycle(700)
+    controller.cycle(200)
     return controller
 
 
@@ -153,46 +154,28 @@ def test_the_weight_of_the_settings_is_ramped_too_and_outlives_a_reset(bench):
     assert controller.loop.controller.board.sample(controller.clock.time).weights["com"] == 1.0
 
 
-def test_limits_take_hold(bench):
-    controller = standing(bench, limits={"torque_rate": 2.0})
-    update(controller, "{limits: {acceleration: 20.0}, control: {weight_ramp: 0.0}}")
-    controller.cycle()
-    formulation = controller.loop.controller.qp.formulation
-    assert formulation.motion_limit.acceleration == 20.0
-    assert controller.loop.controller.supervisor.limits.torque_rate == 2.0
-    update(controller, "{tasks: {com: {weight: 0.0}}}")
-    controller.cycle(20)
-    allowed = 2.0 * controller.period * controller.model.effort_limits.max()
-    assert 0.5 * allowed < steps(controller, 20).max() <= allowed + 1e-9
-
-
-def test_changes_while_inactive_apply_at_activation(bench):
-    controller = bench()
-    update(controller, "{tasks: {com: {stiffness: 7.0}}}")
-    assert controller.cycle().refused == ()
-    controller.activate()
-    controller.cycle()
-    assert controller.loop.controller.qp.tasks["com"].stiffness == 7.0
-
-
 def test_updates_of_references_and_settings_are_atomic(bench):
-    controller = bench()
+    controller = bench(changes={"control": {"weight_ramp": 0.1}})
     both = "{tasks: {com: {stiffness: 7.0, weight: 3.0}}}"
+    update(controller, "{tasks: {com: {damping: 7.0}}}")
+    assert controller.cycle().refused == ()  # a change of settings alone applies at the activation
     update(controller, both)
     (sentence,) = controller.cycle().refused
     assert "the controller is inactive" in sentence
     before = controller.loop.controller.live.settings
     assert before.tasks["com"].stiffness != 7.0
     controller.activate()
+    controller.cycle()
+    np.testing.assert_array_equal(controller.loop.controller.qp.tasks["com"].damping, 7.0)
     update(controller, "{tasks: {com: {stiffness: -7.0, weight: 3.0}}}")
     (sentence,) = controller.cycle().refused
     assert "update: tasks.com.stiffness = -7.0: input should be" in sentence
     assert controller.loop.controller.live.settings == before
-    controller.cycle(300)
+    controller.cycle(60)
     assert controller.loop.controller.board.sample(controller.clock.time).weights["com"] == before.tasks["com"].weight
     update(controller, both)
     assert controller.cycle().refused == ()
-    controller.cycle(300)
+    controller.cycle(60)
     assert controller.loop.controller.board.sample(controller.clock.time).weights["com"] == 3.0
     assert controller.loop.controller.qp.tasks["com"].stiffness == 7.0
 
@@ -237,9 +220,14 @@ def test_live_range_ends_at_the_configured_value(robot_of, changed, configured, 
             live.accept({"limits": {"acceleration": value}}, "test")
 
 
-@pytest.mark.parametrize("robot", ["g1", "talos", "go2"])
 @pytest.mark.parametrize(
-    ("key", "end"), [("position_margin", 0), ("position_margin", 1), ("velocity_scale", 0), ("acceleration", 0)]
+    ("robot", "key", "end"),
+    [
+        ("g1", "position_margin", 0),
+        ("g1", "position_margin", 1),
+        ("go2", "velocity_scale", 0),
+        ("go2", "acceleration", 0),
+    ],
 )
 def test_the_ends_of_the_live_ranges_are_safe(robot, key, end):
     """Stand, then sway within joint limits, without relaxation."""
@@ -249,7 +237,7 @@ def test_the_ends_of_the_live_ranges_are_safe(robot, key, end):
     controller.update({"limits": {key: value}, "control": {"weight_ramp": 0.1}})
     start = controller.dynamics.com.copy()
     controller.set("com", start + [0.01, 0.02, -0.03], duration=0.3)
-    results = simulation.run(0.8)
+    results = simulation.run(0.5)
     q = simulation.plant.state()[0][model.q_index]
     assert not any(result.solution.relaxed for result in results)
     assert (q >= model.position_lower).all()

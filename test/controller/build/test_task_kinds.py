@@ -48,7 +48,7 @@ def test_snippets_of_the_page(bench, make, name):
     assert robot.activate().solution is not None
     if name in UPDATES:
         robot.send("update", make.string(UPDATES[name]))
-    report = robot.cycle(50)
+    report = robot.cycle(20)
     assert not any(report.refused for report in robot.reports)
     assert name in report.solution.task_errors
     assert not report.solution.relaxed

@@ -116,6 +116,8 @@ IN_THE_CONFIGURATION = {
     "friction of ice": ({"contacts.foot.friction": 0.02}, ["contacts.foot.friction = 0.02", "rubber on a floor"]),
     "a force too small": ({"contacts.foot.max_normal_force": 30.0},
         ["max_normal_force adds up to 30 N, and the robot weighs"]),
+    "contradictory forces": ({"contacts.foot.min_normal_force": 500.0},
+        ["contacts.foot", "min_normal_force = 500.0 is larger than max_normal_force = 300.0"]),
     "no contact": ({"contacts.foot.enabled": False}, ["contacts: none is enabled", "falls"]),
     "no strength": ({"robot.effort_limit_scale": 0.001, "robot.posture.hip": 0.1, "robot.posture.ankle_pitch": -0.1},
         ["cannot stand still in robot.posture on foot", "robot.effort_limit_scale"]),

@@ -12,7 +12,7 @@ from urdf_models import build_model
 from wbc_controller.controller.visualization.geometry import TRIANGLES, build_parts, convex_hull
 from wbc_controller.settings.resources import share_folder
 
-ROBOTS = ("g1", "talos", "go2")
+ROBOTS = ("g1", "go2")
 PRIMITIVES = """
 <robot name="r">
   <material name="red"><color rgba="1 0 0 1"/></material>
