@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from hand_contacts import HANDS, a_fixed, a_point, a_surface, a_wheel, random_place
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
@@ -15,20 +16,15 @@ from wbc_controller.controller.build.references import make_board
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts import (
     FixedContact,
-    PointContact,
-    Rectangle,
-    RollingContact,
-    SurfaceContact,
 )
 from wbc_controller.inverse_dynamics.references.changes import EnableContact, SetSlippingContacts
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.records import RobotState, frozen
 from wbc_controller.settings.files import parse_settings
 
-HANDS = ("left_wrist_yaw_link", "right_wrist_yaw_link")
 STIFFNESS, DAMPING = 100.0, 20.0
 seeds = st.integers(0, 2**32 - 1)
-few = hypothesis_settings(deadline=None, max_examples=6, derandomize=True)
+few = hypothesis_settings(deadline=None, max_examples=4, derandomize=True)
 
 
 def at(model, q, v=None):
@@ -37,28 +33,7 @@ def at(model, q, v=None):
     return dynamics
 
 
-def random_place(rng):
-    return pin.SE3(pin.exp3(rng.normal(size=3)), 0.2 * rng.normal(size=3))
-
-
 # Displacement from the anchor ----------------------------------------------------------------------------------------
-
-
-def a_surface(model, rng, **limits):
-    return SurfaceContact("c", model, HANDS[0], random_place(rng), Rectangle(0.1, 0.05), **limits)
-
-
-def a_point(model, rng, **limits):
-    return PointContact("c", model, HANDS[0], rng.normal(size=3), 0.05, normal=rng.normal(size=3), **limits)
-
-
-def a_wheel(model, rng, **limits):
-    centre, axle, normal = rng.normal(size=(3, 3))
-    return RollingContact("c", model, HANDS[0], centre, 0.1, axle, normal=normal, **limits)
-
-
-def a_fixed(mask):
-    return lambda model, rng, **limits: FixedContact("c", model, HANDS[0], random_place(rng), mask, **limits)
 
 
 #: A contact kind, and a twist along its free axes in the contact frame, which keeps it at its anchor.
@@ -123,18 +98,6 @@ def test_displacement_excludes_rolling(load, random_state, wheel, seed):
     np.testing.assert_allclose(contact.displacement(at(model, moved), anchor), expected, atol=1e-9)
 
 
-def test_anchor_between_links_moves_with_them(load, random_state):
-    model, _ = load("g1")
-    rng = np.random.default_rng(0)
-    q, _ = random_state(model, rng)
-    for make, _ in KINDS.values():
-        contact = make(model, rng, against=HANDS[1], stiffness=STIFFNESS)
-        anchor = contact.anchor(at(model, q))
-        moved = np.array(q)
-        moved[:7] = pin.SE3ToXYZQUAT(random_place(rng) * pin.XYZQUATToSE3(q[:7]))
-        np.testing.assert_allclose(contact.displacement(at(model, moved), anchor), 0.0, atol=1e-9)
-
-
 @pytest.mark.parametrize(
     ("mask", "said"),
     [
@@ -189,7 +152,7 @@ def test_displacement_decays_with_k_and_d(load, bench, name):
     first = contact.displacement(robot.dynamics, anchor)
     assert np.abs(first[:3]).min() > 5e-4
     state, step, rate, cycles = robot.state(), 2.0e-3, math.sqrt(STIFFNESS), []
-    for i in range(1, 251):
+    for i in range(1, 151):
         solution = robot.controller.solve(state, references)
         assert not solution.relaxed
         cycles.append((state, solution))
@@ -207,28 +170,11 @@ def test_displacement_decays_with_k_and_d(load, bench, name):
                 assert np.abs(away).max() < 1e-5
     # The result is independent of earlier solutions, and of the controller object.
     other = make_qp(robot.settings, robot.model, lambda: 0.0)
-    for state, solution in (cycles[10], cycles[200], cycles[0]):
+    for state, solution in (cycles[10], cycles[140], cycles[0]):
         for controller in (robot.controller, other):
             again = controller.solve(state, references)
             np.testing.assert_allclose(again.v_dot, solution.v_dot, atol=1e-7)
             np.testing.assert_allclose(again.tau, solution.tau, atol=1e-6)
-
-
-def test_rows_contain_k_e(load, bench):
-    robot, without = Standing(load, bench, STIFFNESS), Standing(load, bench, 0.0)
-    rng = np.random.default_rng(1)
-    q = pin.integrate(robot.model.pinocchio, robot.q, 0.02 * rng.normal(size=robot.model.nv))
-    state = robot.state(q, 0.1 * rng.normal(size=robot.model.nv))
-    references = robot.board.sample(0.0)
-    layouts = [each.controller.formulation.build(state, references) for each in (robot, without)]
-    b, b_without = (layout.contact_motion for layout in layouts)
-    dynamics = at(robot.model, q)
-    e = [
-        contact.displacement(dynamics, references.anchors[name]) for name, contact in robot.controller.contacts.items()
-    ]
-    assert np.abs(np.concatenate(e)).max() > 1e-3
-    np.testing.assert_allclose(b - b_without, STIFFNESS * np.concatenate(e), atol=1e-9)
-    assert np.array_equal(layouts[0].J, layouts[1].J)
 
 
 def test_anchors_are_set_at_each_activation(load, bench):
@@ -282,46 +228,9 @@ def test_anchor_of_a_slipping_contact_moves_with_it(load, bench):
     np.testing.assert_array_equal(anchors["right_foot"], before["right_foot"])
 
 
-def test_anchor_of_a_contact_enabled_later(load, bench):
-    robot = Standing(load, bench, 0.0, grip=GRIP)
-    robot.board.apply([EnableContact("grip", True)], robot.dynamics, 1.0)
-    references = robot.board.sample(1.5)
-    assert set(references.anchors) == {"grip"}
-    assert not robot.controller.solve(robot.state(), references).relaxed
-
-
 def test_missing_anchor_is_named(load, bench):
     robot = Standing(load, bench, STIFFNESS)
     references = robot.board.sample(0.0)
     only_right = replace(references, anchors={"right_foot": references.anchors["right_foot"]})
     with pytest.raises(ConfigurationError, match=r"'left_foot' has stiffness = 100 1/s².*anchors: right_foot"):
         robot.controller.solve(robot.state(), only_right)
-
-
-def test_incompatible_anchors_of_one_link_do_not_conflict(load, bench):
-    """Four points under a sole: twelve rows of rank six, and anchors without a common pose."""
-    robot = Standing(load, bench, 0.0)
-    sole = robot.settings.contacts["left_foot"]
-    x, y, z = sole.translation
-    points = {
-        f"corner_{i}": {"type": "point", "frame": sole.frame, "translation": [x + dx, y + dy, z], "radius": 0.001,
-                        "max_normal_force": 500.0, "stiffness": STIFFNESS}
-        for i, (dx, dy) in enumerate([(0.05, 0.02), (0.05, -0.02), (-0.05, 0.02), (-0.05, -0.02)])
-    }  # fmt: skip
-    robot = Standing(load, bench, 0.0, left_foot=sole.model_dump() | {"enabled": False}, **points)
-    references = robot.board.sample(0.0)
-    rng = np.random.default_rng(3)
-    anchors = {
-        name: anchor + np.append(2e-3 * rng.normal(size=3), np.zeros(4)) for name, anchor in references.anchors.items()
-    }
-    solution = robot.controller.solve(robot.state(), replace(references, anchors=anchors))
-    assert not solution.relaxed
-    contacts = [robot.controller.contacts[name] for name in points]
-    J = np.concatenate([contact.jacobian(robot.dynamics) for contact in contacts])
-    wanted = np.concatenate(
-        [STIFFNESS * contact.displacement(robot.dynamics, anchors[contact.name]) for contact in contacts]
-    )
-    assert np.linalg.matrix_rank(J, tol=1e-6) == 6
-    U = np.linalg.svd(J)[0][:, :6]
-    assert np.linalg.norm(wanted - U @ U.T @ wanted) > 0.1
-    np.testing.assert_allclose(J @ solution.v_dot, U @ U.T @ wanted, atol=1e-5)

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from wbc_controller.inverse_dynamics.contacts import FixedContact, LoopClosure, Rectangle, SurfaceContact
+from wbc_controller.inverse_dynamics.contacts import FixedContact, LoopClosure
 from wbc_controller.inverse_dynamics.formulation.infeasibility import explain
 from wbc_controller.mechanics import Kinematics, PinnedFrames, constrained_dynamics
 from wbc_controller.mechanics import SurfaceContact as Held
@@ -80,45 +80,6 @@ def test_weak_bolt_is_named_with_its_unit(bench):
     assert "moment of bolt (at least -20 N·m, " in why.sentence
 
 
-def test_binding_constraints_of_a_fixed_contact(bench):
-    robot = bolted(bench("go2"), max_force=1.0)
-    weight = robot.model.mass * robot.model.gravity
-    up = np.array([0.0, 0.0, weight, 0.0, 0.0, 0.0])  # the bolt carries no weight
-    lifted = replace(robot.references(), external_wrenches={robot.model.base_link: up})
-    moving = robot.near_stance(np.random.default_rng(0))
-    references = replace(lifted, tasks=robot.references(robot.state()).tasks)
-    solution = robot.controller.solve(moving, references)
-    names = {name.rpartition(":")[0] for name in solution.binding}
-    assert "force:bolt" in names
-    assert all(np.isfinite(cost) for cost in solution.binding.values())
-
-
-def test_squeeze_force_is_internal(bench):
-    """The feet carry the same load; the arms carry the squeeze."""
-    robot = bench("g1")
-    state, references = robot.state(), robot.references()
-    palm = SurfaceContact(
-        "palm",
-        robot.model,
-        "right_rubber_hand",
-        pin.SE3(pin.rpy.rpyToMatrix(1.756, -0.799, 0.022), np.zeros(3)),
-        Rectangle(0.04, 0.04),
-        against="left_rubber_hand",
-        min_normal_force=30.0,
-    )
-    alone = robot.controller.solve(state, references)
-    feet = list(robot.controller.contacts.values())
-    pressed = with_contacts(robot, *feet, palm).controller.solve(
-        state, replace(references, contacts={**references.contacts, "palm": 1.0})
-    )
-    assert pressed.forces["palm"][2] >= 30.0 - 1e-6
-    assert (palm.cone @ pressed.forces["palm"]).max() < 1e-6
-    total = [sum(s.forces[foot.name][:3] for foot in feet) for s in (alone, pressed)]
-    np.testing.assert_allclose(total[1], total[0], atol=0.05)  # the centre of mass is at its reference
-    arms = [i for i, joint in enumerate(robot.model.joints) if "shoulder" in joint or "elbow" in joint]
-    assert np.abs(pressed.tau - alone.tau)[arms].max() > 2.0
-
-
 def test_loops_are_always_active(bench):
     robot = bench("g1")
     dynamics, open_by = robot.controller.dynamics, np.array([0.002, -0.001, 0.003])
@@ -134,27 +95,6 @@ def test_loops_are_always_active(bench):
         np.testing.assert_allclose(J @ solution.v_dot, expected, atol=1e-7)
     falling = replace(robot.references(), contacts={})
     assert set(robot.controller.solve(robot.state(), falling).forces) == {"bar"}
-
-
-def test_open_loop_between_fixed_hands_has_nearest_accelerations(bench):
-    """Open loop between two hands fixed to the world: nearest accelerations, in thirds."""
-    robot = bench("g1")
-    place = between_hands(robot)
-    out = place / np.linalg.norm(place)  # the hands may rotate: only this direction is contradictory
-    bar = bar_between_hands(robot, place + 0.005 * out)
-    grips = [FixedContact(hand, robot.model, hand, pin.SE3.Identity(), POINT) for hand in HANDS]
-    feet = list(robot.controller.contacts.values())
-    with_contacts(robot, *feet, *grips, bar)
-    references = replace(robot.references(), contacts=dict.fromkeys([c.name for c in (*feet, *grips)], 1.0))
-    solution = robot.controller.solve(robot.state(), references)
-    assert solution.relaxed == ()
-    dynamics, opened = robot.controller.dynamics, bar.stiffness * 0.005
-    assert np.linalg.norm(bar.jacobian(dynamics) @ solution.v_dot) == pytest.approx(2.0 / 3.0 * opened, rel=1e-3)
-    for grip in grips:
-        assert np.linalg.norm(grip.jacobian(dynamics) @ solution.v_dot) == pytest.approx(opened / 3.0, rel=1e-3)
-    assert 0.1 * opened < solution.residuals["contact_motion"] < 0.4 * opened
-    for foot in feet:
-        np.testing.assert_allclose(foot.jacobian(dynamics) @ solution.v_dot, 0.0, atol=1e-7)
 
 
 def test_solution_with_loop_and_grip_satisfies_gauss_principle(bench):

@@ -25,10 +25,10 @@ from wbc_controller.inverse_dynamics.tasks import (
     PostureTask,
     TorqueTask,
 )
-from wbc_controller.records import Disturbance, Reference, References, RobotState
+from wbc_controller.records import Disturbance, Reference, References, RobotState, frozen
 from wbc_controller.settings.files import find_configuration, load_settings
 
-PROBLEMS = int(os.environ.get("PLAIN_QP_PROBLEMS", "300"))
+PROBLEMS = int(os.environ.get("PLAIN_QP_PROBLEMS", "200"))
 #: Legs without hip abduction: at least one row of four feet depends on the others.
 SOLO_8 = "package://example-robot-data/robots/solo_description/robots/solo.urdf"
 PANDA = "package://example-robot-data/robots/panda_description/urdf/panda.urdf"
@@ -109,8 +109,9 @@ def random_references(qp, rng):
     if rng.random() < 0.2:
         formulation.motion_limit.acceleration = rng.uniform(20.0, 200.0)
         formulation.torque_limit.rate = rng.uniform(1.0, 100.0)
+        formulation.torque_limit.effort_limits = frozen(qp.model.effort_limits * rng.uniform(0.5, 1.0))
         for contact in qp.contacts.values():
-            contact.max_normal_force = rng.uniform(100.0, 900.0)
+            contact.min_normal_force, contact.max_normal_force = rng.uniform(0.0, 50.0), rng.uniform(100.0, 900.0)
     sometimes = {
         "external_wrenches": {"universe": rng.normal(size=6), qp.model.pinocchio.frames[-1].name: rng.normal(size=6)},
         "disturbance": Disturbance(*rng.normal(size=(2, qp.model.nv))),

@@ -1,6 +1,7 @@
 """Redundant contacts: solutions of all solvers, and residuals."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pinocchio as pin
@@ -27,13 +28,17 @@ from wbc_controller.validation.fuzz.problems import rest
 PANDA = "package://example-robot-data/robots/panda_description/urdf/panda.urdf"
 SOLO_8 = "package://example-robot-data/robots/solo_description/robots/solo.urdf"
 LEVELS = {"tasks.posture.level": 2, "tasks.base.level": 1}
-SOLVERS = {"daqp": {}, "osqp": {}, "proxqp": {}, "quadprog": {}, "levels": LEVELS}
+SOLVERS = {"daqp": {}, "osqp": {}, "levels": LEVELS}
+
+
+@cache
+def drafted():
+    return load(new_configuration(SOLO_8).settings)
 
 
 def solo_8(solver="daqp"):
     """Solo 8: four point feet, legs without hip abduction."""
-    changes = SOLVERS[solver] | {"solver.name": "daqp" if solver == "levels" else solver}
-    return load(new_configuration(SOLO_8).settings).replace(changes)
+    return drafted().replace(SOLVERS[solver] | {"solver.name": "daqp" if solver == "levels" else solver})
 
 
 def without_ankle_roll():
@@ -82,7 +87,7 @@ class Standing:
 def test_redundant_feet_have_a_least_squares_solution(solver):
     robot = Standing(solo_8(solver))
     rng, missed = np.random.default_rng(3), []
-    for _ in range(20):
+    for _ in range(8):
         state = robot.near(rng)
         solution = robot.qp.solve(state, robot.references)
         J, b = robot.rows(state)
@@ -100,24 +105,17 @@ def test_redundant_feet_have_a_least_squares_solution(solver):
     assert max(missed) > 1e-3
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
-def test_solo_8_sways(solver):
-    simulation = Simulation(solo_8(solver))
+@pytest.mark.parametrize(
+    ("make", "least"), [(solo_8, 2e-3), (lambda: solo_8("levels"), 2e-3), (without_ankle_roll, 8e-3)]
+)
+def test_robots_with_redundant_feet_sway(make, least):
+    simulation = Simulation(make())
     controller = simulation.controller
     start = controller.dynamics.com.copy()
     controller.set("com", start + [0.0, 0.01, 0.0], duration=0.3)
-    results = simulation.run(0.6)
+    results = simulation.run(0.5)
     assert {result.solution.relaxed for result in results} == {()}
-    assert 2e-3 < controller.dynamics.com[1] - start[1] < 11e-3
-
-
-def test_humanoid_without_ankle_roll_sways():
-    simulation = Simulation(without_ankle_roll())
-    controller = simulation.controller
-    start = controller.dynamics.com.copy()
-    controller.set("com", start + [0.0, 0.01, 0.0], duration=0.3)
-    simulation.run(0.8)
-    assert controller.dynamics.com[1] - start[1] == pytest.approx(0.01, abs=2e-3)
+    assert least < controller.dynamics.com[1] - start[1] < 12e-3
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
@@ -150,7 +148,7 @@ def test_solution_is_continuous_as_a_direction_becomes_a_constraint():
     com = robot.references.tasks["com"]
     asked = replace(com, position=frozen(com.position + [0.0, 0.01, 0.0]))
     references = replace(robot.references, tasks={**robot.references.tasks, "com": asked})
-    shares, answers, held = np.linspace(0.1, 0.6, 200), [], []
+    shares, answers, held = np.linspace(0.1, 0.6, 100), [], []
     for share in shares:
         state = robot.state(robot.leaning(share), 0.1 * np.eye(robot.model.nv)[3])
         answers.append(robot.qp.solve(state, references).tau)

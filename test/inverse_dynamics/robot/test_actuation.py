@@ -39,7 +39,7 @@ def solve(settings: Settings, model: RobotModel, state: RobotState):
     return controller, controller.solve(state, board.sample(0.0))
 
 
-@pytest.mark.parametrize("name", ["g1", "talos", "go2"])
+@pytest.mark.parametrize("name", ["g1", "go2"])
 def test_shipped_robots_have_one_motor_per_joint(load, name):
     model, _ = load(name)
     rng = np.random.default_rng(0)
@@ -74,10 +74,9 @@ def test_split_of_generalized_forces(base, changes, left):
     np.testing.assert_allclose(model.joint_forces(force), actuation.at_joints(tau), atol=1e-13)
 
 
-@pytest.mark.parametrize("name", ["g1", "go2"])
-def test_transmission_changes_only_torques(load, name):
+def test_transmission_changes_only_torques(load):
     """With square R, accelerations, contact forces and joint torques are those of joint motors."""
-    _, settings = load(name)
+    _, settings = load("go2")
     # Without rotors, as those of transmissions couple joints.
     settings = settings.model_copy(update={"robot": settings.robot.model_copy(update={"armature": 0.0})})
     model = make_model(settings)
@@ -114,7 +113,6 @@ def test_transmission_changes_only_torques(load, name):
         assert gears.residuals["equations_of_motion"] < 1e-8
         for expected, found in pairs_of:
             worst = max(worst, float(np.linalg.norm(found - expected) / np.linalg.norm(expected)))
-    print(f"{name}: largest relative difference {worst:.1e}")
     assert worst < 1e-8
 
 
@@ -147,20 +145,6 @@ def test_rotors_add_the_energy_of_their_own_speeds(small):
     # Armature applies to joints with their own motor, not to hip, knee and ankle.
     armature = make_model(menagerie(armature=0.5), MENAGERIE).pinocchio.armature[model.v_index]
     np.testing.assert_array_equal(armature, [0.0, 0.5, 0.5, 0.0, 0.0, 0.5])
-
-
-def test_actuator_limit_binds(small):
-    settings, _ = small
-    state = random_state(make_model(settings, MENAGERIE), np.random.default_rng(3))
-    _, free = solve(settings, make_model(settings, MENAGERIE), state)
-    actuators = settings.robot.actuators
-    most = 0.5 * abs(free.tau[actuators.index("knee_motor")])
-    tight = settings.robot.model_dump()
-    tight["transmission"]["knee_motor"]["effort_limit"] = most
-    settings = Settings.model_validate(settings.model_dump() | {"robot": tight})
-    _, bound = solve(settings, make_model(settings, MENAGERIE), state)
-    assert abs(bound.tau[actuators.index("knee_motor")]) == pytest.approx(most, rel=1e-5)
-    assert any(name.startswith("torque:knee_motor:") for name in bound.binding)
 
 
 def test_passive_joint_torque(small):

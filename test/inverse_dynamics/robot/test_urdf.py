@@ -80,14 +80,9 @@ def test_invalid_urdfs_are_refused_in_one_sentence(urdf, said):
     assert len(str(error.value)) < 400
 
 
-@pytest.mark.parametrize("floating", [True, False])
-def test_massless_robots_are_refused(floating):
-    massless = INERTIA.replace("0.1", "0")
-    urdf = two("0", massless)
-    if floating:
-        urdf = urdf.replace(f'<mass value="1"/>{INERTIA}', f'<mass value="0"/>{massless}')
+def test_massless_arms_on_a_fixed_base_are_refused():
     with pytest.raises(ConfigurationError, match="the mass of the moving links is 0 kg"):
-        build_model(urdf, ["elbow"], [0.0], floating_base=floating)
+        build_model(two("0", INERTIA.replace("0.1", "0")), ["elbow"], [0.0], floating_base=False)
 
 
 def test_massless_frames_and_rounded_moments_are_accepted():
