@@ -20,12 +20,12 @@ from wbc_controller.inverse_dynamics.references.trajectories import Knot
 from wbc_controller.records import RobotState, frozen
 from wbc_controller.simulation.plant import Plant
 
-ROBOTS = ("g1", "talos", "go2")
+ROBOTS = ("g1", "go2")
 ACCELERATION, FORCE = 0.02, 0.005
 #: Centre of mass references, m, for 0.7 s each: sway, sway and squat, squat further, return.
 JOURNEY = ((0.2, (0.0, 0.02, 0.0)), (0.9, (0.0, -0.02, -0.03)), (1.9, (0.01, 0.0, -0.05)), (2.6, (0.0, 0.0, 0.0)))
 #: Soles of the controller, smaller than the real ones: a foot rocks on its edge.
-SOLES = {"g1": {"half_width": 0.02}, "talos": {"half_length": 0.08, "half_width": 0.05}}
+SOLES = {"g1": {"half_width": 0.02}}
 #: Largest contact speed of a standing foot: norm over all contacts, m/s and rad/s together.
 SPEED = 5.0e-4
 #: Smallest force on a loaded corner, N.
@@ -122,14 +122,13 @@ def test_contact_forces_equal_the_simulator(compared):
     assert max(compared.force) < FORCE
 
 
-@pytest.mark.parametrize(("depth", "seconds"), [(0.46, 0.5), (0.5, 0.3)])
-def test_unreachable_squat_keeps_joint_limits(bench, depth, seconds):
+def test_unreachable_squat_keeps_joint_limits(bench):
     """Talos, commanded to squat further than its knees bend, and faster than they can brake."""
     robot = bench("talos")
     model, controller = robot.model, robot.controller
     plant, board = let_go(robot)
     plant.model.jnt_limited[:] = 0  # only torques stop a joint
-    knot = Knot(seconds, controller.dynamics.com - [0.0, 0.0, depth], np.zeros(3), np.zeros(3))
+    knot = Knot(0.3, controller.dynamics.com - [0.0, 0.0, 0.5], np.zeros(3), np.zeros(3))
     board.apply([SetTrajectory("com", None, (knot,))], controller.dynamics, 0.0)
     step = robot.settings.limits.torque_rate * controller.formulation.period * model.effort_limits
     tau, beyond, relaxed = None, [], 0

@@ -18,7 +18,7 @@ from wbc_controller.records import References, RobotState, frozen
 from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.validation.fuzz.problems import rest
 
-NEW_ROOT = {"g1": "waist_pitch_joint", "talos": "arm_left_4_joint", "go2": "RL_thigh_joint"}
+NEW_ROOT = {"g1": "waist_pitch_joint", "go2": "RL_thigh_joint"}
 
 
 def in_other_coordinates(model: RobotModel, other: CoordinateChange) -> tuple[RobotModel, np.ndarray]:
@@ -84,7 +84,7 @@ def test_solution_is_independent_of_coordinates(robot):
     assert active >= 4
 
 
-@pytest.mark.parametrize(("robot", "share"), [("go2", 0.92), ("g1", 1.0 - 1e-8), ("talos", 1.0 - 1e-8)])
+@pytest.mark.parametrize(("robot", "share"), [("go2", 0.92), ("g1", 1.0 - 1e-8)])
 def test_available_friction_is_independent_of_heading(robot, share):
     """Exactly for soles, with rotating pyramids; within cos(π / 8) for points."""
     settings = load_settings(find_configuration(robot))

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from wbc_controller.errors import ConfigurationError, NoSolution
+from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit, TorqueLimit, TorqueSpeedCurve
 from wbc_controller.inverse_dynamics.limits.joint_motion import STOPPING_DISTANCE
 from wbc_controller.inverse_dynamics.robot.dynamics_kernels import DynamicsRows, fill_dynamics
@@ -29,88 +29,9 @@ ELBOW = "left_elbow_joint"
 FREE = {"position": False, "velocity": False, "acceleration": 1.0e5}
 
 
-@pytest.mark.parametrize("side", ["upper", "lower"])
-def test_torque_limit_has_an_effect(bench, side):
-    g1 = bench("g1", limits=FREE)
-    i = g1.model.joints.index(ELBOW)
-    sign = 1.0 if side == "upper" else -1.0
-    references = fling(g1, ELBOW, sign * 2000.0)
-    limit = g1.model.effort_limits[i]
-    held = g1.controller.solve(g1.state(), references)
-    assert sign * held.tau[i] == pytest.approx(limit, abs=1e-5)
-    assert (np.abs(held.tau) <= g1.model.effort_limits + 1e-5).all()
-    assert f"torque:{ELBOW}:{side}" in held.binding
-    g1.controller.formulation.torque_limit = TorqueLimit(100.0 * g1.model.effort_limits, rate=100.0)
-    free = g1.controller.solve(g1.state(), references)
-    assert sign * free.tau[i] > limit + 1.0
-    assert f"torque:{ELBOW}:{side}" not in free.binding
-
-
-def test_torque_rate_has_an_effect(bench):
-    g1 = bench("g1", limits={**FREE, "torque_rate": 10.0})
-    i = g1.model.joints.index(ELBOW)
-    before = g1.controller.solve(g1.state(), g1.references()).tau
-    references = fling(g1, ELBOW, 100.0)
-    step = 10.0 * g1.controller.formulation.period * g1.model.effort_limits
-    free = g1.controller.solve(g1.state(), references)
-    held = g1.controller.solve(g1.state(), references, before)
-    assert (np.abs(free.tau - before) - step)[i] > 0.1
-    assert (np.abs(held.tau - before) <= step + 1e-5).all()
-    assert not held.relaxed
-    assert f"torque:{ELBOW}:upper" in held.binding
-
-
-def test_velocity_limit_has_an_effect(bench):
-    limited = bench("g1", limits={"position": False, "velocity_scale": 1.0, "acceleration": 1.0e4})
-    free = bench("g1", limits=FREE)
-    i = limited.model.joints.index(ELBOW)
-    column = limited.model.v_index[i]
-    limit = limited.model.velocity_limits[i]
-    v = np.zeros(limited.model.nv)
-    v[column] = limit - 0.02
-    state = limited.state(v=v)
-    after = {}
-    for name, robot in (("limited", limited), ("free", free)):
-        solution = robot.controller.solve(state, fling(robot, ELBOW, 300.0 + 15.0 * limit))
-        after[name] = v[column] + robot.controller.formulation.period * solution.v_dot[column]
-        assert not solution.relaxed
-        assert (f"motion:{ELBOW}:upper" in solution.binding) == (name == "limited")
-    assert after["free"] > limit + 0.01
-    assert after["limited"] <= limit + 1e-6
-
-
-def test_position_limit_has_an_effect(bench):
-    limited = bench("g1", limits={"position": True, "velocity": False})
-    free = bench("g1", limits=FREE)
-    model = limited.model
-    i = model.joints.index(ELBOW)
-    column = model.v_index[i]
-    limit = model.position_upper[i] - limited.settings.limits.position_margin
-    reached = {}
-    for name, robot in (("limited", limited), ("free", free)):
-        q, v = np.array(robot.stance), np.zeros(model.nv)
-        q[model.q_index[i]] = limit - 0.3
-        v[column] = 2.0
-        farthest, bound = -np.inf, False
-        for _ in range(150):  # only the arm moves
-            state = robot.state(q, v)
-            solution = robot.controller.solve(state, fling(robot, ELBOW, 60.0, state))
-            acceleration = solution.v_dot[column]
-            q[model.q_index[i]] += PERIOD * v[column] + 0.5 * PERIOD**2 * acceleration
-            v[column] += PERIOD * acceleration
-            farthest = max(farthest, q[model.q_index[i]])
-            bound |= f"motion:{ELBOW}:upper" in solution.binding
-            if name == "limited":
-                assert not solution.relaxed
-        reached[name] = farthest
-        assert bound == (name == "limited")
-    assert reached["free"] > limit + 0.1
-    assert limit - 0.02 < reached["limited"] <= limit + 1e-6
-
-
 # Viability: with any demand, a joint never reaches a state without feasible bounds -----------------------------------
 
-MANY = 10_000
+MANY = 1_000
 ADVERSARIES = ("upper", "lower", "outwards", "random", "bang-bang")
 
 
@@ -143,9 +64,10 @@ def excess(q, v, a, period, low, high):
     return max(np.max(passed - high), np.max(low - passed))
 
 
-@pytest.mark.parametrize("acceleration", [30.0, 500.0])
-@pytest.mark.parametrize("horizon", [0.0, 0.02])
-@pytest.mark.parametrize("period", [0.001, 0.002, 0.005])
+@pytest.mark.parametrize(
+    ("period", "horizon", "acceleration"),
+    [(0.001, 0.0, 500.0), (0.002, 0.02, 30.0), (0.005, 0.02, 500.0), (0.005, 0.0, 30.0)],
+)
 def test_viable_states_keep_all_bounds(period, horizon, acceleration):
     rng = np.random.default_rng(1)
     low, high = -rng.uniform(0.05, 3.0, MANY), rng.uniform(0.05, 3.0, MANY)
@@ -172,7 +94,7 @@ def test_viable_states_keep_all_bounds(period, horizon, acceleration):
         assert closest < 5.0e-3  # the limit was active
 
 
-@pytest.mark.parametrize("period", [0.001, 0.002, 0.005])
+@pytest.mark.parametrize("period", [0.001, 0.005])
 def test_position_limit_holds_for_states_with_braking_distance(period):
     rng = np.random.default_rng(2)
     low, high, velocity = np.full(MANY, -1.0), np.full(MANY, 1.0), np.full(MANY, 5.0)
@@ -193,7 +115,7 @@ def hard_braking(q, v, period):
     return np.maximum(100.0, np.minimum(needed, np.abs(v) / period))
 
 
-@pytest.mark.parametrize("period", [0.001, 0.002, 0.005])
+@pytest.mark.parametrize("period", [0.001, 0.005])
 def test_return_from_non_viable_states(period):
     rng = np.random.default_rng(3)
     low, high, velocity = np.full(MANY, -1.0), np.full(MANY, 1.0), np.full(MANY, 4.0)
@@ -208,9 +130,9 @@ def test_return_from_non_viable_states(period):
         if i == 0:
             away = (beyond * v > 0.0) & (np.abs(v) > 100.0 * period)
             fast = (np.abs(v) > 4.0 + 100.0 * period) & (beyond == 0.0)
-            assert away.sum() > 1000
-            assert fast.sum() > 1000
-            assert 1000 < (hardest > 100.0).sum() < MANY - 1000
+            assert away.sum() > 0.1 * MANY
+            assert fast.sum() > 0.1 * MANY
+            assert 0.1 * MANY < (hardest > 100.0).sum() < 0.9 * MANY
             for hard in (away, fast):
                 np.testing.assert_allclose(np.where(v > 0.0, upper, lower)[hard], -(hardest * np.sign(v))[hard])
         a = np.where(q > 0.0, upper, lower)  # outwards
@@ -333,12 +255,6 @@ def test_torque_speed_curve(speed, share):
     np.testing.assert_array_equal(backwards[1], EFFORT)
 
 
-def test_nan_passes_through_the_torque_speed_curve():
-    lower, upper = CURVE.available(EFFORT, np.array([np.nan, 0.0, 0.0]))
-    assert np.isnan([lower[0], upper[0]]).all()
-    assert np.isfinite([lower[1:], upper[1:]]).all()
-
-
 def test_curve_and_rate_never_conflict():
     rng = np.random.default_rng(4)
     for rate in (0.1, 5.0, 1.0e4):
@@ -354,28 +270,18 @@ def test_curve_and_rate_never_conflict():
 
 
 def test_torque_speed_curve_has_an_effect(bench):
-    """An elbow at high speed stays within its motor curve; without the curve it needs more torque."""
-    joint = {"enabled": True, "corner": 0.2, "no_load": 0.6}
-    limits = {**FREE, "torque_speed": TorqueSpeedSettings(**joint)}
-    sent = {}
-    for name, robot in (("held", bench("g1", limits=limits)), ("free", bench("g1", limits=FREE))):
-        model = robot.model
-        i = model.joints.index(ELBOW)
-        q, v, column = np.array(robot.stance), np.zeros(model.nv), model.v_index[i]
-        q[model.q_index[i]] = -0.8
-        sent[name] = []
-        while q[model.q_index[i]] < 1.5:
-            state = robot.state(q, v)
-            solution = robot.controller.solve(state, fling(robot, ELBOW, 400.0, state))
-            sent[name].append((v[column], solution.tau[i], f"torque:{ELBOW}:upper" in solution.binding))
-            q[model.q_index[i]] += PERIOD * v[column] + 0.5 * PERIOD**2 * solution.v_dot[column]
-            v[column] += PERIOD * solution.v_dot[column]
-    limit, fastest = model.effort_limits[i], model.velocity_limits[i]
-    speed, tau, binds = np.array(sent["held"]).T
-    assert (tau <= limit * np.clip((0.6 * fastest - speed) / (0.4 * fastest), 0.0, 1.0) + 1e-5).all()
-    assert (binds.astype(bool) & (speed > 0.3 * fastest)).any()
-    speed, tau, _ = np.array(sent["free"]).T
-    assert (tau > limit * np.clip((0.6 * fastest - speed) / (0.4 * fastest), 0.0, 1.0) + 1.0).any()
+    """An elbow at half of its largest speed has a quarter of its torque; without the curve it needs more."""
+    curve, tau = TorqueSpeedSettings(enabled=True, corner=0.2, no_load=0.6), {}
+    for name, robot in (
+        ("held", bench("g1", limits={**FREE, "torque_speed": curve})),
+        ("free", bench("g1", limits=FREE)),
+    ):
+        i, v = robot.model.joints.index(ELBOW), np.zeros(robot.model.nv)
+        v[robot.model.v_index[i]] = 0.5 * robot.model.velocity_limits[i]
+        solution = robot.controller.solve(robot.state(v=v), fling(robot, ELBOW, 2000.0))
+        tau[name] = solution.tau[i] / robot.model.effort_limits[i]
+        assert f"torque:{ELBOW}:upper" in solution.binding
+    assert tau == pytest.approx({"held": 0.25, "free": 1.0}, abs=1e-5)
 
 
 def test_torque_speed_curves_per_actuator(bench):
@@ -398,22 +304,9 @@ def test_nan_passes_through_the_bounds():
         assert np.isfinite([lower[1], upper[1]]).all()
     lower, upper = torque_bounds(TorqueLimit(np.ones(2), 1.0), np.array([np.nan, 0.0]), np.zeros(2), PERIOD)
     assert np.isnan([lower[0], upper[0]]).all()
-
-
-@pytest.mark.parametrize("where", ["position", "velocity"])
-@pytest.mark.parametrize("solver", ["daqp", "osqp", "proxqp"])
-def test_non_finite_states_give_no_torques(bench, solver, where):
-    go2 = bench("go2", solver={"name": solver})
-    good = go2.controller.solve(go2.state(), go2.references())
-    q, v = np.array(go2.stance), np.zeros(go2.model.nv)
-    if where == "position":
-        q[go2.model.q_index[3]] = np.nan
-    else:
-        v[go2.model.v_index[3]] = np.nan
-    with pytest.raises(NoSolution):
-        go2.controller.solve(go2.state(q, v), go2.references())
-    again = go2.controller.solve(go2.state(), go2.references())
-    np.testing.assert_allclose(again.tau, good.tau, atol=0.01)
+    lower, upper = CURVE.available(EFFORT, np.array([np.nan, 0.0, 0.0]))
+    assert np.isnan([lower[0], upper[0]]).all()
+    assert np.isfinite([lower[1:], upper[1:]]).all()
 
 
 # Stopping bounds of a joint that cannot meet its bounds --------------------------------------------------------------
@@ -429,8 +322,7 @@ def stopping(limit, q, v, bounds=None):
     return limit.stopping_bounds(q, v, bounds, LIMITS)[:, 0]
 
 
-@pytest.mark.parametrize("side", [1.0, -1.0])
-@pytest.mark.parametrize(("gap", "speed"), [(0.1, 3.0), (0.02, 2.0), (0.3, 8.0)])
+@pytest.mark.parametrize(("side", "gap", "speed"), [(1.0, 0.1, 3.0), (-1.0, 0.02, 2.0), (-1.0, 0.3, 8.0)])
 def test_stopping_bounds_stop_within_the_stopping_distance(side, gap, speed):
     limit = JointMotionLimit((LIMITS[0] + 0.02, LIMITS[1] - 0.02), None, acceleration=200.0, horizon=0.02)
     q, v = side * (1.0 - gap), side * speed
@@ -463,8 +355,5 @@ def test_stopping_bounds_beyond_the_stopping_distance():
     limit = JointMotionLimit((LIMITS[0], LIMITS[1]), None, acceleration=200.0)
     assert stopping(limit, 1.0 + STOPPING_DISTANCE + 0.01, 2.0)[1] == -2.0 / PERIOD
     assert stopping(limit, -1.0 - STOPPING_DISTANCE - 0.01, -2.0)[0] == 2.0 / PERIOD
-
-
-def test_no_stopping_bounds_without_position_limits():
-    limit = JointMotionLimit(None, np.full(2, 5.0), acceleration=200.0)
+    limit = JointMotionLimit(None, np.full(2, 5.0), acceleration=200.0)  # without position limits
     np.testing.assert_array_equal(stopping(limit, 0.99, 4.0), [-np.inf, np.inf])

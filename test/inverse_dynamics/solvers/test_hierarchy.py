@@ -1,4 +1,4 @@
-"""Strict priorities: 1,000 random problems, and robots."""
+"""Strict priorities: random problems, and robots."""
 
 from dataclasses import replace
 from functools import partial
@@ -16,7 +16,7 @@ from wbc_controller.inverse_dynamics.solvers.active_set import ActiveSet
 from wbc_controller.inverse_dynamics.solvers.hierarchy import Hierarchy
 
 EPSILON = 1.0e-5  # similar to the controller's
-PROBLEMS = 1000
+PROBLEMS = 200
 
 
 def hierarchy(solver="daqp"):
@@ -143,20 +143,9 @@ def test_failed_lower_level_keeps_the_solution_above(monkeypatch):
     assert answer.levels[1].cost == pytest.approx(0.5 * 1.5**2, rel=1e-3)  # the band begins at a distance of 1.5
 
 
-def test_one_level_is_one_quadratic_program():
-    rng = np.random.default_rng(12)
-    for _ in range(50):
-        problem = constraints(rng, 12)
-        (only,) = [level("0", rng.normal(size=(5, 12)), rng.normal(size=5), 12)]
-        x = hierarchy().solve(problem, [only]).x
-        problem = independent(problem)
-        problem.H[:], problem.g[:] = only.cost.H, only.cost.g
-        np.testing.assert_allclose(x, make_solver("daqp", problem).solve(problem).x, atol=1e-5)
-
-
 def test_different_weights_approach_the_strict_solution():
     rng = np.random.default_rng(14)
-    for _ in range(50):
+    for _ in range(20):
         n = 12
         problem = constraints(rng, n)
         problem = independent(problem)
@@ -174,7 +163,7 @@ def test_different_weights_approach_the_strict_solution():
 
 def test_back_ends_agree_on_every_level():
     rng = np.random.default_rng(15)
-    for _ in range(60):
+    for _ in range(20):
         problem, levels = constraints(rng, 12), random_levels(rng, 12)
         by_daqp, by_quadprog = hierarchy(), hierarchy("quadprog")
         one, other = by_daqp.solve(problem, levels), by_quadprog.solve(problem, levels)
@@ -216,32 +205,6 @@ def test_failure_of_the_first_level_has_no_solution():
     assert hierarchy().solve(problem, [level("0", np.eye(3), np.zeros(3), 3)]).x is None
 
 
-def test_strict_task_is_unaffected_by_lower_levels(bench):
-    """The centre of mass stays exactly, while a hand is commanded to a point 2 m away."""
-    results = {}
-    for name, levels in {"weighted": {}, "strict": {"left_hand": 1, "posture": 2}}.items():
-        robot = bench("g1").on_levels(**levels)
-        references = robot.references(left_hand=100.0)
-        far = references.tasks["left_hand"].position + np.array([0.5, 0.5, 0.5, 0, 0, 0, 0])
-        hand = replace(references.tasks["left_hand"], position=far)
-        wanted = replace(references, tasks={**references.tasks, "left_hand": hand})
-        alone = robot.controller.solve(
-            robot.state(), replace(wanted, weights={**wanted.weights, "left_hand": 0.0, "posture": 0.0})
-        )
-        solution = robot.controller.solve(robot.state(), wanted)
-        assert not solution.relaxed
-        assert max(solution.residuals.values()) < 1e-6
-        dynamics = robot.controller.dynamics
-        results[name] = np.linalg.norm(dynamics.com_jacobian @ (solution.v_dot - alone.v_dot))
-        if name == "strict":
-            assert [report.tasks for report in solution.levels] == [
-                ("com", "pelvis", "torso"), ("left_hand",), ("posture",)
-            ]  # fmt: skip
-            assert all(report.iterations > 0 for report in solution.levels)
-    assert results["strict"] < 1e-8
-    assert results["weighted"] > 0.1
-
-
 def without_squares(level):
     """Return the level with its cost as H and g, for the solution in the null space."""
     cost = level.cost
@@ -257,16 +220,10 @@ def on_levels(robot, rng):
     return robot.on_levels(**level)
 
 
-def both_ways(robot, rng, *, limited):
+def both_ways(robot, rng):
     """Return solutions for a random state, with the active sets of the same problem and in null spaces."""
     robot = on_levels(robot, rng)
-    hands = {name: 1.0 for name in ("left_hand", "right_hand") if rng.random() < 0.5}
-    given = robot.near_stance(rng), robot.references(**hands)
-    if limited:
-        given = robot.random_problem(int(rng.integers(0, 1000)))
-    layout = robot.controller.formulation.build(*given)
-    if not limited:
-        layout.problem.bounds[:] = [[-np.inf], [np.inf]]
+    layout = robot.controller.formulation.build(*robot.random_problem(int(rng.integers(0, 1000))))
     plain, fast = hierarchy(), hierarchy()
     expected = plain.solve(layout.problem, [without_squares(each) for each in layout.levels])
     for _ in range(2):  # the first solution adopts the active sets
@@ -274,32 +231,11 @@ def both_ways(robot, rng, *, limited):
     return expected, found
 
 
-def assert_same_levels(found, expected, tolerance):
-    assert [level.tasks for level in found.levels] == [level.tasks for level in expected.levels]
-    for one, other in zip(found.levels, expected.levels, strict=True):
-        assert one.cost == pytest.approx(other.cost, rel=tolerance, abs=1e-2 * tolerance)
-
-
-@pytest.mark.parametrize("robot", ["g1", "talos"])
-def test_active_sets_equal_null_spaces_without_limits(bench, robot):
-    rng, missed = np.random.default_rng(16), 0
-    for _ in range(40):
-        expected, found = both_ways(bench(robot), rng, limited=False)
-        if found.residuals is None:
-            missed += 1
-            continue
-        np.testing.assert_allclose(found.x, expected.x, atol=1e-7 * np.abs(expected.x).max())
-        assert not found.multipliers.any()
-        assert_same_levels(found, expected, 1e-6)
-    assert missed <= 1  # if a kept posture leaves only forces free
-
-
-@pytest.mark.parametrize("robot", ["g1", "talos"])
-def test_active_sets_equal_null_spaces_with_limits(bench, robot, monkeypatch):
+def test_active_sets_equal_null_spaces(bench, monkeypatch):
     monkeypatch.setattr(module, "_CLEARANCE", 1.0e-11)  # clearance of the solution in null spaces
     rng, same = np.random.default_rng(17), 0
-    for _ in range(60):
-        expected, found = both_ways(bench(robot), rng, limited=True)
+    for _ in range(40):
+        expected, found = both_ways(bench("g1"), rng)
         if found.x is None or expected.relaxed or found.residuals is None:
             continue
         same += 1
@@ -307,8 +243,10 @@ def test_active_sets_equal_null_spaces_with_limits(bench, robot, monkeypatch):
         size = np.abs(expected.multipliers).max()
         np.testing.assert_allclose(found.x, expected.x, atol=1e-6 * np.abs(expected.x).max())
         np.testing.assert_allclose(found.multipliers, expected.multipliers, atol=1e-5 * size)
-        assert_same_levels(found, expected, 1e-5)
-    assert same >= 25
+        for one, other in zip(found.levels, expected.levels, strict=True):
+            assert one.tasks == other.tasks
+            assert one.cost == pytest.approx(other.cost, rel=1e-5, abs=1e-7)
+    assert same >= 15
 
 
 def moving(robot, count):
@@ -364,15 +302,6 @@ def test_non_finite_values_are_named(bench, spoilt):
     getattr(layout.problem, spoilt)[0, 3] = np.nan
     answer = solving.solve(layout.problem, layout.levels)
     assert (answer.x, answer.status, answer.levels) == (None, NOT_FINITE, ())
-
-
-def test_one_level_is_solved_once(bench):
-    robot = bench("g1")
-    solution = robot.controller.solve(robot.state(), robot.references())
-    (only,) = solution.levels
-    assert only.tasks == ("com", "pelvis", "torso", "posture")
-    assert only.cost >= 0.0
-    assert only.iterations == solution.iterations
 
 
 def test_tolerance_of_wrong_length_is_refused(bench):

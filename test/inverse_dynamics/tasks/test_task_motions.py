@@ -1,4 +1,4 @@
-"""Motion under each kind of task, by integration of the controller's accelerations.
+"""Motion under tasks, by integration of the controller's accelerations.
 
 There is no simulator, so the motion shows the law of the task. The references come from the board, as in the service.
 """
@@ -12,7 +12,6 @@ from wbc_controller.controller.build.references import make_board
 from wbc_controller.inverse_dynamics.references.changes import SetSetpoint
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.records import RobotState, frozen
-from wbc_controller.simulation.plant import Plant
 
 PERIOD = 0.002
 
@@ -20,12 +19,12 @@ PERIOD = 0.002
 class Motion:
     """Standing robot with further tasks that moves by its controller's accelerations."""
 
-    def __init__(self, settings, model, q, v=None):
+    def __init__(self, settings, model, q):
         self.model = model
         self.controller = make_qp(settings, model)
         self.board = make_board(settings, self.controller)
         self.now = Dynamics(model)
-        self.now.update(np.array(q), np.zeros(model.nv) if v is None else v)
+        self.now.update(np.array(q), np.zeros(model.nv))
         self.board.reset(self.now, 0.0)
         self.time = 0.0
         self.solution = None
@@ -57,9 +56,9 @@ class Motion:
 def motion(robot_of, stance_of, changed):
     """Return a function that makes a `Motion` of a robot with changed settings."""
 
-    def build(robot, changes, v=None):
+    def build(robot, changes):
         settings, model = robot_of(robot)
-        return Motion(changed(settings, changes), model, stance_of(robot), v)
+        return Motion(changed(settings, changes), model, stance_of(robot))
 
     return build
 
@@ -70,7 +69,7 @@ def test_relative_pose_of_two_hands(motion):
     start = g1.task("grip").position(g1.now)
     goal = start + np.array([0.0, 0.03, 0.02, 0.0, 0.0, 0.0, 0.0])
     g1.go(grip=goal)
-    g1.run(1.5)
+    g1.run(1.2)
     np.testing.assert_allclose(g1.task("grip").position(g1.now)[:3], goal[:3], atol=1.0e-3)
     # The right hand moves and turns; the left one follows.
     here, left = g1.placement("right_rubber_hand"), np.array(g1.placement("left_rubber_hand").translation)
@@ -86,36 +85,6 @@ def test_relative_pose_of_two_hands(motion):
     assert np.linalg.norm(g1.placement("left_rubber_hand").translation - left) > 0.04
     print(f"largest relative error on the way: {np.abs(errors).max(axis=0)}")
     assert np.abs(errors).max() < 5.0e-3
-
-
-def test_axis_alignment_of_a_hand(motion):
-    task = {"type": "axis_alignment", "frame": "left_rubber_hand", "axis": [1.0, 0.0, 0.0], "weight": 10.0}
-    g1 = motion("g1", {"tasks": {"aim": task}})
-    turned = []
-    for goal in ([0.0, 0.0, -1.0], [0.0, 5.0, 5.0]):
-        g1.go(aim=goal)
-        g1.run(2.0)
-        axis = g1.placement("left_rubber_hand").rotation[:, 0]
-        turned.append(float(np.arccos(axis @ goal / np.linalg.norm(goal))))
-    print(f"angles left: {turned} rad")
-    assert max(turned) < 2.0e-3
-
-
-def test_gaze_while_swaying(motion):
-    task = {"type": "gaze", "frame": "torso_link", "axis": [1.0, 0.0, 0.0], "weight": 10.0}
-    g1 = motion("g1", {"tasks": {"aim": task, "torso": {"enabled": False}}})
-    point = np.array([0.8, 0.25, 1.0])
-    g1.go(aim=point)
-    g1.run(2.0)
-    angles = []
-    for side in (0.03, -0.03):
-        g1.go(com=[*g1.now.com[:1], side, g1.now.com[2]])
-        g1.run(1.2, lambda g1: angles.append(np.linalg.norm(g1.task("aim").error(g1.now, point))))
-    here = g1.placement("torso_link")
-    x, y, z = here.actInv(point)
-    print(f"largest angle {max(angles):.1e} rad; off the axis {np.hypot(y, z):.1e} m at {x:.2f} m")
-    assert max(angles) < 2.0e-3
-    assert np.hypot(y, z) < 2.0e-3 * x
 
 
 def shove(g1, momentum):
@@ -146,17 +115,6 @@ def test_momentum_decays_with_its_damping(motion, kind, damping, weight, start):
     assert np.abs(np.array(time) - expected).max() < 0.02 * np.abs(start).max()
 
 
-def test_linear_momentum_follows_its_reference(motion):
-    task = {"type": "linear_momentum", "weight": 1.0, "setpoint_duration": 0.2}
-    g1 = motion("g1", {"tasks": ALONE | {"sway": task}})
-    goal = np.array([0.0, 2.0, -1.0])
-    g1.go(sway=goal)
-    g1.run(0.3)
-    reached = g1.task("sway").position(g1.now)
-    print(f"momentum {reached} kg·m/s of {goal}")
-    np.testing.assert_allclose(reached, goal, atol=0.02)
-
-
 def test_capture_point_error_decays(motion):
     task = {"type": "capture_point", "gain": [3.0, 5.0], "weight": 500.0, "setpoint_duration": 0.0}
     height = {"com": {"mask": [False, False, True]}}
@@ -164,7 +122,7 @@ def test_capture_point_error_decays(motion):
     goal = g1.now.com[:2] + np.array([0.01, -0.01])
     g1.go(steady=goal)
     start, errors = g1.task("steady").error(g1.now, goal), []
-    g1.run(2.5, lambda g1: errors.append(g1.task("steady").error(g1.now, goal)))
+    g1.run(2.0, lambda g1: errors.append(g1.task("steady").error(g1.now, goal)))
     expected = start * np.exp(-np.array([3.0, 5.0]) * PERIOD * np.arange(1, len(errors) + 1)[:, None])
     largest = np.abs(np.array(errors) - expected).max()
     print(
@@ -172,34 +130,3 @@ def test_capture_point_error_decays(motion):
     )
     assert largest < 0.03 * np.abs(start).max()
     np.testing.assert_allclose(g1.now.com[:2], goal, atol=1.0e-3)
-
-
-def test_capture_point_after_a_push_in_the_simulator(robot_of, changed):
-    """12 N·s sideways at the pelvis in 0.1 s: the capture point stays over the feet and returns."""
-    settings, model = robot_of("g1")
-    steady = {"type": "capture_point", "gain": 15.0, "weight": 5000.0, "setpoint_duration": 0.0}
-    tasks = {"com": {"mask": [False, False, True]}, "steady": steady}
-    settings = changed(settings, {"tasks": tasks})
-    controller, plant = make_qp(settings, model), Plant(model, settings)
-    board, dynamics = make_board(settings, controller), controller.dynamics
-    plant.hold(False, ramp=0.0)
-    dynamics.update(*plant.state())
-    board.reset(dynamics, 0.0)
-    task, tau, out = controller.tasks["steady"], None, []
-    start = np.array(task.position(dynamics))
-    for cycle in range(1200):
-        if cycle == 100:
-            plant.push("pelvis", [0.0, 120.0, 0.0, 0.0, 0.0, 0.0], 0.1)
-        q, v = plant.state()
-        solution = controller.solve(RobotState(plant.stamp, frozen(q), frozen(v)), board.sample(cycle * PERIOD), tau)
-        tau = solution.tau
-        plant.apply(tau)
-        out.append(task.position(dynamics) - start)
-        for _ in range(plant.steps_per_period):
-            plant.step()
-    assert not plant.fallen
-    outside = np.linalg.norm(out, axis=1)
-    print(f"capture point out by {1e3 * outside.max():.0f} mm, in the end {1e3 * outside[-1]:.1f} mm")
-    assert outside[:100].max() < 2.0e-3
-    assert 0.03 < outside.max() < 0.12
-    assert outside[-1] < 3.0e-3

@@ -24,12 +24,12 @@ from wbc_controller.inverse_dynamics.tasks import (
 )
 from wbc_controller.records import Reference
 
-ROBOTS = ("g1", "talos", "go2")
-FRAMES = {"g1": "left_rubber_hand", "talos": "gripper_right_base_link", "go2": "FL_foot"}
-REFERENCE_FRAMES = {"g1": "right_rubber_hand", "talos": "torso_2_link", "go2": "RR_calf"}
+ROBOTS = ("g1", "go2")
+FRAMES = {"g1": "left_rubber_hand", "go2": "FL_foot"}
+REFERENCE_FRAMES = {"g1": "right_rubber_hand", "go2": "RR_calf"}
 KINDS = ("posture", "com", "frame_position", "frame_orientation", "frame_pose", "relative_pose")
 POSES = ("frame_pose", "relative_pose")
-some_states = hypothesis_settings(deadline=None, max_examples=8, derandomize=True)
+some_states = hypothesis_settings(deadline=None, max_examples=5, derandomize=True)
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -122,7 +122,7 @@ def test_error_leads_from_the_position_to_the_reference(load, random_state, robo
         np.testing.assert_allclose(reached, rotation(goal[-4:]), atol=1.0e-9)
 
 
-def test_frame_position_equals_pinocchio(load, random_state):
+def test_positions_of_frames_equal_pinocchio(load, random_state):
     model, _ = load("g1")
     q, v = random_state(model, np.random.default_rng(1))
     dynamics, data = snapshot(model, q, v), model.pinocchio.createData()
@@ -133,24 +133,9 @@ def test_frame_position_equals_pinocchio(load, random_state):
     np.testing.assert_allclose(
         rotation(make("frame_orientation", model, "g1").position(dynamics)), placement.rotation, atol=1e-12
     )
-
-
-def test_relative_pose_equals_frame_transforms(load, random_state):
-    model, _ = load("g1")
-    dynamics = snapshot(model, *random_state(model, np.random.default_rng(1)))
-    ids = [model.pinocchio.getFrameId(frames["g1"]) for frames in (REFERENCE_FRAMES, FRAMES)]
-    a, b = (dynamics.placement(i).homogeneous for i in ids)
-    expected = pin.SE3ToXYZQUAT(pin.SE3(np.linalg.inv(a) @ b))
+    reference = data.oMf[model.pinocchio.getFrameId(REFERENCE_FRAMES["g1"])]
+    expected = pin.SE3ToXYZQUAT(reference.actInv(placement))
     np.testing.assert_allclose(make("relative_pose", model, "g1").position(dynamics), expected, atol=1e-12)
-
-
-def test_rigid_motion_does_not_change_relative_poses(load, random_state):
-    model, _ = load("g1")
-    q, v = random_state(model, np.random.default_rng(1))
-    dynamics = snapshot(model, q, v)
-    J = make("relative_pose", model, "g1").jacobian(dynamics)
-    assert np.abs(J[:, :6]).max() < 1.0e-12
-    assert np.abs(J[:, 6:]).max() > 0.1
 
 
 @pytest.mark.parametrize("length", [0.5, 2.0])
@@ -176,12 +161,12 @@ def test_reference_orientation_of_any_length(load, random_state, length):
     ],
 )
 def test_equation_has_the_masked_rows(load, random_state, kind, mask):
-    model, _ = load("talos")
+    model, _ = load("g1")
     rng = np.random.default_rng(3)
     dynamics = snapshot(model, *random_state(model, rng))
-    goal = np.array(make(kind, model, "talos").position(snapshot(model, *random_state(model, rng))))
+    goal = np.array(make(kind, model, "g1").position(snapshot(model, *random_state(model, rng))))
     stiffness, damping = rng.uniform(0.0, 100.0, (2, len(mask)))
-    task = make(kind, model, "talos", mask=mask, stiffness=list(stiffness), damping=list(damping))
+    task = make(kind, model, "g1", mask=mask, stiffness=list(stiffness), damping=list(damping))
     reference = Reference(goal, rng.normal(size=task.size), rng.normal(size=task.size))
     J, right, error = task.equation(dynamics, reference)
     assert task.dimension == sum(mask)
@@ -221,45 +206,39 @@ def test_default_damping_is_critical(load, kind):
 
 def test_default_reference_requires_no_acceleration(load, random_state):
     model, _ = load("g1")
-    q, _ = random_state(model, np.random.default_rng(5))
+    rng = np.random.default_rng(5)
+    q, _ = random_state(model, rng)
     dynamics = snapshot(model, q, np.zeros(model.nv))
     for kind in KINDS:
         task = make(kind, model, "g1")
-        _, right, error = task.equation(dynamics, task.rest(dynamics))
+        reference = task.rest(dynamics)
+        _, right, error = task.equation(dynamics, reference)
         assert np.abs(right).max() < 1.0e-6
         assert np.abs(error).max() < 1.0e-8
+        before = np.array(reference.position)
+        dynamics.update(*random_state(model, rng))
+        np.testing.assert_array_equal(reference.position, before)
+        dynamics.update(q, np.zeros(model.nv))
 
 
-def test_reference_at_rest_is_independent_of_the_snapshot(load, random_state):
-    model, _ = load("g1")
-    rng = np.random.default_rng(6)
-    dynamics = snapshot(model, *random_state(model, rng))
-    references = {kind: make(kind, model, "g1").rest(dynamics) for kind in KINDS}
-    before = {kind: np.array(reference.position) for kind, reference in references.items()}
-    dynamics.update(*random_state(model, rng))
-    for kind, reference in references.items():
-        np.testing.assert_array_equal(reference.position, before[kind])
-
-
-def test_unknown_reference_frame_is_refused(load):
-    model, _ = load("go2")
-    with pytest.raises(ConfigurationError, match=r"tasks\.paw\.reference_frame = 'bse'.*did you mean 'base'"):
-        RelativePoseTask("paw", model, "FL_foot", "bse")
-
-
-@pytest.mark.parametrize("kind", ["frame_position", "frame_orientation", "frame_pose"])
-def test_unknown_frame_is_refused(load, kind):
-    model, _ = load("go2")
-    kinds = {"frame_position": FramePositionTask, "frame_orientation": FrameOrientationTask}
-    with pytest.raises(ConfigurationError, match=r"tasks\.paw\.frame = 'FL_fot'.*did you mean 'FL_foot'"):
-        kinds.get(kind, FramePoseTask)("paw", model, "FL_fot")
+@pytest.mark.parametrize(
+    ("kind", "frames", "said"),
+    [
+        (FramePositionTask, ["FL_fot"], "frame = 'FL_fot'.*did you mean 'FL_foot'"),
+        (FrameOrientationTask, ["FL_fot"], "frame = 'FL_fot'.*did you mean 'FL_foot'"),
+        (FramePoseTask, ["FL_fot"], "frame = 'FL_fot'.*did you mean 'FL_foot'"),
+        (RelativePoseTask, ["FL_foot", "bse"], "reference_frame = 'bse'.*did you mean 'base'"),
+    ],
+)
+def test_unknown_frames_are_refused(load, kind, frames, said):
+    with pytest.raises(ConfigurationError, match=rf"tasks\.paw\.{said}"):
+        kind("paw", load("go2")[0], *frames)
 
 
 # Gains ---------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("key", ["stiffness", "damping"])
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(("kind", "key"), [*((kind, "stiffness") for kind in KINDS), ("com", "damping")])
 def test_gains_of_wrong_length_are_refused(load, kind, key):
     model, _ = load("g1")
     size = make(kind, model, "g1").size
@@ -269,34 +248,6 @@ def test_gains_of_wrong_length_are_refused(load, kind, key):
 
 
 # Axis tasks ----------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("kind", [AxisAlignmentTask, GazeTask])
-@pytest.mark.parametrize("robot", ROBOTS)
-def test_jacobian_and_drift_of_an_axis(load, random_state, robot, kind):
-    model, _ = load(robot)
-    q, v = random_state(model, np.random.default_rng(9))
-    task, dynamics, step = kind("aim", model, FRAMES[robot], [2.0, 0.0, 0.0]), Dynamics(model), 1.0e-6
-    frame = model.pinocchio.getFrameId(FRAMES[robot])
-    columns = []
-    for direction in np.eye(model.nv):
-        ends = []
-        for sign in (-step, step):
-            dynamics.update(pin.integrate(model.pinocchio, q, sign * direction), v)
-            ends.append(task.direction(dynamics))
-        columns.append((ends[1] - ends[0]) / (2.0 * step))
-    ends = []
-    for sign in (-step, step):
-        dynamics.update(pin.integrate(model.pinocchio, q, sign * v), v)
-        ends.append(task.velocity(dynamics))
-    dynamics.update(q, v)
-    n, (_, b1, b2) = task.direction(dynamics), dynamics.placement(frame).rotation.T
-    np.testing.assert_allclose(n, dynamics.placement(frame).rotation[:, 0], atol=1e-12)
-    turning = np.cross(n, np.array(columns))  # ω = n × ṅ, without the spin about n
-    np.testing.assert_allclose(task.jacobian(dynamics), [turning @ b1, turning @ b2], atol=1e-7)
-    np.testing.assert_allclose(task.velocity(dynamics), task.jacobian(dynamics) @ v, atol=1e-10)
-    np.testing.assert_allclose(task.drift(dynamics), (ends[1] - ends[0]) / (2.0 * step), rtol=1e-6, atol=1e-6)
-    assert np.linalg.matrix_rank(task.jacobian(dynamics)) == task.dimension == 2
 
 
 @pytest.mark.parametrize("kind", [AxisAlignmentTask, GazeTask])
@@ -424,9 +375,8 @@ def test_equation_of_rate_tasks(load, random_state, kind):
         RATES[kind](model, **{key: [1.0] * 4})
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
-def test_momenta_equal_pinocchio(load, random_state, robot):
-    model, _ = load(robot)
+def test_momenta_equal_pinocchio(load, random_state):
+    model, _ = load("g1")
     q, v = random_state(model, np.random.default_rng(14))
     dynamics = snapshot(model, q, v)
     expected = pin.computeCentroidalMomentum(model.pinocchio, model.pinocchio.createData(), q, v).vector
@@ -438,25 +388,13 @@ def test_momenta_equal_pinocchio(load, random_state, robot):
         np.testing.assert_array_equal(task.rest(dynamics).position, np.zeros(3))
 
 
-def test_pendulum_comes_to_rest_over_the_capture_point(load):
-    """The pendulum c̈ = ω² (c - p) with its foot p at the capture point, integrated for five time constants."""
-    model, _ = load("g1")
-    v = np.zeros(model.nv)
-    v[:2] = [0.4, -0.2]  # translation of the whole robot
-    dynamics = snapshot(model, model.configuration(model.posture), v)
-    task = CapturePointTask("cp", model.gravity, support_height=-0.7)
-    omega, point = task.omega(dynamics), task.position(dynamics)
-    assert omega == pytest.approx(np.sqrt(model.gravity / (dynamics.com[2] + 0.7)))
-    c, c_dot, step = np.array(dynamics.com[:2]), np.array(dynamics.com_velocity[:2]), 1.0e-4
-    for _ in range(round(5.0 / omega / step)):
-        c_ddot = omega**2 * (c - point)
-        c, c_dot = c + step * c_dot + 0.5 * step**2 * c_ddot, c_dot + step * c_ddot
-    np.testing.assert_allclose(c, point, atol=2e-3)
-
-
-def test_capture_point_below_the_support_is_finite(load):
+def test_capture_point_and_its_smallest_height(load):
     model, _ = load("g1")
     dynamics = snapshot(model, model.configuration(model.posture), np.ones(model.nv))
+    task = CapturePointTask("cp", model.gravity, support_height=-0.7)
+    assert task.omega(dynamics) == pytest.approx(np.sqrt(model.gravity / (dynamics.com[2] + 0.7)))
+    point = dynamics.com[:2] + dynamics.com_velocity[:2] / task.omega(dynamics)
+    np.testing.assert_allclose(task.position(dynamics), point)
     task = CapturePointTask("cp", model.gravity, support_height=5.0)
     assert task.omega(dynamics) == pytest.approx(np.sqrt(model.gravity / 0.1))
     np.testing.assert_allclose(
