@@ -160,8 +160,15 @@ def test_an_error_names_the_value_and_its_range(call, sentence):
 
 
 def test_a_state_with_absurd_values_leads_to_damping_with_a_reason():
-    for q, v, word in ((Q, np.full(MODEL.nv, 1e308), "above 1e+09"), (np.zeros(MODEL.nq), V, "not a unit quaternion")):
+    absurd = [(Q, np.full(MODEL.nv, 1e308), "above 1e+09"), (np.zeros(MODEL.nq), V, "not a unit quaternion")]
+    absurd += [
+        (np.full(MODEL.nq, np.nan), V, "q is not finite: ["),
+        (Q, np.full(MODEL.nv, np.nan), "v is not finite: ["),
+    ]
+    for q, v, word in absurd:
         CONTROLLER.reset(Q, V)
         result = CONTROLLER.step(q, v, 0.0)
         assert (result.mode, result.fault.code) == (wbc.Mode.DAMPING, "BAD_STATE")
         assert word in result.fault.sentence
+        assert np.isfinite(result.tau).all()
+        assert result.solution is None

@@ -90,6 +90,7 @@ def test_imu_data_that_end_are_a_fault_within_the_deadline(robot):
     ("changes", "said"),
     [
         ({"turning": (np.nan, 0.0, 0.0)}, "angular_velocity is not finite"),
+        ({"turning": (0.0, 200.0, 0.0)}, "angular_velocity is [0.0, 200.0, 0.0] rad/s (limit 100)"),
         ({"force": (0.0, 0.0, -2e3)}, "linear_acceleration is [0.0, 0.0, -2000.0] m/s² (limit 1000)"),
         ({"frame": "head"}, "header.frame_id is 'head'; it must be the IMU's frame 'base'"),
         ({"time": 0}, "header.stamp is 0"),
@@ -332,7 +333,9 @@ def test_precedence_of_force_switch_and_command(robot):
     ("changes", "said"),
     [
         ({"newtons": np.nan}, "wrench.force is not finite"),
+        ({"newtons": 2e5}, "wrench.force is [0.0, 0.0, 200000.0] N (limit 100000 N)"),
         ({"newtons": 50.0, "frame": "head"}, "is 'head'; valid for the force at contact 'front_left_foot'"),
+        ({"newtons": 50.0, "time": 0}, "header.stamp is 0"),
     ],
 )
 def test_an_invalid_force_is_refused_without_effect(robot, changes, said):

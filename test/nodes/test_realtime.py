@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -50,46 +51,17 @@ def calls(monkeypatch):
     return asked
 
 
-class Sleeper:
-    """Another thread of this process, which can start a further one."""
-
-    def __init__(self):
-        self.later = []
-        self._start, self._end, self._ready = threading.Event(), threading.Event(), threading.Event()
-        self._thread = threading.Thread(target=self._run)
-        self._thread.start()
-
-    def _run(self):
-        self._start.wait()
-        thread = threading.Thread(target=self._note)
-        thread.start()
-        thread.join()
-        self._end.wait()
-
-    def _note(self):
-        self.later.append((os.sched_getaffinity(0), os.sched_getscheduler(0)))
-
-    @property
-    def number(self):
-        return self._thread.native_id
-
-    def start_another(self):
-        self._start.set()
-        while not self.later:
-            self._ready.wait(0.001)
-        return self.later[0]
-
-    def close(self):
-        self._start.set()
-        self._end.set()
-        self._thread.join()
-
-
 @pytest.fixture
-def sleeper():
-    made = Sleeper()
-    yield made
-    made.close()
+def other_thread():
+    """Another thread of this process, in which functions run."""
+    with ThreadPoolExecutor(1) as pool:
+        yield lambda function: pool.submit(function).result()
+
+
+def scheduling_of_a_new_thread():
+    """Return affinity and class of a thread that the calling thread starts."""
+    with ThreadPoolExecutor(1) as pool:
+        return pool.submit(lambda: (os.sched_getaffinity(0), os.sched_getscheduler(0))).result()
 
 
 def test_no_system_calls_by_default(calls, monkeypatch):
@@ -99,10 +71,11 @@ def test_no_system_calls_by_default(calls, monkeypatch):
     apply_realtime(RealtimeSettings())
 
 
-def test_every_thread_gets_the_class_and_the_priority_and_all_memory_is_locked(calls, sleeper):
+def test_every_thread_gets_the_class_and_the_priority_and_all_memory_is_locked(calls, other_thread):
+    other = other_thread(threading.get_native_id)
     apply_realtime(RealtimeSettings(scheduling="rr", priority=17))
     assert {name for name, *_ in calls} == {"sched_setscheduler"}
-    assert {thread for _, thread, _, _ in calls} >= {os.getpid(), sleeper.number}
+    assert {thread for _, thread, _, _ in calls} >= {os.getpid(), other}
     assert {(kind, parameter.sched_priority) for _, _, kind, parameter in calls} == {(os.SCHED_RR, 17)}
     calls.clear()
     apply_realtime(RealtimeSettings(lock_memory=True))
@@ -226,11 +199,12 @@ def test_another_operating_system_is_refused(monkeypatch):
     assert describe_scheduling() == ""
 
 
-def test_present_and_later_threads_get_the_affinity(restored, sleeper):
+def test_present_and_later_threads_get_the_affinity(restored, other_thread):
+    other = other_thread(threading.get_native_id)
     apply_realtime(RealtimeSettings(affinity=[ONE, ONE]))
-    for thread in (0, sleeper.number):
+    for thread in (0, other):
         assert os.sched_getaffinity(thread) == {ONE}
-    assert sleeper.start_another()[0] == {ONE}
+    assert other_thread(scheduling_of_a_new_thread)[0] == {ONE}
     assert describe_scheduling().endswith(f" on processor {ONE}")
 
 
@@ -245,7 +219,7 @@ def test_a_missing_processor_is_refused_without_changes(restored, affinity):
     assert os.sched_getaffinity(0) == {ONE}
 
 
-def test_fifo_holds_for_all_threads_and_for_later_ones(restored, sleeper):
+def test_fifo_holds_for_all_threads_and_for_later_ones(restored, other_thread):
     """With real effect if permitted, otherwise with a real refusal."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
@@ -253,10 +227,11 @@ def test_fifo_holds_for_all_threads_and_for_later_ones(restored, sleeper):
         with pytest.raises(ConfigurationError, match="refused by the system"):
             apply_realtime(RealtimeSettings(scheduling="fifo", priority=1))
         return
+    other = other_thread(threading.get_native_id)
     apply_realtime(RealtimeSettings(scheduling="fifo", priority=2))
-    for thread in (0, sleeper.number):
+    for thread in (0, other):
         assert os.sched_getscheduler(thread) == os.SCHED_FIFO
-    assert sleeper.start_another()[1] == os.SCHED_FIFO
+    assert other_thread(scheduling_of_a_new_thread)[1] == os.SCHED_FIFO
     assert describe_scheduling().startswith("fifo 2 on ")
 
 
@@ -290,6 +265,21 @@ def test_a_refused_setting_prevents_the_start(restored):
     with pytest.raises(ConfigurationError, match=f"affinity = \\[{NOWHERE}\\]"):
         run_controller(settings, transport, threading.Event())
     assert opened == []
+
+
+def test_a_controller_runs_on_its_configured_processors(restored):
+    stop = threading.Event()
+    settings = load("go2").replace({"control.realtime.affinity": [ONE]}).settings
+    seen = []
+
+    class Looks(MemoryTransport):
+        def advertise(self, endpoint):
+            seen.append(os.sched_getaffinity(0))
+            stop.set()
+            return super().advertise(endpoint)
+
+    run_controller(settings, Looks(MemoryBus()), stop)
+    assert set(map(frozenset, seen)) == {frozenset([ONE])}
 
 
 @pytest.mark.parametrize(

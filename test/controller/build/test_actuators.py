@@ -1,7 +1,5 @@
 """The service with transmissions, a spring and a mimic joint: joint states in, actuator torques out."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from chains import MENAGERIE, TENDON, menagerie
@@ -12,8 +10,7 @@ from wbc_controller.controller.build.limits import make_torque_speed
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.build.robot_description import describe
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.middleware.codec import decode, encode
-from wbc_controller.middleware.topics import GUARD_NODE, GUARD_TOPICS, Direction, counterpart, endpoints
+from wbc_controller.middleware.topics import GUARD_NODE, GUARD_TOPICS, Direction, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.clock import ManualClock
 from wbc_controller.nodes.guard_service import GuardService
@@ -115,21 +112,17 @@ def test_the_guard_takes_over_by_actuator(make, command):
     bus, clock = MemoryBus(), ManualClock(100.0)
     table = endpoints(GUARD_TOPICS, GUARD_NODE)
     service = GuardService(settings, robot, make_guard_damping(settings, model), table, MemoryTransport(bus), clock)
-    user = MemoryTransport(bus)
-    topics = SimpleNamespace(**{topic.key: topic for topic in table})
-    sent: list[bytes] = []
-    user.subscribe(counterpart(topics.effort), sent.append)
-    publish = {key: user.advertise(counterpart(getattr(topics, key))) for key in ("joint_commands", "joint_states")}
+    peer = Peer(bus, table)
     tau, velocity = 0.1 * model.effort_limits, np.linspace(-0.5, 0.5, model.nj)
     nothing = np.full(model.nj, np.nan)
     for cycle in range(60):
         clock.time += 1.0 / settings.control.rate
-        publish["joint_states"](encode(make.joint_state(model.joints, np.zeros(model.nj), velocity)))
+        peer.send("joint_states", make.joint_state(model.joints, np.zeros(model.nj), velocity))
         if cycle < 20:
             at_joints = model.actuation.at_joints(tau)
-            publish["joint_commands"](encode(make.joint_state(model.joints, nothing, nothing, at_joints)))
+            peer.send("joint_commands", make.joint_state(model.joints, nothing, nothing, at_joints))
         service.cycle()
-    efforts = np.array([decode(payload, topics.effort.type).data for payload in sent])
+    efforts = np.array([content.data for content in peer.all("effort")])
     assert efforts.shape[1] == model.actuation.command_size
     efforts = np.array([model.actuation.from_command(row) for row in efforts])
     step = settings.limits.torque_rate / settings.control.rate * model.effort_limits

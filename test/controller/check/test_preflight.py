@@ -208,7 +208,7 @@ def test_a_posture_that_leaves_a_loop_open(robot_of, changed):
 
 
 def test_feet_on_a_slope(robot_of, changed):
-    settings = without_walking(robot_of, "g1")
+    settings, _ = robot_of("g1")
     posture = list(settings.robot.posture)
     for side in ("left", "right"):
         posture[settings.robot.joints.index(f"{side}_ankle_pitch_joint")] -= 0.2

@@ -257,6 +257,7 @@ def test_open_loop_closes_with_its_stiffness(load, random_state, seed):
 @pytest.mark.parametrize(
     ("make", "said"),
     [
+        (lambda model: a_fixed([False] * 6)(model, np.random.default_rng(0)), "at least one axis must be held"),
         (
             lambda model: LoopClosure("c", model, HANDS, (pin.SE3.Identity(),) * 2, [False] * 6),
             "at least one axis must be held",

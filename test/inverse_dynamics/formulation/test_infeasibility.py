@@ -253,6 +253,8 @@ def test_explanation_only_on_request(bench, monkeypatch):
         robot.controller.solve(robot.state(), robot.references(), None, False)
     assert error.value.infeasibility is None
     assert "conflict" not in str(error.value)
+    without_a_program = NoSolution("the contacts conflict", "infeasible", None)
+    assert without_a_program.explained() is without_a_program
 
 
 def test_number_of_linear_programs_is_bounded(bench, monkeypatch):

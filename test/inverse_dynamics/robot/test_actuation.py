@@ -39,19 +39,6 @@ def solve(settings: Settings, model: RobotModel, state: RobotState):
     return controller, controller.solve(state, board.sample(0.0))
 
 
-@pytest.mark.parametrize("name", ["g1", "go2"])
-def test_shipped_robots_have_one_motor_per_joint(load, name):
-    model, _ = load(name)
-    rng = np.random.default_rng(0)
-    force, torques = rng.normal(size=(model.nv, 3)), rng.normal(size=model.nj)
-    assert model.actuation.direct
-    assert model.actuators == model.joints
-    np.testing.assert_array_equal(model.actuation.torques(force), force[model.v_index])
-    np.testing.assert_array_equal(model.actuation.split(force)[:6], force[:6])
-    assert model.actuation.at_joints(torques) is torques
-    np.testing.assert_array_equal(model.actuation.from_joints(torques), torques)
-
-
 @pytest.mark.parametrize("base", ["fixed", "floating"])
 @pytest.mark.parametrize(("changes", "left"), [({}, 1), (TENDON, 2)], ids=["motors", "tendon"])
 def test_split_of_generalized_forces(base, changes, left):

@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wbc_controller.controller.build.robot import make_model
+from wbc_controller.inverse_dynamics.contacts import PointContact
 from wbc_controller.inverse_dynamics.contacts.mount import Mount
 from wbc_controller.inverse_dynamics.formulation.rows import CompiledRows, RowEntry
 from wbc_controller.inverse_dynamics.robot import frame_kernels as kernel
@@ -17,6 +18,7 @@ from wbc_controller.inverse_dynamics.tasks import (
     FrameOrientationTask,
     FramePoseTask,
     FramePositionTask,
+    PostureTask,
 )
 from wbc_controller.records import Reference, frozen
 from wbc_controller.settings.files import find_configuration, load_settings
@@ -168,6 +170,15 @@ def test_link_motion_views_pinocchio_vectors(robot):
     for parts, rows in tables:
         np.testing.assert_array_equal([part.vector for part in parts], rows)
     assert not dynamics.joints.flags.writeable
+
+
+def test_rows_of_subclasses_and_of_balls_between_links_are_not_compiled():
+    model, (frame, _, other, _) = ROBOTS["g1"].model, FRAMES["g1"]
+    for kind, more in ((FramePositionTask, ()), (PostureTask, None), (PointContact, (np.zeros(3), 0.02))):
+        arguments = ("own", model) if more is None else ("own", model, frame, *more)
+        assert kind(*arguments).instruction() is not None
+        assert type("Own", (kind,), {})(*arguments).instruction() is None
+    assert PointContact("between", model, frame, np.zeros(3), 0.02, against=other).instruction() is None
 
 
 def test_non_contiguous_vectors_are_refused():

@@ -375,19 +375,6 @@ def test_equation_of_rate_tasks(load, random_state, kind):
         RATES[kind](model, **{key: [1.0] * 4})
 
 
-def test_momenta_equal_pinocchio(load, random_state):
-    model, _ = load("g1")
-    q, v = random_state(model, np.random.default_rng(14))
-    dynamics = snapshot(model, q, v)
-    expected = pin.computeCentroidalMomentum(model.pinocchio, model.pinocchio.createData(), q, v).vector
-    linear, angular = LinearMomentumTask("l"), AngularMomentumTask("a")
-    np.testing.assert_allclose(linear.position(dynamics), expected[:3], atol=1e-9)
-    np.testing.assert_allclose(angular.position(dynamics), expected[3:], atol=1e-9)
-    np.testing.assert_allclose(linear.position(dynamics), model.mass * dynamics.com_velocity, atol=1e-9)
-    for task in (linear, angular):
-        np.testing.assert_array_equal(task.rest(dynamics).position, np.zeros(3))
-
-
 def test_capture_point_and_its_smallest_height(load):
     model, _ = load("g1")
     dynamics = snapshot(model, model.configuration(model.posture), np.ones(model.nv))

@@ -9,7 +9,6 @@ from composed import whole
 
 from wbc_controller.controller.visualization.scene import CONE_HEIGHT, FORCE_LENGTH
 from wbc_controller.middleware.codec import nanoseconds
-from wbc_controller.middleware.transports.memory import MemoryTransport
 from wbc_controller.nodes.diagnostics.markers import MarkerScene, read_shapes
 from wbc_controller.settings import Settings
 
@@ -194,23 +193,6 @@ def test_the_rate_is_the_configured_one(bench):
         controller = bench("go2", {"control": {"markers_rate": rate}})
         controller.cycle(100)
         assert expected[0] <= len(controller.received("markers")) <= expected[1], rate
-
-
-def test_markers_are_composed_on_demand(bench, monkeypatch):
-    readers = set()
-    monkeypatch.setattr(MemoryTransport, "has_reader", lambda self, endpoint: endpoint.key in readers)
-    controller = bench("go2", {"control": {"markers_rate": 50.0}})
-    controller.cycle(50)
-    assert not controller.received("markers")
-    readers.add("markers")
-    controller.cycle(100)  # detected within 0.1 s
-    seen = len(controller.received("markers"))
-    assert seen >= 4
-    readers.clear()
-    controller.cycle(51)
-    seen = len(controller.received("markers"))
-    controller.cycle(50)
-    assert len(controller.received("markers")) <= seen + 1  # one may be in transit
 
 
 def test_a_robot_on_a_fixed_base_has_no_capture_point(robot_of):

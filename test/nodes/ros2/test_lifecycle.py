@@ -443,18 +443,6 @@ def test_a_loop_that_fails_sends_zeros_and_ends_in_error_processing(bring_up, lo
     assert on_executor(executor, node.trigger_configure) == SUCCESS
 
 
-def test_while_another_node_publishes_torques_the_activation_is_refused(bring_up, robot):
-    node, user, executor = bring_up(robot, transitions=(), **PATIENT)
-    stranger = user.create_publisher(Float64MultiArray, "/effort_controller/commands", 1)
-    for transition in (node.trigger_configure, node.trigger_activate):
-        assert on_executor(executor, transition) == SUCCESS
-    activate, refused = caller(user, "activate"), []
-    until(lambda: refused.append(activate()) or "published by /user too" in refused[-1][1], patience=20)
-    assert not any(success for success, _ in refused)
-    on_executor(executor, lambda: user.destroy_publisher(stranger))
-    until(lambda: activate()[0], patience=20)
-
-
 def test_a_description_that_is_too_long_is_refused_before_it_is_decoded(make_node, context, log):
     node, user = make_node(robot="g1", robot__urdf=""), rclpy.create_node("user", context=context)
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
