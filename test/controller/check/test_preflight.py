@@ -25,7 +25,7 @@ def shipped(robot_of, name):
 
 
 def without_walking(robot_of, name):
-    """The check of the gait takes most of the time."""
+    """Return settings without walking: the check of the gait takes most of the time."""
     return robot_of(name)[0].model_copy(update={"walking": None})
 
 

@@ -172,7 +172,7 @@ def velocity_by_differences(contact, model, q, v, step=1.0e-6):
 @few
 @given(seed=seeds)
 def test_jacobian_is_the_contact_velocity(load, random_state, kind, seed):
-    """The displacements from the anchors, `test_anchors`, and `test_open_loop…` test the other kinds."""
+    """Other kinds: `test_anchors` (displacements) and `test_open_loop_closes_with_its_stiffness`."""
     model, _ = load("g1")
     rng = np.random.default_rng(seed)
     contact = KINDS[kind](model, rng)
