@@ -205,6 +205,32 @@ def test_failure_of_the_first_level_has_no_solution():
     assert hierarchy().solve(problem, [level("0", np.eye(3), np.zeros(3), 3)]).x is None
 
 
+def test_strict_task_is_unaffected_by_lower_levels(bench):
+    """The centre of mass stays exactly, while a hand is commanded to a point 2 m away."""
+    results = {}
+    for name, levels in {"weighted": {}, "strict": {"left_hand": 1, "posture": 2}}.items():
+        robot = bench("g1").on_levels(**levels)
+        references = robot.references(left_hand=100.0)
+        far = references.tasks["left_hand"].position + np.array([0.5, 0.5, 0.5, 0, 0, 0, 0])
+        hand = replace(references.tasks["left_hand"], position=far)
+        wanted = replace(references, tasks={**references.tasks, "left_hand": hand})
+        alone = robot.controller.solve(
+            robot.state(), replace(wanted, weights={**wanted.weights, "left_hand": 0.0, "posture": 0.0})
+        )
+        solution = robot.controller.solve(robot.state(), wanted)
+        assert not solution.relaxed
+        assert max(solution.residuals.values()) < 1e-6
+        dynamics = robot.controller.dynamics
+        results[name] = np.linalg.norm(dynamics.com_jacobian @ (solution.v_dot - alone.v_dot))
+        if name == "strict":
+            assert [report.tasks for report in solution.levels] == [
+                ("com", "pelvis", "torso"), ("left_hand",), ("posture",)
+            ]  # fmt: skip
+            assert all(report.iterations > 0 for report in solution.levels)
+    assert results["strict"] < 1e-8
+    assert results["weighted"] > 0.1
+
+
 def without_squares(level):
     """Return the level with its cost as H and g, for the solution in the null space."""
     cost = level.cost
