@@ -9,7 +9,7 @@ from domains import own_domain
 from wbc_controller.validation.fuzz.floods import CYCLES, STALL, Stop, StopTrial, _gaps, flood_trials
 
 #: Floods and stops in each; `wbc fuzz floods` has 100 stops.
-KINDS, TRIALS = ("activate", "update", "large"), 2
+KINDS, TRIALS = ("activate", "update", "large"), 1
 #: Least rate of a flood, messages per second.
 LEAST = {"large": 1.0}
 LEAST_OF_SMALL = 500.0

@@ -16,7 +16,7 @@ from wbc_controller.middleware.topics import GUARD_NODE, GUARD_TOPICS, endpoints
 pytestmark = pytest.mark.live
 
 #: Number of stops of the controller.
-STOPS = 8
+STOPS = 4
 #: Patiences from the last command to damping torque, in the fastest case: 1.2 on an idle machine, up to 2.6 at load 15.
 AT_MOST = 4.0
 

@@ -10,7 +10,7 @@ import pytest
 pytestmark = pytest.mark.live
 
 #: Number and duration of busy processes, s.
-BUSY, LONGEST = 4, 300
+BUSY, LONGEST = 2, 300
 
 
 @pytest.fixture
