@@ -49,7 +49,8 @@ bench: $(VENV)/dev.installed  ## time the solvers, and whole cycles beside tsid'
 	$(BIN)/python benchmarks/compare.py $(if $(AGAINST),--against $(AGAINST))
 
 # The tests of the rooms with kernels, without those that depend on wall time.
-KERNEL_TESTS := test/test_compilation.py test/test_kernel_sizes.py test/inverse_dynamics test/estimation test/safety
+KERNEL_TESTS := test/test_compilation.py test/test_kernel_sizes.py test/inverse_dynamics test/estimation test/safety \
+    test/walking
 NOT_LIVE := -n logical --dist worksteal -m "not live and not browser"
 
 boundscheck: $(VENV)/dev.installed  ## test the kernels with bounds checks of arrays
