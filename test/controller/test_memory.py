@@ -168,7 +168,9 @@ def shared_arrays(controller: ControlCycle) -> list[str]:
 def test_a_restored_controller_continues_bit_for_bit(robot_of, stance_of, changed, case, seed):
     name, changes = CASES[case]
     settings, model = robot_of(name)
-    settings = changed(settings, {"safety": {"hold_time": 0.01, "damping_time": 0.05}, **changes})
+    settings = changed(
+        settings, {"safety": {"activation_ramp": 0.02, "hold_time": 0.01, "damping_time": 0.05}, **changes}
+    )
     original = ControlCycle(settings, model=model, preflight=False)
     run = RandomRun(original, stance_of(name), seed)
     inputs, results, saved = [], [], {}
