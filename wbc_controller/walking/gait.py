@@ -36,7 +36,7 @@ class Gait(SpeedLimits):
     height: float  # of the centre of mass above the ground in the nominal posture, m
     lowering: float  # of the centre of mass from this height while walking, m: long steps need bent knees
     clearance: float  # height of the swing foot above the ground, m
-    rough_clearance: float  # the same on rough ground, m
+    rough_clearance: float  # its height above rough ground, m
     width: float  # nominal distance between the feet, m
     least_width: float  # smallest distance between the feet, m
     length: float  # longest step forward or backward, m
