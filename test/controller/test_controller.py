@@ -30,33 +30,6 @@ def run(controller, seconds, q=None, start=0.0, v=None):
     return [controller.step(q, v, start + i * PERIOD) for i in range(round(seconds / PERIOD))]
 
 
-def test_torques_ramp_in_from_zero_and_hold_their_rate(controller):
-    results = run(controller, 0.3)
-    tau = np.array([result.tau for result in results])
-    assert not tau[0].any()
-    step = controller.config["limits.torque_rate"] * PERIOD * controller.model.effort_limits
-    assert (np.abs(np.diff(tau, axis=0)) <= step + 1e-9).all()
-    half = round(0.5 * controller.config["safety.activation_ramp"] / PERIOD)
-    np.testing.assert_allclose(tau[half], 0.5 * results[half].solution.tau, atol=1e-9)
-    np.testing.assert_allclose(tau[-1], results[-1].solution.tau, atol=1e-6)
-    weight = controller.model.mass * controller.model.gravity
-    assert sum(force[2] for force in results[-1].forces.values()) == pytest.approx(weight, rel=1e-3)
-
-
-def test_without_a_ramp_the_torques_are_there_as_fast_as_their_rate_allows():
-    config = wbc.load("go2")
-    loaded = {f"contacts.{name}.ramp": 0.0 for name in config.settings.contacts}
-    controller = wbc.Controller(config.replace({"safety.activation_ramp": 0.0, "limits.torque_rate": 20.0, **loaded}))
-    controller.reset(controller.stance(), np.zeros(controller.model.nv))
-    results = run(controller, 0.1)
-    assert not any(result.relaxed for result in results)
-    # The program ignores the ramped torques: its solution is static.
-    np.testing.assert_allclose(results[1].solution.tau, results[-1].solution.tau, atol=1e-3)
-    np.testing.assert_allclose(results[-1].tau, results[-1].solution.tau, atol=1e-6)
-    steps = np.abs(np.diff([result.tau for result in results], axis=0)) / controller.model.effort_limits
-    assert 0.9 * 20.0 * PERIOD < steps.max() <= 20.0 * PERIOD + 1e-9
-
-
 def test_controller_equals_service(bench, make):
     """The same states and requests by topics and by Python: equal torques."""
     service = bench()
@@ -206,17 +179,6 @@ def test_weights_contacts_and_settings_are_ramped_and_a_known_load_is_carried(co
     assert sum(force[2] for force in result.forces.values()) == pytest.approx(weight + 30.0, rel=1e-3)
 
 
-def test_a_failure_holds_then_damps_and_is_explained(controller, monkeypatch):
-    run(controller, 0.3)
-    monkeypatch.setattr(controller.contacts["front_left_foot"], "max_normal_force", -50.0)
-    (failed,) = run(controller, PERIOD, start=0.3)
-    assert (failed.mode, failed.fault.code) == (Mode.HOLDING, "NO_SOLUTION")
-    controller._explanation.result()  # wait for the search
-    (explained,) = run(controller, PERIOD, start=0.302)
-    assert "normal_force:front_left_foot" in explained.fault.infeasibility.conflict
-    assert run(controller, 0.2, start=0.304)[-1].mode is Mode.DAMPING
-
-
 def test_requests_end_as_on_the_topic(controller):
     run(controller, 0.3)
     controller.request("deactivate")
@@ -287,9 +249,6 @@ def test_the_configuration_is_checked_as_by_the_command():
     with pytest.raises(wbc.ConfigurationError, match=r"g1\.yaml: the robot cannot stand still in robot\.posture"):
         wbc.Controller(config)
     assert wbc.Controller(config, preflight=False).mode is Mode.INACTIVE
-
-
-def test_check_does_not_change_the_program():
     checked, unchecked = wbc.Controller("g1"), wbc.Controller("g1", preflight=False)
     results = []
     for controller in (checked, unchecked):

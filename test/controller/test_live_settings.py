@@ -72,14 +72,8 @@ def test_every_other_key_is_refused_by_name(tuner):
         ({"tasks.com.stifness": 1.0}, "test: tasks.com.stifness: unknown key; did you mean 'stiffness'?"),
         ({"tasks.foot.type": "com"}, "test: tasks.foot: read only when the controller is configured"),
         ({"tasks.com.type": "linear_momentum", "tasks.com.stiffness": 1.0}, "unknown key"),
-        (
-            {"limits.position_margin": 1.0},
-            "limits.position_margin = 1: valid in a running controller: 0 to 0.2",
-        ),
-        (
-            {"limits.acceleration": 1.0e5},
-            "limits.acceleration = 100000: valid in a running controller: 20 to 400",
-        ),
+        ({"limits.position_margin": 1.0}, "limits.position_margin = 1: valid in a running controller: 0 to 0.2"),
+        ({"limits.acceleration": 1.0e5}, "limits.acceleration = 100000: valid in a running controller: 20 to 400"),
         ({"limits.acceleration": 19.9, "limits.velocity_scale": 0.09}, "limits.velocity_scale = 0.09: valid in"),
         ({"limits.position_margin": 0.01, "control.rate": 100.0}, "test: control.rate: read only when"),
         ({"robot.joints": ["a"]}, "robot.posture has"),
@@ -95,7 +89,7 @@ def test_changes_are_atomic(tuner, change, said):
     assert (changed.settings, changed.newest) == (settings, newest)
 
 
-def test_check_and_empty_change_have_no_effect(tuner):
+def test_checks_and_empty_changes_have_no_effect_and_others_are_logged(tuner, caplog):
     changed, news = tuner(), []
     changed.changed = lambda: news.append(1)
     newest = changed.newest
@@ -104,6 +98,10 @@ def test_check_and_empty_change_have_no_effect(tuner):
     assert (changed.newest is newest, news) == (True, [])
     changed.accept({"tasks": {"com": {"stiffness": 1.0}}}, "test")
     assert (changed.newest is newest, news) == (False, [1])
+    with caplog.at_level(logging.INFO):
+        tuner().accept({"tasks": {"com": {"stiffness": 7}}}, "update")
+    assert "update: tasks.com.stiffness: " in caplog.text
+    assert "-> 7.0" in caplog.text
 
 
 def update(controller, text):
@@ -180,13 +178,6 @@ def test_updates_of_references_and_settings_are_atomic(bench):
     assert controller.loop.controller.qp.tasks["com"].stiffness == 7.0
 
 
-def test_a_change_is_logged_with_both_values(tuner, caplog):
-    with caplog.at_level(logging.INFO):
-        tuner().accept({"tasks": {"com": {"stiffness": 7}}}, "update")
-    assert "update: tasks.com.stiffness: " in caplog.text
-    assert "-> 7.0" in caplog.text
-
-
 def test_the_torque_speed_curve_outlives_a_change_of_the_limits(bench):
     """A knee above its corner speed has less torque in every cycle, during all changes."""
     robot = standing(bench, limits={"torque_speed": {"enabled": True, "corner": 0.01, "no_load": 0.5}})
@@ -221,13 +212,7 @@ def test_live_range_ends_at_the_configured_value(robot_of, changed, configured, 
 
 
 @pytest.mark.parametrize(
-    ("robot", "key", "end"),
-    [
-        ("g1", "position_margin", 0),
-        ("g1", "position_margin", 1),
-        ("go2", "velocity_scale", 0),
-        ("go2", "acceleration", 0),
-    ],
+    ("robot", "key", "end"), [("g1", "position_margin", 1), ("go2", "velocity_scale", 0), ("go2", "acceleration", 0)]
 )
 def test_the_ends_of_the_live_ranges_are_safe(robot, key, end):
     """Stand, then sway within joint limits, without relaxation."""

@@ -25,7 +25,7 @@ from wbc_controller.recording.json_records import from_json, to_json
 from wbc_controller.records import ChangeSettings, Fault, Mode, RobotState, frozen
 
 #: Cycles of a run, of continuations, and between saved states.
-CYCLES, LENGTH, EVERY = 300, 25, 11
+CYCLES, LENGTH, EVERY = 300, 25, 20
 
 ESTIMATED = {"base_state": "imu"}  # with torque filter, disturbance observer and contact forces
 CASES = {

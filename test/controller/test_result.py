@@ -22,16 +22,13 @@ def binding(results):
     return max(results, key=lambda each: len(each.binding))
 
 
-def test_values_of_solution_and_command(binding):
+def test_values_and_tables_of_a_result(binding):
     assert binding.tau is binding.command.tau
     assert list(binding.torques) == list(binding.qp.model.actuators)
     assert list(binding.torques.values()) == binding.tau.tolist()
     assert binding.v_dot is binding.solution.v_dot
     assert set(binding.forces) == {"left_foot", "right_foot"}
     assert max(binding.residuals.values()) < 1e-5
-
-
-def test_friction_used_is_the_share_of_the_pyramid_of_forces(binding):
     used = binding.friction_used()
     for name, force in binding.forces.items():
         contact = binding.qp.contacts[name]
@@ -39,6 +36,10 @@ def test_friction_used_is_the_share_of_the_pyramid_of_forces(binding):
             assert used[name] == pytest.approx(np.hypot(*force[:2]) / (contact.friction * force[2]))
         else:
             assert np.isnan(used[name])
+    page = binding._repr_html_()
+    cells = re.findall(r"<td[^>]*>(.*?)</td>", page)
+    assert set(binding.binding) | set(binding.task_errors) | set(binding.forces) <= set(cells)
+    assert page.count("<table>") == 4
 
 
 def test_table_of_binding_constraints_and_tasks(binding):
@@ -53,13 +54,6 @@ def test_table_of_binding_constraints_and_tasks(binding):
     assert re.search(rf"^{largest} +\S+ N·m +\d+ %$", said, flags=re.MULTILINE)
     assert "array(" not in said
     assert max(map(len, lines)) <= 110
-
-
-def test_the_notebook_shows_the_same_cells(binding):
-    page = binding._repr_html_()
-    cells = re.findall(r"<td[^>]*>(.*?)</td>", page)
-    assert set(binding.binding) | set(binding.task_errors) | set(binding.forces) <= set(cells)
-    assert page.count("<table>") == 4
 
 
 def test_result_without_a_solution():

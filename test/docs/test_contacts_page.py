@@ -68,33 +68,6 @@ def test_what_the_page_shows_is_made_borne_and_broken_by_topic(bench, make, name
     assert most[-1] <= 0.02 * (SHOWN[name].get("max_normal_force") or SHOWN[name]["max_force"])
 
 
-def test_several_kinds_are_made_and_broken_in_one_cycle(bench, make):
-    names = ("grip", "palms", "left_sole")
-    shown = {name: SHOWN[name] for name in names}
-    robot = bench("g1", {"contacts": shown | {"left_foot": {"enabled": False}}})
-    robot.activate()
-    robot.cycle(20)
-    robot.send("update", make.string("{contacts: {grip: {enabled: true}, palms: {enabled: true}}}"))
-    made = [set(robot.cycle().solution.forces) for _ in range(3)]
-    assert all(("grip" in forces) == ("palms" in forces) for forces in made)
-    assert made[-1] == {*names, "right_foot"}
-    report = robot.cycle(150)
-    assert report.solution.forces["palms"][2] >= 5.0 - 1e-6
-    assert not report.solution.relaxed
-    swap = "{contacts: {grip: {enabled: false}, palms: {enabled: false}, left_sole: {enabled: false}, "
-    robot.send("update", make.string(swap + "left_foot: {enabled: true}}}"))
-    steps, tau = [], report.command.tau
-    for _ in range(150):
-        report = robot.cycle()
-        steps.append(np.abs(report.command.tau - tau).max())
-        tau = report.command.tau
-    assert set(report.solution.forces) == {"left_foot", "right_foot"}
-    assert not any(report.refused for report in robot.reports)
-    rate = robot.settings.limits.torque_rate * robot.model.effort_limits.max() * robot.period
-    assert max(steps) <= rate + 1e-9
-    print(f"largest torque step {max(steps):.2f} N·m of {rate:.2f}")
-
-
 def test_a_force_is_asked_of_a_grip_in_the_axes_in_which_it_is_published(bench, make):
     task = {"type": "contact_wrench", "contact": "grip", "weight": 1.0, "setpoint_duration": 0.05}
     grip = SHOWN["grip"] | {"enabled": True, "rpy": [0.4, -0.3, 0.2], "mask": [True, False, True, False, True, False]}

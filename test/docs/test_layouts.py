@@ -117,11 +117,3 @@ def test_plotjuggler(published, robot_of):
             fields[-1] += "[:]"
         assert has_field(published[topic].type, fields), curve
     assert used == set(selected)
-
-
-def test_a_field_that_does_not_exist_is_seen():
-    assert has_field("geometry_msgs/msg/WrenchStamped", ["wrench", "force", "z"])
-    assert not has_field("geometry_msgs/msg/WrenchStamped", ["wrench", "force", "w"])
-    assert not has_field("geometry_msgs/msg/WrenchStamped", ["wrench", "force[:]"])
-    assert has_field("sensor_msgs/msg/JointState", ["effort[:]"])
-    assert not has_field("sensor_msgs/msg/JointState", ["effort"])

@@ -22,19 +22,13 @@ def test_the_snippets_run_in_order(tmp_path, monkeypatch, capsys):
     assert len(SNIPPETS) >= 8
 
 
-def test_names_are_public():
+def test_names_length_and_attributes():
     mentioned = set(re.findall(r"\bwbc\.(\w+)", PAGE)) - {"__all__"}
     assert mentioned <= set(wbc.__all__)
     assert {"Controller", "Simulation", "MujocoInterface", "load", "check", "plot"} <= mentioned
-
-
-def test_length_of_the_loop():
     lines = (ROOT / "examples" / "mujoco_loop.py").read_text(encoding="utf-8").splitlines()
     (said,) = re.findall(r"a complete loop in (\d+) lines", PAGE)
     assert len(lines) == int(said) <= 25
-
-
-def test_attributes_of_results():
     table = PAGE[PAGE.index("| `result.`") : PAGE.index("A result prints itself")]
     names = re.findall(
         r"`(\w+)(?:\(\))?`", "\n".join(row.split("|")[1] for row in table.splitlines()[2:] if "|" in row)

@@ -26,18 +26,12 @@ def test_the_python_code_runs(capsys):
     assert len(code.splitlines()) <= 10
 
 
-def test_the_page_lists_all_commands():
+def test_pages_list_all_commands_examples_and_equations():
     page = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
     assert [name for name in COMMANDS if f"`wbc {name}`" not in page] == []
-
-
-def test_the_page_lists_all_examples():
     page = (ROOT / "docs" / "examples.md").read_text(encoding="utf-8")
     scripts = [path.name for path in (ROOT / "examples").iterdir() if path.suffix in (".py", ".ipynb")]
     assert [name for name in scripts if f"(../examples/{name})" not in page] == []
-
-
-def test_the_page_of_equations_names_code_that_exists():
     page = (ROOT / "docs" / "equations.md").read_text(encoding="utf-8")
     assert re.findall(r"^## (S\d+):", page, re.MULTILINE) == [f"S{number}" for number in range(1, 13)]
     named = re.findall(r"\]\(\.\./([^)]+)\) \(`(\w+)`\)", page)

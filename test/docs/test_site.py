@@ -28,7 +28,7 @@ def site(tmp_path_factory):
     return folder
 
 
-def test_pages_load_nothing_from_other_hosts(site):
+def test_pages_are_self_contained_and_found(site):
     pages = list(site.glob("*.html"))
     assert len(pages) > 25
     for page in pages:
@@ -37,18 +37,12 @@ def test_pages_load_nothing_from_other_hosts(site):
         assert [address for address in loaded if re.match(r"(?:https?:)?//", address)] == [], page.name
     styles = "".join(style.read_text(encoding="utf-8") for style in site.rglob("*.css"))
     assert re.findall(r"url\([\"']?(?:https?:)?//", styles) == []
-
-
-def test_equations_are_mathml_and_source_files_are_pages(site):
     page = (site / "equations.html").read_text(encoding="utf-8")
     assert page.count("<math") >= 12
     assert "arithmatex" not in page
     links = set(re.findall(r'href="(source/[^"]+)"', page))
     assert len(links) > 20
     assert all((site / link).is_file() for link in links)
-
-
-def test_the_search_finds_pages(site):
     index = (site / "search" / "search_index.js").read_text(encoding="utf-8")
     assert '"location":"equations.html#s8-gausss-principle"' in index
     assert "readme.html" not in index

@@ -10,7 +10,7 @@ from wbc_controller.controller.build.contacts import make_contact
 from wbc_controller.controller.build.estimation import make_estimator
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.estimation.absolute_pose import AGREEMENT_TIME, SPEED, PoseSample
-from wbc_controller.estimation.planar_transform import heading_of, planar_transform
+from wbc_controller.estimation.planar_transform import planar_transform
 from wbc_controller.estimation.running_estimate import ImuSample
 
 PERIOD = 0.004
@@ -141,14 +141,6 @@ def test_a_move_of_the_world_preserves_the_estimate(standing):
     np.testing.assert_allclose(np.diag(grown), [1e-4, 2e-4, 3e-4, 0.0, 0.0, 4e-4], atol=1e-12)
 
 
-def test_a_planar_transform_maps_a_point():
-    x, to = np.array([0.3, -0.2, 0.1]), np.array([1.0, 2.0, 3.0])
-    move = planar_transform(-2.0, x, to)
-    np.testing.assert_allclose(move.act(x), to, atol=1e-15)
-    np.testing.assert_allclose(pin.log3(move.rotation), [0.0, 0.0, -2.0], atol=1e-15)
-    assert heading_of(move) == pytest.approx(-2.0)
-
-
 def test_an_outlier_is_rejected_and_reported_once(standing):
     before = standing.estimator.filter.columns.copy()
     standing.take([standing.pose(beside(THERE, x=1.0))])
@@ -242,12 +234,6 @@ def test_interpolation_between_estimates(standing):
     poses._past[-2] = first._replace(frame=shift * first.frame)
     p = poses.frame_at(0.25 * first.stamp + 0.75 * second.stamp).translation
     np.testing.assert_allclose(p, THERE[:3] - [0.025, 0.0, 0.0], atol=1e-6)
-
-
-def test_without_poses_the_estimate_goes_on(standing):
-    before = standing.place.copy()
-    standing.run(1.0)
-    np.testing.assert_allclose(standing.place, before, atol=1e-3)
 
 
 def test_a_frame_that_the_robot_does_not_have_is_refused(still):

@@ -11,7 +11,6 @@ import pytest
 
 from wbc_controller import Simulation
 from wbc_controller.controller.build.estimation import make_estimator
-from wbc_controller.estimation.absolute_pose import PoseSample
 from wbc_controller.estimation.running_estimate import ImuSample
 from wbc_controller.settings.config import load
 
@@ -71,9 +70,8 @@ def ready(robot):
     return scene, np.max(worst, axis=0)
 
 
-@pytest.mark.parametrize("robot", ["talos", "go2"])
-def test_accuracy_during_motion_and_pushes(robot):
-    scene, worst = ready(robot)
+def test_accuracy_during_motion_and_pushes():
+    scene, worst = ready("talos")
     assert worst[:2].max() < 0.005
     assert worst[2] < 0.003
     assert worst[3:5].max() < np.deg2rad(0.4)  # an accelerometer's bias is a tilt, 0.05 m/s² of 0.3°
@@ -89,26 +87,6 @@ def test_the_biases_are_found_as_far_as_they_can_be_seen():
     deviation = np.sqrt(np.diag(found.P))
     assert deviation[2] > 5.0 * 1e-4  # unobservable heading
     assert (np.abs(found.gyroscope_bias - scene.biases[0]) < 5.0 * deviation[-6:-3]).all()
-
-
-def test_a_moving_foot_is_excluded():
-    scene = Scene("go2")
-    scene.run(0.8)
-    knee = scene.model.joints.index("FL_calf_joint")
-
-    def bent(q):
-        q = q.copy()
-        q[knee] += 0.1
-        return q
-
-    scene.joints = bent
-    left_out = []
-    for _ in range(30):
-        worst = scene.run(scene.controller.period)
-        left_out.append(scene.estimator.slipping)
-    assert left_out == 21 * [("front_left_foot",)] + 9 * [()]  # added again at rest
-    assert worst[:3].max() < 0.002
-    assert worst[6:9].max() < 0.03
 
 
 def test_feet_that_roll_are_not_taken_for_fixed_points():
@@ -194,15 +172,6 @@ def test_tilt_and_accelerometer_bias_are_correlated_at_rest():
     np.testing.assert_allclose(deviation[-3:-1], scene.settings.estimation.accelerometer_bias, rtol=0.05)
 
 
-def test_after_a_gap_in_the_imu_data_it_begins_anew():
-    scene, sample, q, v = standing()
-    fed(scene, stream(sample, 300), q, v)
-    assert fed(scene, stream(sample, 1, 0.598 + 0.02), q, v) == ""  # short gaps are bridged
-    assert "the IMU was silent for 0.200 s" in fed(scene, stream(sample, 1, 0.618 + 0.2), q, v)
-    assert scene.estimator.filter is None
-    assert fed(scene, stream(sample, 300, 1.0), q, v) == ""
-
-
 def test_samples_that_are_not_newer_change_nothing():
     scene, sample, q, v = standing()
     fed(scene, stream(sample, 300), q, v)
@@ -286,46 +255,6 @@ def test_covariance_and_stamp_at_the_start():
         assert (np.diag(part) > 0.0).all()
     scene.estimator.restart()
     assert (scene.estimator.covariance, scene.estimator.stamp) == (None, -np.inf)
-
-
-def test_delayed_poses_correct_drift():
-    """Go2 sways with creeping feet and a wrong gyroscope bias; poses at 20 Hz, 0.1 s late, noise 2 mm and 0.2°."""
-    creep = {"estimation.contact_noise": 0.01}
-    scene = Scene("go2", **{"estimation.absolute_pose": True, **creep})
-    alone = Scene.__new__(Scene)
-    alone.__dict__ |= scene.__dict__ | {"errors": []}
-    settings = scene.controller.config.replace({"estimation.base_state": "imu", **creep}).settings
-    alone.estimator = make_estimator(settings, scene.model, scene.controller.contacts)
-    rng, on_the_way, every = np.random.default_rng(2), [], round(0.05 / scene.controller.period)
-
-    def check(simulation):
-        sample, q, v = scene.sense()
-        for each in (scene, alone):
-            each.estimator.update([sample], q, v, scene.contacts)
-        if len(on_the_way) * every <= round(simulation.time / scene.controller.period):
-            truth = simulation.plant.state()[0][:7]
-            turned = pin.exp3(np.deg2rad(0.2) * rng.normal(size=3)) @ pin.Quaternion(truth[3:]).matrix()
-            pose = np.concatenate([truth[:3] + 0.002 * rng.normal(size=3), pin.Quaternion(turned).coeffs()])
-            on_the_way.append(PoseSample(simulation.time, pose, np.zeros((6, 6))))
-        arrived = [pose for pose in on_the_way if 0.0 <= simulation.time - pose.stamp - 0.1 < scene.controller.period]
-        assert scene.estimator.correct(arrived, controlled=True) == []
-        for each in (scene, alone):
-            if each.estimator.base is not None:
-                each.errors.append(each.error())
-
-    scene.simulation.run(0.75, check)
-    for each in (scene, alone):
-        found = each.estimator.filter
-        found.gyroscope_bias = found.gyroscope_bias + [0.0, 0.0, 0.01]
-        found.P[-4, -4] += 0.01**2
-    com = scene.controller.dynamics.com.copy()
-    for offset in (0.02, -0.02, 0.02):
-        scene.controller.follow("com", [0.4], [com + [0.0, offset, 0.0]])
-        scene.simulation.run(0.75, check)
-    worst = np.abs(scene.errors[-500:]).max(axis=0)
-    assert worst[:3].max() < 0.005
-    assert worst[5] < np.deg2rad(0.5)
-    assert worst[5] < 0.5 * abs(alone.errors[-1][5])
 
 
 @pytest.mark.parametrize(("robot", "speed", "within"), [("g1", 0.3, 0.05), ("go2", 1.0, 0.02)])

@@ -90,7 +90,7 @@ def test_a_sole_that_tips_over_a_corner_rests_there(robot_of):
     np.testing.assert_allclose(consistency.tipping(name), 0.0, atol=1e-6)
 
 
-def test_the_motion_before_a_touchdown_does_not_count(robot_of):
+def test_neither_the_motion_before_a_touchdown_nor_a_wrong_sample_decides(robot_of):
     """A foot counts as a contact while it still moves; then it comes to rest, and the other foot lifts off."""
     _, model, legs, consistency = make(robot_of, "g1", "pelvis")
     (left, _) = legs.points
@@ -100,9 +100,6 @@ def test_the_motion_before_a_touchdown_does_not_count(robot_of):
     assert consistency.speed > LIMIT
     consistency.update((left,), np.eye(3), np.array([0.02, 0.0, 0.0]), OMEGA, 0.002)
     assert consistency.speed == pytest.approx(0.02)
-
-
-def test_a_single_wrong_sample_does_not_decide(robot_of):
     _, model, legs, consistency = make(robot_of, "g1", "pelvis")
     legs.update(model.posture, np.zeros(model.nj))
     consistency.update(tuple(legs.points), np.eye(3), np.array([0.0, 0.0, 50.0]), OMEGA, 0.002)

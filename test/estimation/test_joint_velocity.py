@@ -33,16 +33,16 @@ def test_delay_of_a_ramp(period):
     assert (stamps[-1] - 1.0) - velocity[-1] / 2.0 == pytest.approx(delay(T, period), rel=1e-4)
 
 
-def test_the_delay_goes_from_two_time_constants_to_half_a_period():
+def test_delay_noise_and_gaps():
     assert delay(T, 1e-7) == pytest.approx(2.0 * T, rel=1e-3)
     assert delay(T, 1.0) == pytest.approx(0.5)
-
-
-def test_noise_is_reduced_against_a_plain_difference():
     noise = 5e-5 * np.random.default_rng(1).standard_normal(4000)
     found = VelocityFilter(T)
     velocity = [found.update(2_000_000 * (i + 1), np.array([each]))[0] for i, each in enumerate(noise)]
     assert np.std(velocity[100:]) < 0.15 * np.std(np.diff(noise) / 0.002)
+    found = VelocityFilter(T)
+    found.update(1_000_000, np.array([0.0]))
+    assert found.update(1_001_000_000, np.array([0.5]))[0] == pytest.approx(0.5, rel=1e-6)
 
 
 def test_start_repetition_and_restart():
@@ -55,12 +55,6 @@ def test_start_repetition_and_restart():
     assert found.delay == pytest.approx(delay(T, 0.002))
     np.testing.assert_array_equal(found.update(7_000_000, np.array([9.0, 9.0])), moving)
     np.testing.assert_array_equal(found.update(3_000_000, np.array([1.2, 2.0])), [0.0, 0.0])
-
-
-def test_after_a_gap_it_is_the_difference():
-    found = VelocityFilter(T)
-    found.update(1_000_000, np.array([0.0]))
-    assert found.update(1_001_000_000, np.array([0.5]))[0] == pytest.approx(0.5, rel=1e-6)
 
 
 def test_damping_is_made_for_velocities_that_are_late(robot_of, changed):

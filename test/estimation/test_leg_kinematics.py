@@ -22,7 +22,7 @@ def legs_of(robot_of, robot, frame):
 
 
 @pytest.mark.parametrize(("robot", "frame"), CASES)
-def test_the_covariance_is_that_of_places_that_change_with_the_joints(robot_of, robot, frame):
+def test_covariance_and_velocities_are_those_of_places_that_change_with_the_joints(robot_of, robot, frame):
     model, legs = legs_of(robot_of, robot, frame)
     rng = np.random.default_rng(3)
     q, v, step = model.posture + 0.2 * rng.uniform(-1, 1, model.nj), rng.normal(size=model.nj), 1e-6
@@ -38,6 +38,7 @@ def test_the_covariance_is_that_of_places_that_change_with_the_joints(robot_of, 
     legs.update(q, v)
     expected = NOISE[0] ** 2 * J @ J.T + NOISE[1] ** 2 * np.eye(len(J))
     np.testing.assert_allclose(legs.contact_points(names).covariance, expected, atol=1e-7)
+    np.testing.assert_allclose(legs.contact_points(names).velocities.ravel(), J @ v, atol=1e-7)
     start = 0
     for name in names:  # single contacts
         alone, end = legs.contact_points((name,)), start + len(legs.points[name])
@@ -48,21 +49,6 @@ def test_the_covariance_is_that_of_places_that_change_with_the_joints(robot_of, 
             alone.covariance, legs.contact_points(names).covariance[own, own], rtol=1e-12, atol=1e-12
         )
         start = end
-
-
-@pytest.mark.parametrize(("robot", "frame"), CASES)
-def test_rates_are_the_time_derivatives_of_the_places(robot_of, robot, frame):
-    model, legs = legs_of(robot_of, robot, frame)
-    rng = np.random.default_rng(5)
-    q, v, step = model.posture + 0.2 * rng.uniform(-1, 1, model.nj), rng.normal(size=model.nj), 1e-6
-    names, positions = tuple(legs.points), []
-    for time in (step, -step):
-        legs.update(q + time * v, v)
-        positions.append(legs.contact_points(names).positions)
-    legs.update(q, v)
-    np.testing.assert_allclose(
-        legs.contact_points(names).velocities, (positions[0] - positions[1]) / (2.0 * step), atol=1e-7
-    )
 
 
 @pytest.mark.parametrize(("robot", "frame"), CASES)

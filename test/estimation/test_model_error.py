@@ -17,9 +17,9 @@ from wbc_controller.estimation.friction import FrictionCompensation
 from wbc_controller.estimation.model_error import ModelErrorCompensation
 from wbc_controller.estimation.projection import mobility, split_force
 from wbc_controller.records import RobotState
+from wbc_controller.settings.config import load
 
 LIMITS = DisturbanceLimits(time_constant=0.5, share=0.2)
-ON = {"estimation.disturbance": "always"}
 
 
 @settings(max_examples=25, deadline=None)
@@ -37,15 +37,9 @@ def test_the_free_part_does_what_the_force_does_on_the_contacts(seed, nv, rows, 
     np.testing.assert_allclose(J.T @ split_force(M, J, r)[1], r - N.T @ r, atol=1e-5)
 
 
-def stood(robot="go2", **changes):
-    """Return a standing simulation without noise."""
-    return Simulation(robot, preflight=False) if not changes else Simulation(_changed(robot, changes), preflight=False)
-
-
-def _changed(robot, changes):
-    from wbc_controller.settings.config import load
-
-    return load(robot).replace(changes)
+def stood(**changes):
+    """Return a simulation of a standing Go2 without noise."""
+    return Simulation(load("go2").replace(changes), preflight=False)
 
 
 def fed(observer, model, missed, seconds, gap=0.002):
@@ -184,12 +178,6 @@ def test_friction_of_an_unknown_joint_is_refused(robot_of, changed):
         make_model_error(changed(config, {"robot": {"friction": {"FL_calf": {"dry": 1.0}}}}), model, {})
 
 
-def test_no_update_if_switched_off(robot_of):
-    simulation = stood()
-    simulation.run(0.02)
-    assert simulation.result.solution.disturbance is None
-
-
 def lowered(simulation, depth=0.03):
     """Squat, and return the error of the centre of mass, m."""
     com = simulation.controller.dynamics.com.copy()
@@ -198,7 +186,10 @@ def lowered(simulation, depth=0.03):
     return float(np.abs(simulation.controller.dynamics.com - com + [0.0, 0.0, depth]).max())
 
 
-def test_unknown_friction_is_estimated():
+def test_known_friction_is_compensated_and_unknown_friction_estimated():
+    known = {joint: {"dry": 2.0} for joint in stood().controller.model.joints}
+    simulation = stood(**{"mock.joint_friction": 2.0, "robot.friction": known})
+    assert lowered(simulation) < 0.003
     errors = {}
     for on in ("never", "always"):
         simulation = stood(**{"mock.joint_friction": 1.0, "estimation.disturbance": on})
@@ -208,12 +199,6 @@ def test_unknown_friction_is_estimated():
             assert np.abs(solution.disturbance.estimate[simulation.controller.model.v_index]).max() < 5.0
     assert errors["always"] < 0.7 * errors["never"]
     assert errors["never"] > 0.005
-
-
-def test_known_friction_is_compensated():
-    known = {joint: {"dry": 2.0} for joint in stood().controller.model.joints}
-    simulation = stood(**{"mock.joint_friction": 2.0, "robot.friction": known})
-    assert lowered(simulation) < 0.003
 
 
 def test_switching_it_while_the_robot_stands_makes_no_jump():

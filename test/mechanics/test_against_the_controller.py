@@ -9,22 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mechanisms import random_state
 
+from wbc_controller import mechanics
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.references import make_board
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.inverse_dynamics.contacts import SurfaceContact as ControllerSurface
-from wbc_controller.mechanics import (
-    ExternalWrench,
-    Kinematics,
-    Rolling,
-    SurfaceContact,
-    actuation_matrix,
-    bias_force,
-    centroidal_momentum,
-    constrained_dynamics,
-    generalized_force,
-    mass_matrix,
-)
 from wbc_controller.records import RobotState, frozen
 from wbc_controller.settings.files import find_configuration, load_settings
 
@@ -44,22 +33,24 @@ def test_snapshot_contacts_and_wrenches_agree(name, seed):
     dynamics, model = controller.dynamics, controller.model.pinocchio
     q, v = random_state(model, rng)
     dynamics.update(q, v)
-    assert np.allclose(dynamics.M, mass_matrix(model, q), atol=1e-10)
-    assert np.allclose(dynamics.h, bias_force(model, q, v), atol=1e-9)
-    assert np.allclose(controller.model.mass * dynamics.com_velocity, centroidal_momentum(model, q, v)[:3], atol=1e-9)
+    assert np.allclose(dynamics.M, mechanics.mass_matrix(model, q), atol=1e-10)
+    assert np.allclose(dynamics.h, mechanics.bias_force(model, q, v), atol=1e-9)
+    assert np.allclose(
+        controller.model.mass * dynamics.com_velocity, mechanics.centroidal_momentum(model, q, v)[:3], atol=1e-9
+    )
     wrench = rng.normal(size=6)
     base = controller.model.base_link
-    ours = generalized_force(model, q, [ExternalWrench(base, wrench)])
+    ours = mechanics.generalized_force(model, q, [mechanics.ExternalWrench(base, wrench)])
     assert np.allclose(dynamics.external_force(base, wrench), ours, atol=1e-10)
 
-    kinematics = Kinematics(model, q, v)
+    kinematics = mechanics.Kinematics(model, q, v)
     for contact_name, contact in controller.contacts.items():
         spec = configuration.contacts[contact_name]
         if isinstance(contact, ControllerSurface):
             placement = kinematics.placement(spec.frame).inverse() * contact.placement(dynamics)
-            constraint = SurfaceContact(frame=spec.frame, placement=placement)
+            constraint = mechanics.SurfaceContact(frame=spec.frame, placement=placement)
         else:
-            constraint = Rolling(frame=spec.frame, radius=spec.radius, centre=np.array(spec.translation))
+            constraint = mechanics.Rolling(frame=spec.frame, radius=spec.radius, centre=np.array(spec.translation))
         terms = constraint.terms(kinematics)
         scale = max(1.0, np.abs(terms.drift).max())
         assert np.allclose(contact.jacobian(dynamics), terms.jacobian, atol=1e-10)
@@ -67,7 +58,7 @@ def test_snapshot_contacts_and_wrenches_agree(name, seed):
 
 
 @pytest.mark.parametrize("robot", ["g1", "talos"])
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_the_torques_lead_to_the_accelerations_and_contact_forces_that_were_counted_on(robot, seed):
     """The solution of the program is the constrained motion (S10)."""
     controller, configured = controller_of(robot)
@@ -85,10 +76,10 @@ def test_the_torques_lead_to_the_accelerations_and_contact_forces_that_were_coun
         placement = pin.SE3(pin.rpy.rpyToMatrix(*contact.rpy), np.array(contact.translation))
         here = controller.contacts[name].placement(controller.dynamics)
         contacts.append(
-            SurfaceContact(frame=contact.frame, placement=placement, target=here, time_constant=TIME_CONSTANT)
+            mechanics.SurfaceContact(frame=contact.frame, placement=placement, target=here, time_constant=TIME_CONSTANT)
         )
-    S = actuation_matrix(model.pinocchio, model.joints)
-    motion = constrained_dynamics(model.pinocchio, q, v, S.T @ solution.tau, contacts)
+    S = mechanics.actuation_matrix(model.pinocchio, model.joints)
+    motion = mechanics.constrained_dynamics(model.pinocchio, q, v, S.T @ solution.tau, contacts)
 
     forces = np.concatenate([solution.forces[name] for name in configured.contacts])
     np.testing.assert_allclose(solution.v_dot, motion.v_dot, atol=1e-7 * np.linalg.norm(motion.v_dot))

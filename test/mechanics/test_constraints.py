@@ -9,25 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mechanisms import ROBOTS, links, random_state, robot
 
+from wbc_controller import mechanics
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.mechanics import (
-    ExternalWrench,
-    JointCoupling,
-    Kinematics,
-    PinnedFrames,
-    PlaneContact,
-    PointContact,
-    Rolling,
-    SurfaceContact,
-    WeldedFrames,
-    constrained_dynamics,
-    constraint_equation,
-    forward_dynamics,
-    generalized_force,
-    ground,
-    oscillating_support,
-    simulate,
-)
 
 seeds = st.integers(0, 2**32 - 1)
 names = st.sampled_from(sorted(ROBOTS))
@@ -40,21 +23,21 @@ def placed(rng):
 def every_kind(model, rng):
     first, second = (str(name) for name in rng.choice(links(model), 2, replace=False))
     joints = [model.names[j] for j in range(1, model.njoints) if model.joints[j].nq == 1]
-    support = oscillating_support(0.5 * rng.normal(size=6), 0.4, 3.0)
+    support = mechanics.oscillating_support(0.5 * rng.normal(size=6), 0.4, 3.0)
     a, b, n = rng.normal(size=(3, 3))
     n[2] += 2.0
     return [
-        PointContact(frame=first, offset=a, target=b),
-        PointContact(frame=first, offset=a, target=b, support=support),
-        SurfaceContact(frame=first, placement=placed(rng), target=placed(rng)),
-        SurfaceContact(frame=first, placement=placed(rng), target=placed(rng), support=support),
-        JointCoupling(coefficients={joints[0]: 1.0, joints[-1]: -2.5}, offset=0.3),
-        PinnedFrames(first=first, second=second, first_offset=a, second_offset=b),
-        WeldedFrames(first=first, second=second, first_placement=placed(rng), second_placement=placed(rng)),
-        Rolling(frame=first, radius=0.3, centre=a),
-        Rolling(frame=first, radius=0.3, centre=a, normal=n, height=0.2),
-        Rolling(frame=first, radius=0.3, centre=a, axis=b, normal=n),
-        PlaneContact(frame=first, offset=a, normal=n, height=0.1),
+        mechanics.PointContact(frame=first, offset=a, target=b),
+        mechanics.PointContact(frame=first, offset=a, target=b, support=support),
+        mechanics.SurfaceContact(frame=first, placement=placed(rng), target=placed(rng)),
+        mechanics.SurfaceContact(frame=first, placement=placed(rng), target=placed(rng), support=support),
+        mechanics.JointCoupling(coefficients={joints[0]: 1.0, joints[-1]: -2.5}, offset=0.3),
+        mechanics.PinnedFrames(first=first, second=second, first_offset=a, second_offset=b),
+        mechanics.WeldedFrames(first=first, second=second, first_placement=placed(rng), second_placement=placed(rng)),
+        mechanics.Rolling(frame=first, radius=0.3, centre=a),
+        mechanics.Rolling(frame=first, radius=0.3, centre=a, normal=n, height=0.2),
+        mechanics.Rolling(frame=first, radius=0.3, centre=a, axis=b, normal=n),
+        mechanics.PlaneContact(frame=first, offset=a, normal=n, height=0.1),
     ]
 
 
@@ -66,7 +49,7 @@ def test_rates_are_finite_differences(name, seed):
     q, v = random_state(model, rng)
     v_dot, t, eps = rng.normal(size=model.nv), float(rng.uniform(0, 2)), 1e-5
     now, after, before = (
-        Kinematics(model, pin.integrate(model, q, s * v + 0.5 * s * s * v_dot), v + s * v_dot, t + s)
+        mechanics.Kinematics(model, pin.integrate(model, q, s * v + 0.5 * s * s * v_dot), v + s * v_dot, t + s)
         for s in (0.0, eps, -eps)
     )
     for constraint in every_kind(model, rng):
@@ -74,7 +57,7 @@ def test_rates_are_finite_differences(name, seed):
         rate = (ends[0].velocity - ends[1].velocity) / (2 * eps)
         scale = 1.0 + np.abs(rate).max()
         assert np.abs(rate - terms.jacobian @ v_dot - terms.drift).max() < 1e-5 * scale, constraint
-        if isinstance(constraint, SurfaceContact | WeldedFrames):
+        if isinstance(constraint, mechanics.SurfaceContact | mechanics.WeldedFrames):
             continue  # position error is a logarithm: its rate is the twist near zero only
         change = (ends[0].position - ends[1].position) / (2 * eps)
         assert np.abs((change - terms.velocity)[terms.holonomic]).max(initial=0.0) < 1e-5 * scale, constraint
@@ -86,11 +69,11 @@ def test_a_welds_error_moves_with_its_twist_near_zero(name, seed):
     model, rng = robot(name), np.random.default_rng(seed)
     q, v = random_state(model, rng)
     frame = links(model)[-1]
-    near = Kinematics(model, q, v).placement(frame) * pin.exp6(1e-6 * rng.normal(size=6))
-    contact = SurfaceContact(frame=frame, target=near)
+    near = mechanics.Kinematics(model, q, v).placement(frame) * pin.exp6(1e-6 * rng.normal(size=6))
+    contact = mechanics.SurfaceContact(frame=frame, target=near)
     eps = 1e-5
-    ends = [contact.terms(Kinematics(model, pin.integrate(model, q, s * v), v)).position for s in (eps, -eps)]
-    velocity = contact.terms(Kinematics(model, q, v)).velocity
+    ends = [contact.terms(mechanics.Kinematics(model, pin.integrate(model, q, s * v), v)).position for s in (eps, -eps)]
+    velocity = contact.terms(mechanics.Kinematics(model, q, v)).velocity
     assert np.allclose((ends[0] - ends[1]) / (2 * eps), velocity, atol=1e-4 * max(1.0, np.abs(velocity).max()))
 
 
@@ -100,35 +83,28 @@ def test_multipliers_are_forces_that_act_on_the_links(name, seed):
     """Aᵀλ equals Jᵀw of the documented wrenches λ (equation (22))."""
     model, rng = robot(name), np.random.default_rng(seed)
     q, v = random_state(model, rng)
-    kinematics = Kinematics(model, q, v)
+    kinematics = mechanics.Kinematics(model, q, v)
     first, second = (str(name) for name in rng.choice(links(model), 2, replace=False))
     a, b, force = rng.normal(size=(3, 3))
     wrench, zero = rng.normal(size=6), np.zeros(3)
 
     def force_of(constraint, multipliers):
-        return constraint_equation([constraint], kinematics).A.T @ multipliers
+        return mechanics.constraint_equation([constraint], kinematics).A.T @ multipliers
 
     def at(frame, force, offset):
         arm = kinematics.placement(frame).rotation @ offset
-        return generalized_force(
-            model, q, [ExternalWrench(frame, np.concatenate([force, zero]), "LOCAL_WORLD_ALIGNED", arm)]
+        return mechanics.generalized_force(
+            model, q, [mechanics.ExternalWrench(frame, np.concatenate([force, zero]), "LOCAL_WORLD_ALIGNED", arm)]
         )
 
-    point = force_of(PointContact(frame=first, offset=a), force)
+    point = force_of(mechanics.PointContact(frame=first, offset=a), force)
     assert np.allclose(point, at(first, force, a), atol=1e-9)
-    pinned = force_of(PinnedFrames(first=first, second=second, first_offset=a, second_offset=b), force)
+    pinned = force_of(mechanics.PinnedFrames(first=first, second=second, first_offset=a, second_offset=b), force)
     assert np.allclose(pinned, at(first, force, a) - at(second, force, b), atol=1e-9)
-    surface = force_of(SurfaceContact(frame=first), wrench)
-    assert np.allclose(surface, generalized_force(model, q, [ExternalWrench(first, wrench, "LOCAL")]), atol=1e-9)
-
-
-def pendulum(length=0.7):
-    model = pin.Model()
-    joint = model.addJoint(0, pin.JointModelRY(), pin.SE3.Identity(), "swing")
-    bob = pin.Inertia(1.5, np.array([0.0, 0.0, -length]), np.zeros((3, 3)))
-    model.appendBodyToJoint(joint, bob, pin.SE3.Identity())
-    model.addFrame(pin.Frame("bob", joint, 0, pin.SE3(np.eye(3), np.array([0.0, 0.0, -length])), pin.BODY))
-    return model
+    surface = force_of(mechanics.SurfaceContact(frame=first), wrench)
+    assert np.allclose(
+        surface, mechanics.generalized_force(model, q, [mechanics.ExternalWrench(first, wrench, "LOCAL")]), atol=1e-9
+    )
 
 
 def test_stabilisation_takes_errors_out_with_the_time_constant():
@@ -136,12 +112,12 @@ def test_stabilisation_takes_errors_out_with_the_time_constant():
     model = robot("panda")
     q = np.full(model.nq, 0.2)
     T, g0 = 0.1, 0.05
-    coupling = JointCoupling(
+    coupling = mechanics.JointCoupling(
         coefficients={"panda_joint2": 1.0, "panda_joint4": 2.0}, offset=float(q[1] + 2 * q[3] - g0), time_constant=T
     )
     zero = np.zeros(model.nv)
-    qs, _ = simulate(
-        model, lambda q, v, t: constrained_dynamics(model, q, v, zero, [coupling]).v_dot, q, zero, 2e-3, 200
+    qs, _ = mechanics.simulate(
+        model, lambda q, v, t: mechanics.constrained_dynamics(model, q, v, zero, [coupling]).v_dot, q, zero, 2e-3, 200
     )
     errors = qs[:, 1] + 2 * qs[:, 3] - coupling.offset
     times = 2e-3 * np.arange(201)
@@ -151,115 +127,33 @@ def test_stabilisation_takes_errors_out_with_the_time_constant():
     joint = ball.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "ball")
     ball.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
     ball.addFrame(pin.Frame("ball_link", joint, 0, pin.SE3.Identity(), pin.BODY))
-    rolling = Rolling(frame="ball_link", radius=0.1, height=-0.1, time_constant=T)
+    rolling = mechanics.Rolling(frame="ball_link", radius=0.1, height=-0.1, time_constant=T)
     q, v = pin.neutral(ball), np.array([1.0, 0, 0, 0, 0, 0])
     zero = np.zeros(6)
-    qs, vs = simulate(ball, lambda q, v, t: constrained_dynamics(ball, q, v, zero, [rolling]).v_dot, q, v, 2e-3, 200)
-    slip = [rolling.terms(Kinematics(ball, a, b)).velocity[0] for a, b in zip(qs[::20], vs[::20], strict=True)]
+    qs, vs = mechanics.simulate(
+        ball, lambda q, v, t: mechanics.constrained_dynamics(ball, q, v, zero, [rolling]).v_dot, q, v, 2e-3, 200
+    )
+    slip = [
+        rolling.terms(mechanics.Kinematics(ball, a, b)).velocity[0] for a, b in zip(qs[::20], vs[::20], strict=True)
+    ]
     assert np.allclose(slip, np.exp(-times[::20] / T), atol=1e-7)
     # Friction at the contact reduces the velocity to 5/7.
     assert np.linalg.norm(pin.XYZQUATToSE3(qs[-1]).rotation @ vs[-1][:3]) == pytest.approx(5 / 7, abs=0.01)
-
-
-def test_moving_support():
-    """Pendulum with a moving pivot: l θ̈ = -g sin θ - ẍ cos θ."""
-    length, amplitude, omega = 0.7, 0.1, 5.0
-    model = pin.Model()
-    base = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "cart")
-    model.appendBodyToJoint(base, pin.Inertia.FromSphere(0.3, 0.1), pin.SE3.Identity())
-    model.addFrame(pin.Frame("cart_link", base, 0, pin.SE3.Identity(), pin.BODY))
-    joint = model.addJoint(base, pin.JointModelRY(), pin.SE3.Identity(), "swing")
-    model.appendBodyToJoint(
-        joint, pin.Inertia(1.5, np.array([0.0, 0.0, -length]), np.zeros((3, 3))), pin.SE3.Identity()
-    )
-    support = oscillating_support(np.array([1.0, 0.0, 0.0]), amplitude, omega)
-    held = SurfaceContact(frame="cart_link", support=support, time_constant=0.1)
-    q, v = pin.neutral(model), np.zeros(7)
-    q[7], v[0] = 0.4, amplitude * omega
-    zero = np.zeros(7)
-    step, steps = 2.5e-3, 800
-    qs, vs = simulate(
-        model, lambda q, v, t: constrained_dynamics(model, q, v, zero, [held], t=t).v_dot, q, v, step, steps
-    )
-    times = step * np.arange(steps + 1)
-    assert np.abs(qs[:, 0] - amplitude * np.sin(omega * times)).max() < 1e-7
-
-    plain = pendulum(length)
-
-    def swing(q, v, t):  # a positive rotation about y moves the bob to negative x
-        return np.array(
-            [(-9.81 * math.sin(q[0]) - amplitude * omega**2 * math.sin(omega * t) * math.cos(q[0])) / length]
-        )
-
-    expected, _ = simulate(plain, swing, np.array([0.4]), np.zeros(1), step, steps)
-    assert np.abs(qs[:, 7] - expected[:, 0]).max() < 1e-6
-    assert np.abs(vs[:, 1:6]).max() < 1e-9
-
-
-def test_a_support_that_does_not_move_is_the_ground():
-    assert ground(3.0).placement == pin.SE3.Identity()
-    assert not ground(3.0).twist.any()
-
-
-def test_a_force_makes_the_reaction_of_a_single_pendulum():
-    """Tension of a pendulum: m (g cos θ + l θ̇²)."""
-    free = pin.Model()
-    joint = free.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "bob")
-    free.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.5, 0.01), pin.SE3.Identity())
-    free.addFrame(pin.Frame("bob_link", joint, 0, pin.SE3.Identity(), pin.BODY))
-    theta, speed, length = 0.6, 2.0, 0.7
-    R = pin.exp3(np.array([0.0, theta, 0.0]))
-    q = np.concatenate([R @ [0.0, 0.0, -length], pin.Quaternion(R).coeffs()])
-    v = np.array([-length * speed, 0, 0, 0, speed, 0])
-    pivot = PointContact(frame="bob_link", offset=np.array([0.0, 0.0, length]))
-    terms = pivot.terms(Kinematics(free, q, v))
-    assert np.abs(terms.position).max() < 1e-12
-    assert np.abs(terms.velocity).max() < 1e-12
-    motion = constrained_dynamics(free, q, v, np.zeros(6), [pivot])
-    # The ball is a point relative to the bob.
-    assert R.T @ motion.multipliers @ [0, 0, 1] == pytest.approx(
-        1.5 * (9.81 * math.cos(theta) + length * speed**2), rel=1e-4
-    )
 
 
 def test_mistakes_are_named():
     model = robot("go2")
     q, v = pin.neutral(model), np.zeros(model.nv)
     with pytest.raises(ConfigurationError, match=r"time_constant = 0\.0 s: must be positive"):
-        PointContact(frame="FL_foot", time_constant=0.0)
+        mechanics.PointContact(frame="FL_foot", time_constant=0.0)
     with pytest.raises(ConfigurationError, match="time_constant = nan"):
-        JointCoupling(coefficients={}, time_constant=math.nan)
+        mechanics.JointCoupling(coefficients={}, time_constant=math.nan)
     for constraint, words in (
-        (PointContact(frame="FL_foto"), "did you mean 'FL_foot'"),
-        (JointCoupling(coefficients={"FL_hip": 1.0}), "did you mean 'FL_hip_joint'"),
-        (JointCoupling(coefficients={"root_joint": 1.0}), "6 degrees of freedom in 7"),
-        (PlaneContact(frame="FL_foot", normal=np.zeros(3)), "must not be zero"),
-        (Rolling(frame="FL_foot", radius=0.1, axis=np.array([0.0, 0.0, 1.0])), "lies flat"),
+        (mechanics.PointContact(frame="FL_foto"), "did you mean 'FL_foot'"),
+        (mechanics.JointCoupling(coefficients={"FL_hip": 1.0}), "did you mean 'FL_hip_joint'"),
+        (mechanics.JointCoupling(coefficients={"root_joint": 1.0}), "6 degrees of freedom in 7"),
+        (mechanics.PlaneContact(frame="FL_foot", normal=np.zeros(3)), "must not be zero"),
+        (mechanics.Rolling(frame="FL_foot", radius=0.1, axis=np.array([0.0, 0.0, 1.0])), "lies flat"),
     ):
         with pytest.raises(ConfigurationError, match=words):
-            constrained_dynamics(model, q, v, v, [constraint])
-
-
-def test_inactive_constraint_has_no_effect():
-    model, rng = robot("g1"), np.random.default_rng(2)
-    q, v = random_state(model, rng)
-    frame = links(model)[-1]
-    force = rng.normal(size=model.nv)
-    free = forward_dynamics(model, q, v, force)
-    moving = Kinematics(model, q, v)
-    position, velocity, J, drift = moving.point(frame, np.zeros(3))
-    assert np.allclose(velocity, J @ v)
-    acceleration = J @ free + drift
-
-    def along(t):
-        from wbc_controller.mechanics import Motion
-
-        return Motion(
-            pin.SE3(np.eye(3), position),
-            np.concatenate([velocity, np.zeros(3)]),
-            np.concatenate([acceleration, np.zeros(3)]),
-        )
-
-    motion = constrained_dynamics(model, q, v, force, [PointContact(frame=frame, support=along, time_constant=0.1)])
-    assert np.allclose(motion.v_dot, free, atol=1e-8 * np.abs(free).max())
-    assert np.abs(motion.multipliers).max() < 1e-7
+            mechanics.constrained_dynamics(model, q, v, v, [constraint])

@@ -50,7 +50,7 @@ def close(a, b, scale=None):
     return np.abs(a - b).max() < 1e-8 * max(1.0, np.abs(b).max() if scale is None else scale)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.sampled_from(sorted(ROBOTS)), seeds)
 def test_the_same_physics(name, seed):
     rng = np.random.default_rng(seed)
@@ -80,7 +80,7 @@ def test_the_same_physics(name, seed):
     assert close(centroidal_momentum_rate(other.model, q2, v2, v_dot2), rate, np.abs(v_dot).max())
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(st.sampled_from(sorted(ROBOTS)), seeds)
 def test_the_same_contact_forces(name, seed):
     rng = np.random.default_rng(seed)
@@ -113,24 +113,6 @@ def test_the_same_contact_forces(name, seed):
     assert close(motion2.v_dot, other.acceleration(q, v, motion.v_dot))
     assert close(motion2.multipliers, motion.multipliers)  # physical forces are equal
     assert close(motion2.constraint_force, other.force(q, motion.constraint_force))
-
-
-@pytest.mark.parametrize("name", FLOATING)
-def test_pinocchios_coordinates_survive_the_way_there_and_back(name):
-    model, rng = robot(name), np.random.default_rng(0)
-    far = model.names[model.njoints - 1]
-    there = change_coordinates(model, root=far, flip=[far], shuffle=5)
-    back = change_coordinates(there.model, root=None)
-    assert sorted(there.model.names) == sorted(model.names)
-    assert list(back.model.names) == list(there.model.names)
-    q, v = random_state(model, rng)
-    q2, v2 = there.configuration(q), there.velocity(q, v)
-    assert np.allclose(back.configuration(q2), q2)
-    assert np.allclose(back.velocity(q2, v2), v2)
-    # The Jacobian is the derivative of the map.
-    eps = 1e-6
-    ends = [there.configuration(pin.integrate(model, q, s * v)) for s in (-eps, eps)]
-    assert np.allclose(pin.difference(there.model, *ends) / (2 * eps), v2, atol=1e-6)
 
 
 def test_limits_and_rotors_go_along():

@@ -15,7 +15,7 @@ def joint_state():
     return message(JOINT_STATE, header=top, name=names, position=q, velocity=v, effort=tau)
 
 
-def test_round_trip():
+def test_round_trip_and_bytes():
     sent = joint_state()
     received = decode(encode(sent), JOINT_STATE)
     assert received.name == sent.name
@@ -23,9 +23,6 @@ def test_round_trip():
     for field in ("position", "velocity", "effort"):
         np.testing.assert_array_equal(getattr(received, field), getattr(sent, field))
     assert encode(received) == encode(sent)
-
-
-def test_bytes_are_little_endian_cdr_and_big_endian_bytes_are_read():
     assert encode(message("std_msgs/msg/String", data="ab")) == b"\x00\x01\x00\x00\x03\x00\x00\x00ab\x00"
     assert decode(b"\x00\x00\x00\x00\x3f\xf0" + bytes(6), "std_msgs/msg/Float64").data == 1.0
     # Padding of the middleware is no fault.
@@ -43,12 +40,9 @@ def test_truncated_and_other_bytes_are_refused():
         decode(b"\x00\x01\x00\x00\xff\xff\xff\xff", "std_msgs/msg/String")
 
 
-def test_time_keeps_its_nanoseconds():
+def test_fields_of_a_message():
     time = message("builtin_interfaces/msg/Time", **time_fields(1_763_705_622_123_456_789))
     assert nanoseconds(time) == 1_763_705_622_123_456_789
-
-
-def test_omitted_fields_are_zero():
     pose = message("geometry_msgs/msg/PoseStamped", pose={"position": np.array([1.0, 2.0])})
     (x, y, z), turn = (pose.pose.position.x, pose.pose.position.y, pose.pose.position.z), pose.pose.orientation
     assert (x, y, z, turn.x, turn.y, turn.z, turn.w) == (1.0, 2.0, 0.0, 0.0, 0.0, 0.0, 1.0)
@@ -56,8 +50,5 @@ def test_omitted_fields_are_zero():
     states = decode(encode(message(JOINT_STATE, name=["a"], effort=np.array([3.0]))), JOINT_STATE)
     assert (states.name, states.position.size, states.effort.tolist()) == (["a"], 0, [3.0])
     assert message("nav_msgs/msg/Odometry").pose.covariance.shape == (36,)
-
-
-def test_an_unknown_field_is_an_error():
     with pytest.raises(TypeError, match="speed"):
         message(JOINT_STATE, speed=1.0)

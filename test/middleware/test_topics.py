@@ -3,32 +3,18 @@
 import pytest
 
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.middleware import topics
 from wbc_controller.middleware.codec import TYPES
 from wbc_controller.middleware.decoding import READERS
-from wbc_controller.middleware.topics import (
-    BY_TASK,
-    CONTROLLER_TOPICS,
-    ESTIMATOR_NODE,
-    ESTIMATOR_TOPICS,
-    GUARD_TOPICS,
-    MOCK_TOPICS,
-    TASK_TYPES,
-    Direction,
-    Qos,
-    counterpart,
-    endpoints,
-    parse_remapping,
-    resolve,
-)
 from wbc_controller.settings.files import types_of
 from wbc_controller.settings.tasks import TaskSettings
 
 KINDS = {"com": "com", "hand": "frame_pose", "posture": "posture"}
 
 
-def expand(table=CONTROLLER_TOPICS, **changes):
+def expand(table=topics.CONTROLLER_TOPICS, **changes):
     arguments = {"task_kinds": KINDS, "contacts": ("left", "right"), "frames": ("pelvis",)}
-    made = endpoints(table, "wbc", **{**arguments, **changes})
+    made = topics.endpoints(table, "wbc", **{**arguments, **changes})
     return {(endpoint.key, endpoint.subject): endpoint for endpoint in made}, made
 
 
@@ -46,7 +32,7 @@ def expand(table=CONTROLLER_TOPICS, **changes):
     ],
 )
 def test_names_resolve_as_in_ros_2(name, node, namespace, expected):
-    assert resolve(name, node, namespace) == expected
+    assert topics.resolve(name, node, namespace) == expected
 
 
 @pytest.mark.parametrize(
@@ -61,15 +47,21 @@ def test_names_resolve_as_in_ros_2(name, node, namespace, expected):
     ],
 )
 def test_remappings_are_expanded_by_the_same_rules(source, target, name, expected):
-    assert resolve(name, "wbc", "/robot", {source: target}) == expected
+    assert topics.resolve(name, "wbc", "/robot", {source: target}) == expected
 
 
-def test_form_and_chain_of_remappings():
-    assert resolve("a", "wbc", "/", {"a": "b", "b": "c"}) == "/b"
-    assert parse_remapping("odom:=/estimator/odom") == ("odom", "/estimator/odom")
+def test_remappings_namespaces_and_topics_of_the_guard():
+    assert topics.resolve("a", "wbc", "/", {"a": "b", "b": "c"}) == "/b"
+    assert topics.parse_remapping("odom:=/estimator/odom") == ("odom", "/estimator/odom")
     for text in ("", ":=", "a:=", ":=b", "a=b", "a:b"):
         with pytest.raises(ConfigurationError, match="from:=to"):
-            parse_remapping(text)
+            topics.parse_remapping(text)
+    found, made = expand(namespace="/robot", remappings={"joint_states": "/joints"})
+    assert found["joint_states", ""].name == "/joints"
+    others = [endpoint.name for endpoint in made if endpoint.key not in ("joint_states", "diagnostics", "clock")]
+    assert all(name.startswith("/robot/") for name in others)
+    written = {topic.name for topic in topics.GUARD_TOPICS if topic.direction is topics.Direction.OUT}
+    assert not written & {topic.name for topic in topics.GUARD_TOPICS if topic.direction is topics.Direction.IN}
 
 
 def test_the_table_expands_to_one_endpoint_for_each_task_contact_and_frame():
@@ -85,42 +77,45 @@ def test_the_table_expands_to_one_endpoint_for_each_task_contact_and_frame():
     assert found["external_wrench", "pelvis"].name == "/wbc/external_wrenches/pelvis"
     assert found["diagnostics", ""].name == "/diagnostics"
     assert found["effort", ""].name == "/effort_controller/commands"
-    assert {key for key, _ in found} == {topic.key for topic in CONTROLLER_TOPICS}
+    assert {key for key, _ in found} == {topic.key for topic in topics.CONTROLLER_TOPICS}
     for endpoint in made:
-        other = counterpart(endpoint)
+        other = topics.counterpart(endpoint)
         assert other.direction is not endpoint.direction
-        assert counterpart(other) == endpoint
+        assert topics.counterpart(other) == endpoint
     found, _ = expand(task_kinds=None, contacts=(), frames=())
-    assert {topic.key for topic in CONTROLLER_TOPICS if "{" not in topic.name} == {key for key, _ in found}
+    assert {topic.key for topic in topics.CONTROLLER_TOPICS if "{" not in topic.name} == {key for key, _ in found}
 
 
-def test_namespace_and_remapping_reach_every_endpoint():
-    found, made = expand(namespace="/robot", remappings={"joint_states": "/joints"})
-    assert found["joint_states", ""].name == "/joints"
-    others = [endpoint.name for endpoint in made if endpoint.key not in ("joint_states", "diagnostics", "clock")]
-    assert all(name.startswith("/robot/") for name in others)
-
-
-def test_every_type_exists_and_every_kind_of_task_has_its_types():
-    for topic in (*CONTROLLER_TOPICS, *MOCK_TOPICS):
-        assert topic.type in BY_TASK or topic.type in TYPES.types
+def test_types_exist_and_endpoints_are_compatible():
+    for topic in (*topics.CONTROLLER_TOPICS, *topics.MOCK_TOPICS):
+        assert topic.type in topics.BY_TASK or topic.type in TYPES.types
         assert topic.meaning
-    for columns in TASK_TYPES.values():
+    for columns in topics.TASK_TYPES.values():
         assert {"setpoint"} <= set(columns) <= {"setpoint", "trajectory"}
         assert set(columns.values()) <= set(TYPES.types)
-    assert set(TASK_TYPES) == set(types_of(TaskSettings))
+    assert set(topics.TASK_TYPES) == set(types_of(TaskSettings))
+    mock = topics.endpoints(topics.MOCK_TOPICS, "mock_robot", contacts=("left", "right"))
+    both = {
+        endpoint.name: endpoint
+        for endpoint in topics.endpoints(topics.CONTROLLER_TOPICS, "wbc_controller", task_kinds=KINDS)
+    }
+    pairs = [(endpoint, both[endpoint.name]) for endpoint in mock if endpoint.name in both]
+    for endpoint, other in pairs:
+        assert_compatible(endpoint, other)
+    met = {endpoint.key for endpoint, _ in pairs}
+    assert met == {"clock", "joint_states", "odom", "imu", "pose", "robot_description", "effort", "joint_commands"}
 
 
 def test_qualities_of_service():
     states = {"joint_states", "odom", "imu", "measured_wrench", "holds", "pose", "clock", "guard_commands"}
-    for topic in CONTROLLER_TOPICS:
+    for topic in topics.CONTROLLER_TOPICS:
         if topic.key in states:
-            assert topic.qos == Qos(reliable=False, latched=False, depth=1), topic.key
+            assert topic.qos == topics.Qos(reliable=False, latched=False, depth=1), topic.key
         elif topic.key in ("effort", "joint_commands", "contact_wrench"):
-            assert topic.qos == Qos(reliable=True, latched=False, depth=1), topic.key
+            assert topic.qos == topics.Qos(reliable=True, latched=False, depth=1), topic.key
         elif topic.key in ("state", "robot_description"):
-            assert topic.qos == Qos(reliable=True, latched=True, depth=1), topic.key
-        elif topic.direction is Direction.IN:  # a request
+            assert topic.qos == topics.Qos(reliable=True, latched=True, depth=1), topic.key
+        elif topic.direction is topics.Direction.IN:  # a request
             assert topic.qos.reliable, topic.key
             assert topic.qos.depth >= 10, topic.key
 
@@ -129,51 +124,35 @@ def assert_compatible(one, other):
     """Equal types; the reader requests no more than the writer offers."""
     assert other.type == one.type
     assert other.direction is not one.direction
-    writer, reader = (one, other) if one.direction is Direction.OUT else (other, one)
+    writer, reader = (one, other) if one.direction is topics.Direction.OUT else (other, one)
     assert writer.qos.reliable >= reader.qos.reliable
     assert writer.qos.latched >= reader.qos.latched
-
-
-def test_mock_and_controller_have_compatible_endpoints():
-    """Equal names and types; no reader requests more than the writer offers."""
-    mock = endpoints(MOCK_TOPICS, "mock_robot", contacts=("left", "right"))
-    both = {endpoint.name: endpoint for endpoint in endpoints(CONTROLLER_TOPICS, "wbc_controller", task_kinds=KINDS)}
-    pairs = [(endpoint, both[endpoint.name]) for endpoint in mock if endpoint.name in both]
-    for endpoint, other in pairs:
-        assert_compatible(endpoint, other)
-    met = {endpoint.key for endpoint, _ in pairs}
-    assert met == {"clock", "joint_states", "odom", "imu", "pose", "robot_description", "effort", "joint_commands"}
 
 
 @pytest.mark.parametrize(
     ("table", "node", "alone"),
     [
-        (GUARD_TOPICS, "guard", ("state", "diagnostics")),
-        (ESTIMATOR_TOPICS, ESTIMATOR_NODE, ("holds", "measured_wrench", "tf", "diagnostics")),
+        (topics.GUARD_TOPICS, "guard", ("state", "diagnostics")),
+        (topics.ESTIMATOR_TOPICS, topics.ESTIMATOR_NODE, ("holds", "measured_wrench", "tf", "diagnostics")),
     ],
 )
 def test_guard_and_estimator_hear_the_controller_and_the_robot(table, node, alone):
     """Every row has its counterpart, except the topics of users and drivers."""
     others = [
         endpoint
-        for table, node in ((CONTROLLER_TOPICS, "wbc_controller"), (MOCK_TOPICS, "mock_robot"))
-        for endpoint in endpoints(table, node, namespace="/r", task_kinds=KINDS, contacts=("left",))
+        for table, node in ((topics.CONTROLLER_TOPICS, "wbc_controller"), (topics.MOCK_TOPICS, "mock_robot"))
+        for endpoint in topics.endpoints(table, node, namespace="/r", task_kinds=KINDS, contacts=("left",))
     ]
-    for endpoint in endpoints(table, node, namespace="/r", contacts=("left",)):
+    for endpoint in topics.endpoints(table, node, namespace="/r", contacts=("left",)):
         met = [other for other in others if other.name == endpoint.name and other.direction is not endpoint.direction]
         assert met or endpoint.key in alone, endpoint.name
         for other in met:
             assert_compatible(endpoint, other)
 
 
-def test_the_guard_does_not_hear_itself():
-    written = {topic.name for topic in GUARD_TOPICS if topic.direction is Direction.OUT}
-    assert not written & {topic.name for topic in GUARD_TOPICS if topic.direction is Direction.IN}
-
-
 def test_there_is_no_dead_row(bench):
     """Every incoming row is subscribed and read, every outgoing row advertised and written."""
-    incoming = {topic.key for topic in CONTROLLER_TOPICS if topic.direction is Direction.IN}
+    incoming = {topic.key for topic in topics.CONTROLLER_TOPICS if topic.direction is topics.Direction.IN}
     by_hand = {  # inputs.py, takeover.py, service/
         "joint_states", "odom", "imu", "pose", "measured_wrench", "holds", "command", "robot_description", "clock",
         "record", "guard_commands",
@@ -186,5 +165,5 @@ def test_there_is_no_dead_row(bench):
         contacts=tuple(controller.settings.contacts),
         frames=(controller.model.base_link,),
     )[0].items():
-        if endpoint.direction is Direction.OUT:
+        if endpoint.direction is topics.Direction.OUT:
             assert controller.received(key, subject), (key, subject)

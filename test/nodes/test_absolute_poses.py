@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from wbc_controller.middleware.codec import encode, pose_with_covariance
+from wbc_controller.middleware.codec import pose_with_covariance
 from wbc_controller.records import Mode
 from wbc_controller.simulation.measurement import imu_message
 
@@ -126,4 +126,3 @@ def test_poses_are_subscribed_only_if_configured(bench):
     quiet.cycle()
     assert quiet.loop.estimator.poses is None
     assert not any("pose" in sentence for report in quiet.reports for sentence in report.refused)
-    assert encode(pose_with_covariance(1, "map", THERE, 0.1, 0.2))

@@ -62,13 +62,7 @@ WIRINGS = {
 
 
 @pytest.mark.parametrize(
-    ("name", "wiring"),
-    [
-        *(("g1", wiring) for wiring in WIRINGS),
-        ("go2", "alphabetical"),
-        ("go2", "legs exchanged"),
-        ("talos", "alphabetical"),
-    ],
+    ("name", "wiring"), [*(("g1", wiring) for wiring in WIRINGS), ("go2", "legs exchanged"), ("talos", "alphabetical")]
 )
 def test_torques_at_wrong_joints_stop_the_robot_and_name_a_joint(robot_of, caplog, name, wiring):
     caplog.set_level(logging.CRITICAL)
@@ -82,8 +76,7 @@ def test_torques_at_wrong_joints_stop_the_robot_and_name_a_joint(robot_of, caplo
 
 
 @pytest.mark.parametrize(
-    ("name", "held", "ramp"),
-    [("g1", True, 0.2), ("g1", False, 1.0), ("go2", True, 1.0), ("go2", False, 0.2), ("talos", False, 0.0)],
+    ("name", "held", "ramp"), [("g1", False, 1.0), ("go2", True, 1.0), ("go2", False, 0.2), ("talos", False, 0.0)]
 )
 def test_a_robot_that_receives_its_torques_stays_active(robot_of, changed, name, held, ramp):
     """On the hoist until it stands, or released at once, so that it sinks during the ramp."""
@@ -105,7 +98,7 @@ def test_only_the_first_time_of_active_control_is_watched(robot_of, changed):
 
 def test_after_a_stop_the_robot_can_be_activated_again(robot_of):
     robot = Wired(robot_of("go2")[0], WIRINGS["alphabetical"])
-    robot.run()
+    assert robot.run().fault.code == "UNEXPLAINED_MOTION"
     robot.mock.plant.apply = type(robot.mock.plant).apply.__get__(robot.mock.plant)
     robot.mock.plant.hold(True, ramp=0.0)
     for word in ("reset", "activate"):

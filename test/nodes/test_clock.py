@@ -13,7 +13,7 @@ from wbc_controller.middleware.codec import encode, message, time_fields
 from wbc_controller.middleware.topics import CONTROLLER_TOPICS, counterpart, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes import clock as clock_module
-from wbc_controller.nodes.clock import ManualClock, MonotonicClock, SimulatedClock
+from wbc_controller.nodes.clock import MonotonicClock, SimulatedClock
 from wbc_controller.nodes.controller_service import make_clock
 from wbc_controller.records import Mode
 
@@ -80,11 +80,8 @@ def test_the_resolution_is_the_smallest_of_the_newest_steps(clock_and_time):
 def test_a_flood_of_times_costs_a_bounded_number_of_reads(clock_and_time, monkeypatch):
     clock, publish = clock_and_time
     reads = []
-    monkeypatch.setattr(
-        clock_module,
-        "decode",
-        lambda payload, kind, read=clock_module.decode: reads.append(1) or read(payload, kind),
-    )
+    read = clock_module.decode
+    monkeypatch.setattr(clock_module, "decode", lambda payload, kind: reads.append(1) or read(payload, kind))
     for i in range(1, 10_001):
         publish(i * 20_000)
     clock.refresh()
@@ -127,16 +124,6 @@ def test_waiting_takes_simulated_time(clock_and_time):
     stop.set()
     waiting.join(5.0)
     assert not waiting.is_alive()
-
-
-@pytest.mark.parametrize("clock", [MonotonicClock(), ManualClock(1.0)])
-def test_the_others_have_no_trouble_and_end_their_waiting(clock):
-    stop = threading.Event()
-    clock.wait(stop, 0.001)
-    stop.set()
-    clock.wait(stop, 60.0)
-    assert clock.clock_fault() is None
-    assert clock.stamp() > 0
 
 
 @pytest.fixture
@@ -320,15 +307,6 @@ def starved(bench):
     return controller
 
 
-def test_a_starved_thread_of_the_transport_does_not_stop_the_clock(starved):
-    ages = []
-    for _ in range(100):
-        report = states_with_time(starved, 1)
-        ages.append(max(report.inputs.ages.values()))
-    assert (report.mode, report.fault) == (Mode.ACTIVE, None)
-    assert max(ages) == pytest.approx(0.0, abs=1e-9)
-
-
 @pytest.mark.parametrize("late", [1, 20])
 def test_times_that_arrive_after_their_states_are_no_fault_within_the_limit_of_the_stamps(starved, late):
     """Two topics are two readers: the middleware may deliver a state before its time."""
@@ -368,25 +346,12 @@ def states_with_time(controller, count, every=1):
     return report
 
 
-@pytest.mark.parametrize(("rate", "said"), [(10, "in steps of 100 ms"), (15, "in steps of 66 ms")])
-def test_a_coarse_clock_is_not_a_stall(simulated, rate, said):
-    controller, _ = simulated
-    every, sentences = round(1.0 / (rate * controller.period)), []
-    for number in range(200):
-        time_and_state(controller, with_time=number % every == 0)
-        if number >= 2 * every:  # two messages show its step
-            controller.command("activate")
-        report = controller.loop.cycle()
-        sentences += [*report.refused, report.fault.sentence if report.fault is not None else ""]
-    assert not any("stood still" in sentence for sentence in sentences)
-    assert any(f"the clock advances {said}, too coarse for ages up to 50 ms" in each for each in sentences)
-
-
 @pytest.mark.parametrize(
     ("changes", "rate", "asked", "said"),
     [
         (None, 10, 1, "in steps of 100 ms, too coarse for ages up to 50 ms (safety.state_timeout)"),
         (None, 10, 100, "in steps of 100 ms, too coarse for ages up to 50 ms (safety.state_timeout)"),
+        (None, 15, 100, "in steps of 66 ms, too coarse for ages up to 50 ms (safety.state_timeout)"),
         (SYNCHRONIZED, 10, 20, "in steps of 100 ms, too coarse for ages up to 10 ms (safety.clock_tolerance)"),
         (SYNCHRONIZED, 50, 125, "in steps of 20 ms, too coarse for ages up to 10 ms (safety.clock_tolerance)"),
     ],
@@ -402,7 +367,7 @@ def test_with_a_coarse_clock_activation_is_refused_with_its_step(bench, changes,
             controller.command("activate")
         report = controller.loop.cycle()
         refused += [sentence for sentence in report.refused if "'activate'" in sentence]
-        assert report.mode is Mode.INACTIVE
+        assert (report.mode, report.fault) == (Mode.INACTIVE, None)
     assert len(refused) == 1
     assert said in refused[0] or (asked < every and "the step of the clock is unknown" in refused[0])
 

@@ -7,7 +7,6 @@ from peer import Peer
 from starved import StarvedThread
 
 from wbc_controller import Simulation
-from wbc_controller.errors import ConfigurationError
 from wbc_controller.middleware.codec import encode, message, nanoseconds
 from wbc_controller.middleware.setpoints import wrench_stamped
 from wbc_controller.middleware.topics import ESTIMATOR_NODE, ESTIMATOR_TOPICS, endpoints
@@ -193,10 +192,3 @@ def test_refusals_are_reported(robot, make):
     assert set(refused) == {"refused//base_estimator/contacts/rear_left_foot/holds", "refused//joint_states"}, refused
     assert "missing" in refused["refused//joint_states"]
     assert robot.holding() == FEET
-
-
-def test_a_robot_on_a_fixed_base_is_refused(robot, robot_of):
-    settings, model = robot_of("go2")
-    model = type("Fixed", (), {"floating_base": False, "base_link": model.base_link, "name": model.name})
-    with pytest.raises(ConfigurationError, match="base estimation requires 'floating'"):
-        EstimatorService(settings.model_copy(update={"contacts": {}}), model, [], MemoryTransport(MemoryBus()), None)

@@ -180,7 +180,9 @@ def test_requests_on_several_topics_come_in_the_order_of_their_arrival(go2, make
     )
 
 
-def test_a_refused_request_names_its_topic(go2, make):
+def test_a_refused_state_or_request_names_its_topic(go2, state, make):
+    state(go2)
+    go2.send("odom", make.odom(go2.q[:7], [NAN] * 6, go2.model.base_link, 51_000_000_000))
     go2.send("weight", make.float64(NAN), "com")
     go2.send("weight", make.float64(2), "posture")
     go2.send("setpoint", make.point([0, 0, 0], "moon"), "com")
@@ -188,21 +190,12 @@ def test_a_refused_request_names_its_topic(go2, make):
     latched = go2.inputs.latch()
     assert latched.requests.changes == ((SetWeight("posture", 2.0),),)
     assert [sentence.split(": ")[0] for sentence in latched.refused] == [
+        "/odom",
         "/wbc_controller/tasks/com/weight",
         "/wbc_controller/tasks/com/setpoint",
         "/wbc_controller/update",
     ]
-    assert "did you mean 'com'? Valid: base, com, posture" in latched.refused[2]
-
-
-def test_refused_states_and_requests_of_one_cycle_are_reported(go2, state, make):
-    state(go2)
-    go2.inputs.latch()
-    go2.send("odom", make.odom(go2.q[:7], [NAN] * 6, go2.model.base_link, 51_000_000_000))
-    go2.send("weight", make.float64(NAN), "com")
-    first, second = go2.inputs.latch().refused
-    assert first.startswith("/odom: ")
-    assert second.startswith("/wbc_controller/tasks/com/weight: ")
+    assert "did you mean 'com'? Valid: base, com, posture" in latched.refused[3]
 
 
 def test_changes_of_settings_are_prepared_on_the_reader_thread(go2, make):
@@ -220,6 +213,22 @@ def test_changes_of_settings_are_prepared_on_the_reader_thread(go2, make):
     assert prepared == [{"control": {"weight_ramp": 0.9}}, {"safety": {"damping": 1.0}}]
     assert len(latched.requests.changes) == 1
     assert latched.refused == ("/wbc_controller/update: not while it runs",)
+
+
+def test_requests_are_decoded_on_the_reader_thread(go2, make, monkeypatch):
+    threads, done = [], threading.Event()
+
+    def reader(*words):
+        threads.append(threading.current_thread())
+        done.set()
+        return ()
+
+    monkeypatch.setattr(decoding, "READERS", {**decoding.READERS, "weight": reader})
+    go2.inputs.requests.start_reader()
+    go2.send("weight", make.float64(1), "com")
+    assert done.wait(20.0)
+    go2.inputs.requests.stop_reader()
+    assert threads[0] is not threading.current_thread()
 
 
 def test_a_long_refusal_is_cut(go2, make):
@@ -274,13 +283,7 @@ ARRIVAL = st.tuples(
 )
 #: Per cycle: messages of both topics, and advance of the clock before, s.
 CYCLES = st.lists(
-    st.tuples(
-        ARRIVAL,
-        ARRIVAL,
-        st.sampled_from([0.002, 0.002, 0.002, 0.0, 0.04, 0.4]),
-    ),
-    min_size=5,
-    max_size=40,
+    st.tuples(ARRIVAL, ARRIVAL, st.sampled_from([0.002, 0.002, 0.002, 0.0, 0.04, 0.4])), min_size=5, max_size=40
 )
 
 
@@ -375,13 +378,10 @@ def test_states_before_the_start_are_dropped(go2, state):
     assert latched.ages == {"joint_states": np.inf, "odom": np.inf}
 
 
-def test_wake_ends_the_wait(go2):
+def test_wake_and_an_emergency_stop_end_the_wait(go2, make):
     go2.inputs.wake()
     assert go2.inputs.wait(0.0)
     assert not go2.inputs.wait(0.0)
-
-
-def test_an_emergency_stop_wakes_the_loop(go2, make):
     go2.send("command", make.string("activate"))
     assert not go2.inputs.wait(0.0)
     go2.send("command", make.string("estop"))

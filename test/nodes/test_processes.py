@@ -14,7 +14,7 @@ from wbc_controller.errors import WbcError
 from wbc_controller.nodes.processes import Processes, memory, processor_time, until, waiting_time
 
 
-def test_processor_time_counts_work_and_not_sleep():
+def test_processor_time_and_memory_are_those_of_the_process():
     before, began = processor_time(os.getpid()), time.process_time()
     while time.process_time() - began < 0.2:
         pass
@@ -22,9 +22,6 @@ def test_processor_time_counts_work_and_not_sleep():
     before = processor_time(os.getpid())
     time.sleep(0.3)
     assert processor_time(os.getpid()) - before <= 0.1
-
-
-def test_memory_is_the_resident_size():
     before = memory(os.getpid())
     with mmap.mmap(-1, 200_000_000) as reserved:
         assert memory(os.getpid()) - before < 20_000

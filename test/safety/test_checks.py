@@ -33,14 +33,11 @@ def test_an_input_over_the_limit_is_named_with_its_age(age, said):
     assert fault.sentence == said
 
 
-def test_every_stale_input_is_named_with_what_is_known_of_it():
+def test_stale_inputs_are_named_with_what_is_known():
     fault = stale_inputs({"joint_states": 0.1, "odom": 0.2}, 0.05, lambda: {"odom": "last refusal: the twist is bad"})
     assert fault.sentence == (
         "joint_states is 100 ms old (limit 50 ms); odom is 200 ms old (limit 50 ms); last refusal: the twist is bad"
     )
-
-
-def test_a_limit_that_is_not_a_number_makes_everything_stale():
     assert stale_inputs({"odom": 0.0}, float("nan")) is not None
 
 
@@ -52,14 +49,11 @@ def test_torques_that_are_not_finite_or_over_a_limit_are_named(tau):
     assert "knee" not in fault.sentence
 
 
-def test_every_joint_with_a_bad_torque_is_named_and_one_whose_limit_is_not_a_number():
+def test_every_joint_with_a_bad_torque_is_named():
     sentence = unusable_torques(np.array([np.nan, 30.0]), EFFORT, LIMITS, JOINTS).sentence
     assert "hip: nan" in sentence
     assert "knee: 30" in sentence
     assert "hip: 0" in unusable_torques(np.zeros(2), EFFORT, np.array([np.nan, 20.0]), JOINTS).sentence
-
-
-def test_torques_beyond_what_the_motors_have_at_their_speeds_are_named_with_what_they_have():
     available = np.array([-10.0, -5.0]), np.array([2.0, 20.0])
     fault = unusable_torques(np.array([2.2, -5.3]), available, LIMITS, JOINTS)
     assert fault.sentence.endswith("hip: 2.2 N·m (limit 2), knee: -5.3 N·m (limit 5)")
@@ -84,12 +78,9 @@ def test_every_check_has_its_threshold_in_the_configuration_a_code_in_the_docs_a
     assert not check.code or f"- `{check.code}`: " in PAGE
 
 
-def test_no_limit_of_safety_changes_while_the_controller_runs():
+def test_limits_of_safety_are_not_live_and_have_a_check():
     assert Settings.model_fields["safety"].annotation.live == ()
     assert "torque_rate" not in Settings.model_fields["limits"].annotation.live
-
-
-def test_every_limit_of_safety_has_a_check_or_is_a_time_of_the_modes():
     modes = {"activation_ramp", "damping_time"}
     keys = {key.split(".")[1] for check in CHECKS for key in check.keys if key.startswith("safety.")}
     assert keys | modes == set(Settings.model_fields["safety"].annotation.model_fields)

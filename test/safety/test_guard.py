@@ -62,13 +62,10 @@ class Rig:
         return self.sent[-round(duration / PERIOD) :]
 
 
-def test_it_is_silent_while_commands_flow():
+def test_it_is_silent_while_commands_flow_and_before_the_first_one():
     rig = Rig()
     assert set(rig.run(1.0, commands=True)) == {None}
     assert rig.guard.mode is GuardMode.WATCHING
-
-
-def test_it_is_silent_before_the_first_command_ever():
     rig = Rig()
     rig.hear(mode=Mode.ACTIVE)  # latched mode of a dead controller
     assert set(rig.run(1.0)) == {None}
@@ -170,14 +167,6 @@ def test_with_stale_velocities_the_torques_sink_to_zero_and_rise_when_they_come_
     assert not rig.guard.velocity_is_stale(rig.now, rig.inputs)
 
 
-def test_an_infeasible_last_command_is_not_continued():
-    rig = Rig()
-    rig.run(0.1, commands=True, torques=[np.nan, 1e9, 0.0])
-    sent = [tau for tau in rig.run(0.1) if tau is not None]
-    assert np.isfinite(sent).all()
-    assert (np.abs(sent) <= 0.2 * EFFORT).all()
-
-
 @pytest.mark.parametrize("often", [1, 5])
 def test_the_torque_rate_is_per_second_however_often_it_is_asked(often):
     rig = Rig(CONFIG.replace({"limits.torque_rate": 1.0}))
@@ -212,7 +201,7 @@ events = st.lists(
 )
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=120, deadline=None)
 @given(events, st.sampled_from([CONFIG, BY_TIMER]))
 def test_whatever_happens(history, config):
     """Torques are finite, bounded and without jumps, and end at zero."""
@@ -239,14 +228,3 @@ def test_whatever_happens(history, config):
     sent = [tau for tau in rig.sent if tau is not None]
     if sent and rig.guard.mode is GuardMode.RELEASED:
         assert not sent[-1].any()
-
-
-@settings(max_examples=100, deadline=None)
-@given(st.lists(st.floats(-20.0, 20.0), min_size=3, max_size=3))
-def test_damping_takes_energy_and_leaves_little_for_whoever_takes_over(velocity):
-    rig = Rig()
-    rig.run(0.02, commands=True)
-    tau = rig.run(0.1, velocity=velocity)[-1]
-    assert (tau * np.array(velocity) <= 0.0).all()
-    assert (np.abs(tau) <= 0.2 * EFFORT + 1e-12).all()
-    assert (np.abs(tau) >= np.minimum(2.0 * np.abs(velocity), 0.2 * EFFORT) - 1e-12).all()

@@ -13,7 +13,7 @@ from wbc_controller.controller.build.safety import make_supervisor_limits
 from wbc_controller.errors import InputRefused, NoSolution
 from wbc_controller.records import Fault, Mode, RobotState, Solution
 from wbc_controller.safety.damping import stable_damping
-from wbc_controller.safety.plausibility import LEAST_HEIGHT, FallWatch, StateWatch, joint_speed_limits, upward
+from wbc_controller.safety.plausibility import LEAST_HEIGHT, FallWatch, StateWatch, joint_speed_limits
 from wbc_controller.safety.supervisor import Supervisor
 from wbc_controller.settings.service import SafetySettings
 
@@ -100,13 +100,8 @@ def test_the_torque_rate_is_per_second_however_often_the_states_come(body):
     robot.step(100, dt=PERIOD / 5.0)
     gained = (robot.commands[-1].tau - before) / robot.model.effort_limits
     np.testing.assert_allclose(gained, 2.0 * 20 * PERIOD, rtol=1e-6)
-
-
-def test_the_torques_of_a_late_command_change_by_no_more_than_one_period_s_worth(body):
-    robot = body(torque_rate=2.0)
-    robot.step(5)
     before = robot.commands[-1].tau
-    robot.step(dt=0.03)
+    robot.step(dt=0.03)  # late: at most the change of one period
     np.testing.assert_allclose(robot.commands[-1].tau - before, 2.0 * PERIOD * robot.model.effort_limits, rtol=1e-6)
 
 
@@ -236,11 +231,6 @@ def height_of(model, q):
     return watch._height_of(RobotState(0, q, np.zeros(model.nv)))
 
 
-def test_the_upward_direction_is_the_last_row_of_the_base_s_rotation():
-    pose = pin.SE3.Random()
-    np.testing.assert_allclose(upward(pin.SE3ToXYZQUAT(pose)), pose.rotation[2], atol=1e-12)
-
-
 @pytest.mark.parametrize("seed", range(20))
 def test_the_height_above_the_lowest_end_of_a_limb_is_that_of_forward_kinematics(seed):
     model, rng = random_robot(seed)
@@ -253,12 +243,6 @@ def test_the_height_above_the_lowest_end_of_a_limb_is_that_of_forward_kinematics
     assert height_of(model, q) == pytest.approx(q[2] - lowest, abs=1e-12)
 
 
-def test_a_base_without_limbs_is_above_nothing():
-    model = pin.Model()
-    model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "base")
-    assert height_of(model, pin.neutral(model)) == -np.inf
-
-
 @pytest.mark.parametrize(("axis", "speed", "changes"), [(2, -1.0, {}), (3, 1.0, NO_FALL)])
 def test_neither_stairs_nor_anything_without_limits_is_a_fall(body, axis, speed, changes):
     robot = body(**changes)
@@ -267,13 +251,16 @@ def test_neither_stairs_nor_anything_without_limits_is_a_fall(body, axis, speed,
     assert robot.mode is Mode.ACTIVE
 
 
-def test_a_fixed_base_does_not_fall(robot_of, changed):
+def test_neither_a_fixed_base_nor_one_without_limbs_falls(robot_of, changed):
     settings = changed(robot_of("go2")[0], {"robot": {"base": "fixed"}})
     watch = FallWatch(make_model(settings), SafetySettings(max_tilt=0.01, min_height=1.0))
     watch.begin()
     for i in range(20):  # values 3 to 6 of its configuration are joints, and no quaternion
         q = np.random.default_rng(i).uniform(-1.0, 1.0, 12)
         assert watch.check(0.1 * i, RobotState(i, q, np.zeros(12))) is None
+    model = pin.Model()
+    model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "base")
+    assert height_of(model, pin.neutral(model)) == -np.inf
 
 
 def test_single_solutions_do_not_renew_the_time_for_holding(body):
@@ -290,11 +277,18 @@ def test_single_solutions_do_not_renew_the_time_for_holding(body):
     robot.says("NO_SOLUTION", "held the last torques for 1", "within 1 s (limit 100 ms, safety.hold_time)", "nothing")
 
 
-def test_failures_that_are_rare_do_not_add_up(body):
+def test_rare_failures_and_relaxations_do_not_add_up(body):
     robot = body(hold_time=0.1, hold_window=1.0)
     for _ in range(60):
         robot.step(2, outcome=NOTHING)
         robot.step(48)
+    assert robot.mode is Mode.ACTIVE
+    robot = body()
+    for _ in range(30):
+        robot.relaxed = ("joint_motion",)
+        robot.step(40)
+        robot.relaxed = ()
+        robot.step(160)
     assert robot.mode is Mode.ACTIVE
 
 
@@ -324,18 +318,8 @@ def test_an_activation_begins_with_whole_budgets(body):
         assert robot.mode is Mode.ACTIVE
 
 
-def test_relaxing_now_and_then_is_none(body):
-    robot = body()
-    for _ in range(30):
-        robot.relaxed = ("joint_motion",)
-        robot.step(40)
-        robot.relaxed = ()
-        robot.step(160)
-    assert robot.mode is Mode.ACTIVE
-
-
 def test_noise_of_sensors_is_plausible(body):
-    """Noise of 5e-3 rad, 0.2 rad/s, 3 mm and 0.1 m/s for a minute at 500 Hz."""
+    """Noise of 5e-3 rad, 0.2 rad/s, 3 mm and 0.1 m/s for 20 s at 500 Hz."""
     robot, rng = body(), np.random.default_rng(0)
     model = robot.model
 
@@ -346,7 +330,7 @@ def test_noise_of_sensors_is_plausible(body):
         v[:6] += rng.normal(0.0, 0.1, 6)
         return q, v
 
-    for i in range(3000):
+    for i in range(1000):
         robot.v[model.v_index] = 2.0 * np.sin(0.1 * i + np.arange(model.nj))
         robot.step(10, sensed=noisy)
     assert robot.mode is Mode.ACTIVE
@@ -361,11 +345,11 @@ def test_values_that_repeat_at_rest_and_coarse_encoders_with_noise_are_plausible
         v[model.v_index] += rng.normal(0.0, noise, model.nj)
         return q, v
 
-    robot.step(15000, sensed=coarse)
+    robot.step(5000, sensed=coarse)
     assert robot.mode is Mode.ACTIVE
 
 
-def test_slow_odometry_is_plausible(body):
+def test_slow_lost_and_corrected_measurements_are_plausible(body):
     """50 Hz at 1 m/s: the pose repeats for ten states, and then catches up."""
     robot = body()
     robot.v[0], robot.v[5] = 1.0, 0.5
@@ -380,9 +364,6 @@ def test_slow_odometry_is_plausible(body):
 
     robot.step(500, sensed=slow)
     assert robot.mode is Mode.ACTIVE
-
-
-def test_messages_that_are_lost_are_plausible(body):
     robot, rng = body(**NO_FALL), np.random.default_rng(1)
     for i in range(300):
         robot.v[robot.model.v_index] = 3.0 * np.sin(0.2 * i + np.arange(robot.model.nj))
@@ -392,6 +373,11 @@ def test_messages_that_are_lost_are_plausible(body):
     robot.v[robot.model.v_index] = 3.0  # turned back during the gap
     robot.step(dt=0.3)
     robot.step(10)
+    assert robot.mode is Mode.ACTIVE
+    robot = body(steps=10)
+    for _ in range(10):
+        robot.q[0] += 0.05
+        robot.step(250)
     assert robot.mode is Mode.ACTIVE
 
 
@@ -409,11 +395,15 @@ def test_reach_after_a_gap(body):
     robot.says("IMPLAUSIBLE_STATE", repr(robot.model.joints[4]), "differs by -0.25 rad", "safety.joint_mismatch")
 
 
-def test_velocity_limits_that_are_zero_or_tiny_in_the_urdf_are_none(robot_of):
+def test_largest_joint_speeds_and_time_of_frozen_values(robot_of, changed):
     _, model = robot_of("go2")
     limits = np.array([0.0, 1e-3, 0.5, 1.0, 20.0, 1e6, *model.velocity_limits[6:]])
     found = joint_speed_limits(SimpleNamespace(velocity_limits=limits), 5.0)
     np.testing.assert_allclose(found[:6], [1000.0, 5.0, 5.0, 5.0, 100.0, 1000.0])
+    settings, model = robot_of("go2")
+    for timeout, frozen_time in ((0.05, 0.1), (0.5, 0.5)):
+        watch = StateWatch(model, changed(settings, {"safety": {"state_timeout": timeout}}).safety)
+        assert watch._joint_values._limit == frozen_time
 
 
 @pytest.mark.parametrize("jump", [-1.0, 0.25, 3.2])
@@ -509,28 +499,18 @@ def test_values_that_are_frozen_under_fresh_stamps_are_named(body, what, places,
     robot.says("IMPLAUSIBLE_STATE", f"{what} have repeated for 102 ms", "limit 100 ms, safety.frozen_time")
 
 
-@pytest.mark.parametrize(("axis", "jump"), [(0, 1.0), (1, -0.15), (2, 0.12)])
+@pytest.mark.parametrize(("axis", "jump"), [(0, 1.0), (1, -0.15), (2, 0.12), (3, 0.4)])
 def test_odometry_that_jumps_is_a_fault(body, axis, jump):
     robot = body(steps=10)
-    robot.q[axis] += jump
+    if axis < 3:
+        robot.q[axis] += jump
+        said = "xyz"[axis], f"{jump:.3g} m", "limit 0.1, safety.base_mismatch"
+    else:
+        robot.q[3:7] = [np.sin(jump / 2.0), 0.0, 0.0, np.cos(jump / 2.0)]
+        said = "base rotation about x", "0.4 rad", "limit 0.2, safety.base_turn_mismatch"
     robot.step()
-    robot.says("IMPLAUSIBLE_STATE", "xyz"[axis], f"{jump:.3g} m", "limit 0.1, safety.base_mismatch")
+    robot.says("IMPLAUSIBLE_STATE", *said)
     assert (np.abs(robot.commands[-1].tau - robot.commands[-2].tau) <= 0.2 * robot.model.effort_limits + 1e-9).all()
-
-
-def test_an_orientation_that_jumps_is_a_fault(body):
-    robot = body(steps=10)
-    robot.q[3:7] = [np.sin(0.2), 0.0, 0.0, np.cos(0.2)]
-    robot.step()
-    robot.says("IMPLAUSIBLE_STATE", "base rotation about x", "0.4 rad", "limit 0.2, safety.base_turn_mismatch")
-
-
-def test_a_small_correction_of_the_odometry_is_plausible(body):
-    robot = body(steps=10)
-    for _ in range(10):
-        robot.q[0] += 0.05
-        robot.step(250)
-    assert robot.mode is Mode.ACTIVE
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
@@ -580,33 +560,14 @@ def test_activation_is_refused_while_the_state_is_not_plausible(body):
         robot.supervisor.request("activate", robot.now, None)
 
 
-def test_implausible_velocities_are_not_damped(body):
-    robot = body()
+@pytest.mark.parametrize(("damping", "speed"), [(2.0, 1.0), (100.0, 0.01)])
+def test_plausible_velocities_are_damped_as_a_sampled_loop_can_bear(body, damping, speed):
+    robot = body(damping=damping)
     robot.step(100)
     robot.supervisor.request("damp", robot.now, None)
-    speeds = np.full(robot.model.nj, 1.0)
+    speeds = np.full(robot.model.nj, speed)
     speeds[3] = -1e6
-    for _ in range(10):
-        robot.step(velocity=speeds)
-    expected = np.full(robot.model.na, -2.0)
-    expected[3] = 0.0
-    np.testing.assert_allclose(robot.commands[-1].tau, expected)
-
-
-def test_the_supervisor_damps_as_much_as_a_sampled_loop_can_bear(body):
-    robot = body(damping=100.0)
-    robot.step(100)
-    robot.supervisor.request("damp", robot.now, None)
-    speeds = np.full(robot.model.nj, 0.01)
-    for _ in range(10):
-        robot.step(velocity=speeds)
-    D = stable_damping(robot.model, 100.0, PERIOD)
-    assert D.max() < 50.0
-    np.testing.assert_allclose(robot.commands[-1].tau, -D * 0.01)
-
-
-def test_odometry_that_is_slow_and_not_stale_is_not_frozen(robot_of, changed):
-    settings, model = robot_of("go2")
-    for timeout, frozen_time in ((0.05, 0.1), (0.5, 0.5)):
-        watch = StateWatch(model, changed(settings, {"safety": {"state_timeout": timeout}}).safety)
-        assert watch._joint_values._limit == frozen_time
+    robot.step(10, velocity=speeds)
+    D = stable_damping(robot.model, damping, PERIOD)
+    assert (D.max() < 50.0) if damping > 50.0 else (damping == D).all()
+    np.testing.assert_allclose(robot.commands[-1].tau, -D * np.where(speeds > 0.0, speed, 0.0))

@@ -6,18 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wbc_controller.safety.plausibility_kernels import (
-    BASE_REPEATS,
-    GAP,
-    JOINTS_REPEAT,
-    JUMPED,
-    MEMORY,
-    OUT_OF_RANGE,
-    STUCK,
-    STUCK_MOTION,
-    StateMemory,
-    compare,
-)
+from wbc_controller.safety import plausibility_kernels as kernels
+from wbc_controller.safety.plausibility_kernels import compare
 
 N, NV = 12, 18
 seeds = st.integers(0, 2**32 - 1)
@@ -56,7 +46,7 @@ class Watched:
 
     def compare(self):
         kept = [each.copy() for each in (self.before, self.v_before)]
-        memory = StateMemory(
+        memory = kernels.StateMemory(
             q_index=self.q_index,
             v_index=self.v_index,
             base_q=np.arange(7 if self.floating else 0),
@@ -71,7 +61,7 @@ class Watched:
             stuck_motion=self.stuck_motion,
         )
         found = compare(memory, self.q, self.v, self.dt, self.any_stuck_motion)
-        expected = [self.before, self.v_before] if found & OUT_OF_RANGE else [self.q, self.v]
+        expected = [self.before, self.v_before] if found & kernels.OUT_OF_RANGE else [self.q, self.v]
         assert all(each.tobytes() == other.tobytes() for each, other in zip(kept, expected, strict=True))
         return found
 
@@ -80,27 +70,27 @@ class Watched:
         fastest, tolerance, stuck_limit = self.limits
         x, u = self.mismatch, self.stuck_motion
         if not (np.abs(self.q) <= self.magnitude).all() or not (np.abs(self.v) <= fastest).all():
-            return OUT_OF_RANGE, x, u
+            return kernels.OUT_OF_RANGE, x, u
         moves = self.v.any() or self.v_before.any() or self.any_stuck_motion or (x**2).sum() > 1e-12
         if not moves and self.q.tobytes() == self.before.tobytes():
             return 0, x, u
         change, integrated = self.change(), 0.5 * self.dt * (self.v_before + self.v)
-        known, keep = 0.0 <= self.dt <= GAP, 1.0 - self.dt / MEMORY
+        known, keep = 0.0 <= self.dt <= kernels.GAP, 1.0 - self.dt / kernels.MEMORY
         reach = abs(self.dt) * fastest
         x = keep * x + (change - integrated) if known else change - np.clip(change, -reach, reach)
         found = 0
         if not (np.abs(x) <= tolerance).all():
-            found, u = found | JUMPED, np.zeros(self.nv)
+            found, u = found | kernels.JUMPED, np.zeros(self.nv)
         if change[self.v_index].all():
             u = np.zeros(self.nv)
         else:
-            found |= STUCK_MOTION if known or self.any_stuck_motion else 0
+            found |= kernels.STUCK_MOTION if known or self.any_stuck_motion else 0
             if known:
                 u = np.where(change == 0.0, keep * u + integrated, 0.0)
-                found |= 0 if (np.abs(u) <= stuck_limit).all() else STUCK
-            found |= JOINTS_REPEAT if self.repeats(self.q_index, self.v_index) else 0
+                found |= 0 if (np.abs(u) <= stuck_limit).all() else kernels.STUCK
+            found |= kernels.JOINTS_REPEAT if self.repeats(self.q_index, self.v_index) else 0
         if self.floating and self.q[0] == self.before[0]:
-            found |= BASE_REPEATS if self.repeats(slice(7), slice(6)) else 0
+            found |= kernels.BASE_REPEATS if self.repeats(slice(7), slice(6)) else 0
         return found, x, u
 
     def repeats(self, q, v):
@@ -116,14 +106,11 @@ class Watched:
         return found
 
 
-BITS = [OUT_OF_RANGE, JUMPED, STUCK, STUCK_MOTION, JOINTS_REPEAT, BASE_REPEATS]
-
-
 @settings(deadline=None, max_examples=400)
 @given(
     seed=seeds,
     floating=st.booleans(),
-    dt=st.sampled_from([0.0, 0.004, 0.004, GAP, 0.06, -0.004]),
+    dt=st.sampled_from([0.0, 0.004, 0.004, kernels.GAP, 0.06, -0.004]),
     joints=st.sampled_from(["move", "move", "some", "still", "repeat", "rest"]),
     base=st.sampled_from(["moves", "moves", "still", "repeats", "rests"]),
     size=st.sampled_from([0.3, 2.0, np.inf]),
@@ -159,21 +146,6 @@ def test_a_comparison_finds_what_numpy_and_pinocchio_find(
     case.check()
 
 
-@pytest.mark.parametrize("bit", BITS)
-def test_every_finding_occurs_among_such_cases(bit):
-    case = Watched(0)
-    case.limits[:] = 1e3
-    if bit == OUT_OF_RANGE:
-        case.v[4] = np.nan
-    if bit in (JUMPED, STUCK):
-        case.limits[1 if bit == JUMPED else 2] = 1e-6
-    if bit in (STUCK, STUCK_MOTION, JOINTS_REPEAT):
-        case.q[-N:], case.v[-N:] = case.before[-N:], case.v_before[-N:]
-    if bit == BASE_REPEATS:
-        case.q[:7], case.v[:6] = case.before[:7], case.v_before[:6]
-    assert case.check() & bit
-
-
 @pytest.mark.parametrize("what", ["nothing", "v", "v_before", "stuck_motion", "mismatch", "q", "sign"])
 def test_rest_of_a_robot(what):
     case = Watched(1)
@@ -198,4 +170,4 @@ def test_a_zero_quaternion_fails():
         case = Watched(2)
         getattr(case, which)[3:7] = 0.0
         assert np.isnan(case.change()).any()
-        assert case.compare() & JUMPED
+        assert case.compare() & kernels.JUMPED

@@ -41,16 +41,6 @@ def pose(x=0.0, angle=0.0):
     return np.array([x, 0.0, 0.4, 0.0, 0.0, math.sin(0.5 * angle), math.cos(0.5 * angle)])
 
 
-def test_zeros_of_a_second_publisher_are_rejected(joints):
-    check, model = joints
-    for i in range(1, 20):
-        zeros = check.check(DT * 2 * i, np.zeros(model.nj), np.zeros(model.nj))
-        assert zeros.startswith("joint 'FL_thigh_joint' jumps by -0.8 rad within 2 ms, inconsistent with its velocity")
-        assert check.fault("/joint_states") is None
-        assert check.check(DT * (2 * i + 1), model.posture, np.zeros(model.nj)) == ""
-    assert check.rejected == 19
-
-
 def test_a_sequence_is_a_fault_with_topic_number_and_reason(joints):
     check, model = joints
     for i in range(SEQUENCE):

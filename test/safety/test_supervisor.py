@@ -12,7 +12,7 @@ from unchecked import UNCHECKED
 
 from wbc_controller.errors import InputRefused, NoSolution
 from wbc_controller.inverse_dynamics.limits import TorqueSpeedCurve
-from wbc_controller.records import REQUESTS, Fault, Infeasibility, Mode, RobotState, Solution
+from wbc_controller.records import REQUESTS, Fault, Mode, RobotState, Solution
 from wbc_controller.safety.supervisor import Supervisor, SupervisorLimits
 from wbc_controller.settings.service import SafetySettings
 
@@ -128,18 +128,18 @@ def test_every_request_in_every_mode(rig, where, word, result):
 
 
 @pytest.mark.parametrize("where", TABLE)
-def test_an_unknown_request_is_refused_with_a_suggestion(rig, where):
+def test_in_every_mode_unknown_requests_are_refused_and_the_end_leaves_no_torque(rig, where):
     bench = rig().bring(where)
     with pytest.raises(InputRefused, match=r"'actvate' is unknown; did you mean 'activate'\? Valid: activate, damp"):
         bench.request("actvate")
     assert bench.mode.value == where.rstrip("!")
-
-
-def test_activation_is_refused_with_what_is_wrong_with_the_inputs(rig):
-    bench = rig()
-    with pytest.raises(InputRefused, match=re.escape(f"'activate' is refused: {STALE.sentence}")):
-        bench.request("activate", STALE)
-    assert bench.mode is Mode.INACTIVE
+    bench = rig().bring(where)
+    command = bench.supervisor.shut_down(bench.now)
+    if where == "inactive":
+        assert command is None
+    else:
+        assert not command.tau.any()
+        assert bench.mode is Mode.STOPPED
 
 
 @pytest.mark.parametrize("where", TABLE)
@@ -154,17 +154,6 @@ def test_an_emergency_stop_takes_the_torque_away_at_once_and_is_latched(rig, whe
         bench.request("activate")
     bench.request("reset")
     assert bench.request("activate")
-
-
-@pytest.mark.parametrize("where", TABLE)
-def test_the_end_of_the_process_leaves_no_torque(rig, where):
-    bench = rig().bring(where)
-    command = bench.supervisor.shut_down(bench.now)
-    if where == "inactive":
-        assert command is None
-    else:
-        assert not command.tau.any()
-        assert bench.mode is Mode.STOPPED
 
 
 def shares(bench):
@@ -185,7 +174,7 @@ def test_torques_ramp_in_from_zero_in_the_activation_ramp(rig):
     assert (share[51:] == 1.0).all()
 
 
-def test_torques_ramp_out_to_zero_and_then_nothing_is_sent(rig):
+def test_a_deactivation_ramps_the_torques_out_once(rig):
     bench = rig(torque_rate=1e5).bring("active")
     bench.commands.clear()
     bench.request("deactivate")
@@ -196,9 +185,14 @@ def test_torques_ramp_out_to_zero_and_then_nothing_is_sent(rig):
     assert (np.diff(share, axis=0) <= 0.0).all()
     assert share[0, 0] == pytest.approx(0.98)
     assert not share[-1].any()
-
-
-def test_deactivation_in_mid_ramp_starts_from_the_share_that_there_is(rig):
+    bench = rig(torque_rate=1e5).bring("active")
+    bench.commands.clear()
+    for _ in range(55):
+        if bench.mode is Mode.ACTIVE:
+            bench.request("deactivate")
+        bench.step()
+    assert bench.mode is Mode.INACTIVE
+    assert (np.diff(shares(bench), axis=0) <= 0.0).all()
     bench = rig(torque_rate=1e5)
     bench.request("activate")
     bench.step(count=15)
@@ -210,18 +204,7 @@ def test_deactivation_in_mid_ramp_starts_from_the_share_that_there_is(rig):
     assert bench.mode is Mode.INACTIVE
 
 
-def test_a_second_deactivation_does_not_start_the_ramp_anew(rig):
-    bench = rig(torque_rate=1e5).bring("active")
-    bench.commands.clear()
-    for _ in range(55):
-        if bench.mode is Mode.ACTIVE:
-            bench.request("deactivate")
-        bench.step()
-    assert bench.mode is Mode.INACTIVE
-    assert (np.diff(shares(bench), axis=0) <= 0.0).all()
-
-
-def test_holding_does_not_cut_a_ramp_short(rig):
+def test_holding_neither_cuts_a_ramp_short_nor_forgets_a_deactivation(rig):
     bench = rig(torque_rate=1e5)
     bench.request("activate")
     bench.step(count=10)
@@ -231,9 +214,6 @@ def test_holding_does_not_cut_a_ramp_short(rig):
     assert (bench.mode, bench.supervisor.fault) == (Mode.ACTIVE, None)
     assert shares(bench)[12, 0] == pytest.approx(13 / 50)
     assert np.abs(np.diff(shares(bench)[:, 0])).max() <= 0.061  # three periods' worth, after two of holding
-
-
-def test_holding_does_not_forget_a_deactivation(rig):
     bench = rig().bring("active")
     bench.request("deactivate")
     bench.step(count=5)
@@ -242,7 +222,7 @@ def test_holding_does_not_forget_a_deactivation(rig):
     assert bench.mode is Mode.INACTIVE
 
 
-def test_the_torque_rate_is_held_in_the_problem_only_when_no_ramp_is_under_way(rig):
+def test_the_torque_rate_is_held_in_the_problem_only_after_the_ramp(rig):
     bench = rig()
     assert bench.supervisor.torques_before(bench.now) is None
     bench.request("activate")
@@ -253,9 +233,6 @@ def test_the_torque_rate_is_held_in_the_problem_only_when_no_ramp_is_under_way(r
     bench.request("deactivate")
     bench.step()
     assert bench.supervisor.torques_before(bench.now) is None
-
-
-def test_torques_are_not_taken_over_before_the_ramp_has_ended(rig):
     bench = rig(torque_rate=2.0)
     wanted, bench.tau = bench.tau, 0.0 * bench.tau
     bench.request("activate")
@@ -266,7 +243,7 @@ def test_torques_are_not_taken_over_before_the_ramp_has_ended(rig):
     assert bench.supervisor.torques_before(bench.now) is None
 
 
-def test_filtered_torques_follow_the_solutions_with_their_time_constant(rig):
+def test_filtered_torques_follow_the_solutions_and_delay_no_stop(rig):
     bench = rig(torque_filter=0.006, torque_rate=1e5).bring("active")
     np.testing.assert_allclose(bench.commands[-1].tau, bench.tau, rtol=1e-6)  # unfiltered on the ramp
     before, bench.tau = bench.tau, -0.4 * bench.model.effort_limits
@@ -277,9 +254,6 @@ def test_filtered_torques_follow_the_solutions_with_their_time_constant(rig):
     bench.now += 0.006 - PERIOD  # late states: elapsed time counts
     late = bench.step().tau
     np.testing.assert_allclose(late, bench.tau + np.exp(-1.0) * (sent - bench.tau), rtol=1e-6)
-
-
-def test_a_filter_delays_neither_damping_nor_a_stop(rig):
     for word in ("estop", "damp"):
         bench = rig(torque_filter=0.05, torque_rate=1e5).bring("active")
         bench.request(word)
@@ -330,18 +304,6 @@ def test_the_ladder_from_no_solution_to_fault(rig):
     np.testing.assert_allclose(bench.commands[-1].tau, bench.tau)
 
 
-def test_the_explanation_of_the_first_failure_stays_in_force(rig):
-    why = Infeasibility(("cone:left",), ("cone:left",), {"cone:left": 1.0}, {"cone:left": "N"}, "conflict: cone")
-    bench = rig().bring("active")
-    bench.step(NoSolution("nothing; conflict: cone", "infeasible", None, why))
-    fault = bench.supervisor.fault
-    assert (fault.sentence, fault.infeasibility) == ("nothing; conflict: cone", why)
-    bench.step(NOTHING, count=12)
-    assert (bench.mode, bench.supervisor.fault) == (Mode.DAMPING, fault)
-    bench.step(count=30)
-    assert (bench.mode, bench.supervisor.fault) == (Mode.FAULT, fault)
-
-
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_no_torque_is_held_that_drives_a_joint_into_its_stop(rig, side):
     bench = rig(hold_time=0.1).bring("active")
@@ -369,15 +331,6 @@ def test_a_torque_that_slows_the_return_of_a_joint_from_beyond_its_stop_is_held(
     assert bench.tau[0] > 0.0
     bench.step(NOTHING, count=8, velocity=-1.0)
     np.testing.assert_allclose(bench.commands[-1].tau[0], bench.tau[0] + 2.0)
-
-
-@pytest.mark.parametrize("where", ["active", "holding"])
-def test_stale_inputs_and_faults_of_the_controller_lead_to_damping_at_once(rig, where):
-    internal = Fault("INTERNAL_ERROR", "ZeroDivisionError: division by zero")
-    for fault, given_as in ((STALE, {"problem": STALE}), (internal, {"outcome": internal})):
-        bench = rig().bring(where)
-        bench.step(**given_as)
-        assert (bench.mode, bench.supervisor.fault) == (Mode.DAMPING, fault)
 
 
 @pytest.mark.parametrize("velocity", [None, np.nan, np.inf])
@@ -440,7 +393,7 @@ _cycles = st.lists(
 )
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(
     cycles=_cycles,
     ramp=st.sampled_from([0.0, 0.01, 0.1]),
@@ -505,7 +458,7 @@ def rig_model(robot_of):
     return robot_of("go2")[1]
 
 
-def test_no_torque_beyond_what_the_motors_have_at_their_speeds(robot_of):
+def test_torques_of_the_motors_at_known_and_unknown_speeds(robot_of):
     na = robot_of("go2")[1].na
     rig = Rig(robot_of("go2")[1], torque_speed=TorqueSpeedCurve(np.full(na, 5.0), np.full(na, 15.0)), torque_rate=5.0)
     rig.bring("active")
@@ -518,10 +471,6 @@ def test_no_torque_beyond_what_the_motors_have_at_their_speeds(robot_of):
     assert (rig.commands[-1].tau <= 0.3 * rig.model.effort_limits + 1e-9).all()
     rig.step(velocity=-12.0)  # braking
     assert rig.mode is Mode.ACTIVE
-
-
-def test_unknown_speeds_use_stall_torque(robot_of):
-    na = robot_of("go2")[1].na
     rig = Rig(robot_of("go2")[1], torque_speed=TorqueSpeedCurve(np.full(na, 5.0), np.full(na, 15.0))).bring("active")
     for velocity in (None, np.nan, np.inf):
         rig.step(velocity=velocity)

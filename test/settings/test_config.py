@@ -21,21 +21,15 @@ def test_a_name_a_path_and_a_dictionary_are_loaded(tmp_path):
     assert wbc.load(mine) is mine
 
 
-def test_dotted_and_nested_keys_say_the_same():
+def test_keys_and_copies():
     dotted = wbc.load({"robot.joints": ["a", "b"], "robot.posture": np.array([0.0, 0.1]), "tasks": SMALL["tasks"]})
     assert dotted.settings == wbc.load(SMALL).settings
-
-
-def test_replace_returns_a_copy():
     old = wbc.load(SMALL)
     new = old.replace({"tasks.com.weight": 20.0, "robot.posture.b": 0.5, "tasks.posture": None})
     assert (new["tasks.com.weight"], new["robot.posture"]) == (20.0, [0.0, 0.5])
     assert list(new.settings.tasks) == ["com"]
     assert (old["tasks.com.weight"], old["robot.posture"]) == (1.0, [0.0, 0.1])
     assert list(old.settings.tasks) == ["com", "posture"]
-
-
-def test_a_new_task_and_another_urdf_can_be_put_in():
     config = wbc.load(SMALL, urdf="<robot/>")
     assert config.replace({"tasks": {"gaze": {"type": "com"}}}).urdf == "<robot/>"
     assert config.replace({}, urdf="<other/>").urdf == "<other/>"
@@ -60,14 +54,11 @@ def test_an_error_names_the_key_and_the_valid_ones(changes, sentence):
         wbc.load(SMALL).replace(changes)
 
 
-def test_a_key_that_is_not_there_names_its_neighbours():
+def test_an_unknown_key_names_its_neighbours_and_repr_is_a_file():
     config = wbc.load(SMALL)
     with pytest.raises(KeyError, match="tasks has no 'con'; did you mean 'com'"):
         config["tasks.con.weight"]
     assert config["control.rate"] == 500.0
-
-
-def test_repr_is_a_file():
     said = repr(wbc.load(SMALL))
     assert said.startswith("<Config of a dictionary>\nwbc_controller:\n  ros__parameters:\n")
     assert "posture: [0.0, 0.1]" in said

@@ -34,10 +34,22 @@ def written(tmp_path, monkeypatch):
     return write
 
 
-def test_a_relative_path_starts_at_the_folder_of_the_file(written):
+def test_paths_start_at_the_folder_of_the_file(written):
     path = written(MODEL)
     assert load_settings(path).robot.urdf == str(path.parent / MODEL)
     assert wbc.check(path)[0].subject == "joints"
+    path = written("~/models/go2.urdf")
+    assert locate(load_settings(path).robot.urdf) == path.parent / MODEL
+    path = written(MODEL, self_collision={"srdf": "models/go2.srdf"})
+    assert load_settings(path).limits.self_collision.srdf == str(path.parent / "models/go2.srdf")
+    path = written(MODEL)
+    values = {name: value for name, value, _ in flatten(wbc.load("go2").settings)} | {"robot.urdf": MODEL}
+    found, _ = settings_from(values, "/wbc", ["--params-file", str(path)])
+    assert found.robot.urdf == str(path.parent / MODEL)
+    named, _ = settings_from({"config": str(path)}, "/wbc", [])
+    assert named.robot.urdf == str(path.parent / MODEL)
+    bare, _ = settings_from(values, "/wbc", [])
+    assert bare.robot.urdf == MODEL
 
 
 def test_relative_path_of_a_file_with_a_relative_name(written, tmp_path, monkeypatch):
@@ -54,16 +66,6 @@ def test_other_addresses_stay_as_they_are(written, urdf):
     assert load_settings(written(urdf)).robot.urdf == urdf
 
 
-def test_a_home_folder_is_found(written):
-    path = written("~/models/go2.urdf")
-    assert locate(load_settings(path).robot.urdf) == path.parent / MODEL
-
-
-def test_the_srdf_is_found_in_the_same_way(written):
-    path = written(MODEL, self_collision={"srdf": "models/go2.srdf"})
-    assert load_settings(path).limits.self_collision.srdf == str(path.parent / "models/go2.srdf")
-
-
 def test_a_dictionary_has_no_folder_and_starts_at_the_working_directory(written, monkeypatch):
     path = written(MODEL)
     values = wbc.load("go2").to_dict()
@@ -74,23 +76,6 @@ def test_a_dictionary_has_no_folder_and_starts_at_the_working_directory(written,
         locate(config.settings.robot.urdf)
     monkeypatch.chdir(path.parent)
     assert locate(config.settings.robot.urdf).is_file()
-
-
-def test_invalid_path_is_refused(written):
-    path = written(5)
-    with pytest.raises(ConfigurationError, match=r"robot.urdf = 5: input should be a valid string"):
-        load_settings(path)
-
-
-def test_parameters_of_a_node_start_at_the_folder_of_their_file(written):
-    path = written(MODEL)
-    values = {name: value for name, value, _ in flatten(wbc.load("go2").settings)} | {"robot.urdf": MODEL}
-    found, _ = settings_from(values, "/wbc", ["--params-file", str(path)])
-    assert found.robot.urdf == str(path.parent / MODEL)
-    named, _ = settings_from({"config": str(path)}, "/wbc", [])
-    assert named.robot.urdf == str(path.parent / MODEL)
-    bare, _ = settings_from(values, "/wbc", [])
-    assert bare.robot.urdf == MODEL
 
 
 def test_a_package_is_looked_for_in_ros_2_first(written, tmp_path, monkeypatch):

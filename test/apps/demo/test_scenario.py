@@ -10,15 +10,22 @@ import wbc_controller as wbc
 from wbc_controller.apps.demo import director, run
 from wbc_controller.apps.demo.derived_scenario import derived_scenario
 from wbc_controller.apps.demo.run import run_demo
-from wbc_controller.apps.demo.scenario import SCENARIOS, WALK_ROBOT, WALK_SCENARIO, Move, Scenario
+from wbc_controller.apps.demo.scenario import SCENARIOS, WALK_ROBOT, WALK_SCENARIO
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.settings.config import load
 from wbc_controller.settings.files import find_configuration, load_settings, shipped_configurations
 
 
-def test_supplied_robots_have_a_demo():
+def test_only_robots_that_stand_have_a_demo(robot_of):
     assert set(SCENARIOS) == set(shipped_configurations()) == {"g1", "talos", "go2"}
+    settings, model = robot_of("go2")
+    without = settings.model_copy(update={"contacts": {}, "walking": None})
+    with pytest.raises(ConfigurationError, match="the demo requires a standing robot"):
+        derived_scenario(without, model)
+    posture = settings.model_copy(update={"tasks": {"posture": settings.tasks["posture"]}})
+    with pytest.raises(ConfigurationError, match="the demo requires an enabled task of type com"):
+        derived_scenario(posture, model)
 
 
 @pytest.mark.parametrize("robot", SCENARIOS)
@@ -66,16 +73,6 @@ def test_derived_scenario_is_similar_to_the_supplied_one(robot, robot_of):
     assert len(derived.reaches) == len(made.reaches)
 
 
-def test_robots_that_cannot_stand_have_no_demo(robot_of):
-    settings, model = robot_of("go2")
-    without = settings.model_copy(update={"contacts": {}, "walking": None})
-    with pytest.raises(ConfigurationError, match="the demo requires a standing robot"):
-        derived_scenario(without, model)
-    posture = settings.model_copy(update={"tasks": {"posture": settings.tasks["posture"]}})
-    with pytest.raises(ConfigurationError, match="the demo requires an enabled task of type com"):
-        derived_scenario(posture, model)
-
-
 @pytest.mark.usefixtures("settled")
 def test_demo_of_walking(tmp_path, monkeypatch, capsys):
     """A short walk meets its targets and stops; the speeds of the whole one are within those of the robot."""
@@ -88,11 +85,6 @@ def test_demo_of_walking(tmp_path, monkeypatch, capsys):
     for walk in WALK_SCENARIO.walks:
         assert (np.abs(walk.velocity) <= fastest).all()
         assert walk.duration > walk.acceleration
-
-
-def test_short_scenario():
-    assert Scenario().moves == ()
-    assert Move("x", ((2.0, (0.0, 0.0, 0.1)),), 0.01).duration == 2.0
 
 
 #: An arm of four joints on a fixed base.
@@ -139,7 +131,7 @@ def test_arm_on_a_fixed_base_reaches_and_is_pushed_at_its_hand(arm, tmp_path, mo
     assert (tmp_path / "arm.html").stat().st_size > 100_000
 
 
-def test_demo_of_an_arm_is_feasible(arm):
+def test_demo_of_an_arm(arm):
     settings = load(str(arm)).settings
     model = make_model(settings)
     scenario = derived_scenario(settings, model)
@@ -149,17 +141,9 @@ def test_demo_of_an_arm_is_feasible(arm):
     assert {shove.frame for shove in scenario.shoves} == {"hand"}
     impulses = [np.linalg.norm(shove.impulse) for shove in scenario.shoves]
     assert all(0.01 < impulse < 0.3 * model.mass for impulse in impulses)
-
-
-def test_arm_without_a_posture_task_has_no_demo(arm):
-    settings = load(str(arm)).settings
     without = settings.model_copy(update={"tasks": {"hand": settings.tasks["hand"]}})
     with pytest.raises(ConfigurationError, match="the demo of a fixed base requires an enabled posture task"):
         derived_scenario(without, make_model(settings))
-
-
-def test_arm_without_a_hand_is_pushed_at_its_end(arm):
-    settings = load(str(arm)).settings
     without = settings.model_copy(update={"tasks": {"posture": settings.tasks["posture"]}})
     scenario = derived_scenario(without, make_model(settings))
     assert scenario.reaches == ()

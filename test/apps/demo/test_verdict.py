@@ -157,11 +157,7 @@ def test_mean_velocity_of_a_walk(speed, met):
     q[:, 1] = speed * np.minimum(TIME, 6.0)
     q[:, 5:7] = np.sqrt(0.5)
     scenario = Scenario(walks=(Walk("walk", (0.3, 0.0, 0.0)),))
-    windows = {
-        "stand": WINDOWS["stand"],
-        "walk": (START + 3.0, START + 6.0),
-        "stop": (START + 7, START + 8),
-    }
+    windows = {"stand": WINDOWS["stand"], "walk": (START + 3.0, START + 6.0), "stop": (START + 7, START + 8)}
     found = {each.name: each for each in judge(replace(run, q=q), scenario, windows, {}, WEIGHT)}
     assert found["walk"].passed is met
     assert found["walk"].measured == f"{speed:.3f}, 0.000, 0.000"

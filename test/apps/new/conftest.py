@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from robot_cases import EDGED_SOLE, STANDING
 
-from wbc_controller.apps.demo import run
+from wbc_controller.apps.demo import director, run
 from wbc_controller.apps.demo.derived_scenario import derived_scenario
 from wbc_controller.apps.demo.scenario import Scenario
 from wbc_controller.apps.new.draft import new_configuration
@@ -56,5 +56,6 @@ def shorten_demos(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
             return replace(whole, stand=0.5, moves=moves, reaches=reaches, shoves=shoves, recovery=1.0)
 
         monkeypatch.setattr(run, "derived_scenario", scenario)
+        monkeypatch.setattr(director, "_SETTLING_TIME", 0.1)
 
     return shorten

@@ -50,7 +50,7 @@ def g1():
     return new_configuration(G1)
 
 
-def test_soles_agree_with_the_shapes(g1):
+def test_soles_and_posture_of_a_humanoid(g1):
     """The URDF has balls of 5 mm at (0.12, ±0.03) and (-0.05, ±0.025) below each ankle."""
     contacts = g1.values["contacts"]
     assert list(contacts) == ["left_ankle_roll_link", "right_ankle_roll_link"]
@@ -60,9 +60,6 @@ def test_soles_agree_with_the_shapes(g1):
             assert np.linalg.norm(corners - ball, axis=1).min() < 0.002
         assert np.ptp(corners, axis=0) == pytest.approx([0.17, 0.06], abs=0.004)
         assert contact["translation"][2] == pytest.approx(-0.035, abs=1e-6)
-
-
-def test_humanoid_has_a_symmetric_posture_with_bent_knees(g1):
     joints = dict(zip(g1.values["robot"]["joints"], g1.values["robot"]["posture"], strict=True))
     assert 0.3 < joints["left_knee_joint"] < 1.2
     for name, position in joints.items():
@@ -73,16 +70,13 @@ def test_humanoid_has_a_symmetric_posture_with_bent_knees(g1):
     assert "inside the edge of the support" in findings["centre of mass"]
 
 
-def test_balls_are_points_with_the_radius_of_the_urdf():
+def test_balls_are_points_and_an_arm_has_a_fixed_base():
     draft = new_configuration(str(locate(GO1)))
     assert draft.values["robot"]["urdf"] == GO1  # the address of a path in an installed package
     contacts = draft.values["contacts"]
     assert list(contacts) == ["FL_foot", "FR_foot", "RL_foot", "RR_foot"]
     assert {contact["radius"] for contact in contacts.values()} == {0.02}
     assert all(contact["type"] == "point" and "translation" not in contact for contact in contacts.values())
-
-
-def test_arm_has_a_fixed_base_and_locked_fingers():
     draft = new_configuration(PANDA)
     assert draft.values["robot"]["base"] == "fixed"
     assert draft.values["robot"]["joints"] == [f"panda_joint{number}" for number in range(1, 8)]
@@ -91,7 +85,7 @@ def test_arm_has_a_fixed_base_and_locked_fingers():
     check(draft.settings)
 
 
-def test_wheels_are_rolling_contacts(drafted):
+def test_wheels_flat_boxes_and_feet_without_a_shape(drafted):
     values = drafted(wagon()).values
     assert "joint_limits" not in values["robot"]  # those of the URDF are kept
     assert "walking" not in values
@@ -101,15 +95,9 @@ def test_wheels_are_rolling_contacts(drafted):
         assert contact["type"] == "rolling"
         assert contact["radius"] == pytest.approx(0.1, abs=1e-4)
         assert np.abs(contact["axis"]) == pytest.approx([0.0, 1.0, 0.0], abs=1e-6)
-
-
-def test_flat_box_is_a_rectangle(drafted):
     contact = drafted(wagon(wheel="box", kind="revolute")).values["contacts"]["front_left_end"]
     assert (contact["half_length"], contact["half_width"]) == (0.06, 0.03)
     assert contact["translation"] == [0.0, 0.0, -0.01]
-
-
-def test_feet_without_a_shape_are_reported(drafted):
     draft = drafted(wagon(wheel="none"))
     assert {contact["type"] for contact in draft.values["contacts"].values()} == {"point"}
     assert "front_left_end" in said(draft, "contacts.front_left_end.radius", "missing")
@@ -155,27 +143,18 @@ def srdf(tmp_path, hip, knee):
     return str(path)
 
 
-def test_feasible_srdf_posture_is_unchanged(drafted, tmp_path):
+def test_postures_of_an_srdf(drafted, tmp_path):
     draft = drafted(wagon(), srdf=srdf(tmp_path, 0.4, -0.8))
     assert set(draft.values["robot"]["posture"]) == {0.4, -0.8, 0.0}
     assert "half_sitting" in said(draft, "robot.posture", "found")
-
-
-def test_infeasible_srdf_posture_is_changed_with_the_reason(drafted, tmp_path):
     draft = drafted(wagon(), srdf=srdf(tmp_path, 1.2, 0.0))
     assert "half_sitting" in said(draft, "robot.posture", "guess")
     assert "centre of mass" in said(draft, "robot.posture", "guess")
     check(draft.settings)
-
-
-def test_srdf_joints_at_a_limit_are_moved_and_named(drafted, tmp_path):
     draft = drafted(wagon(), base="fixed", srdf=srdf(tmp_path, 1.5, 0.2))
     assert set(draft.values["robot"]["posture"]) == {1.47, 0.2, 0.0}
     assert "front_left_hip" in said(draft, "robot.posture", "guess")
     assert "knee" not in said(draft, "robot.posture", "guess")
-
-
-def test_invalid_srdf_value_is_refused(drafted, tmp_path):
     with pytest.raises(
         ConfigurationError, match=r"'half_sitting': invalid position of joint 'front_left_hip': 'bent'; valid"
     ):
@@ -190,16 +169,10 @@ def test_notes_are_comments_of_the_file(g1):
     assert len(g1.open_points) > 4
     for doubt in g1.open_points:
         assert doubt.split(": ", 1)[1] in comments
-
-
-def test_note_on_a_key_within_a_line_names_the_key():
     draft = Draft()
     draft.put("contacts.foot", {"type": "point", "radius": 0.01})
     draft.note("contacts.foot.radius", "measure it.", "missing")
     assert "# radius: Fill in: measure it.\n      foot: {type: point, radius: 0.01}\n" in draft.to_yaml("")
-
-
-def test_link_names_become_topic_names():
     assert [identifier(name) for name in ("l-foot", "1_sole", "sole")] == ["l_foot", "_1_sole", "sole"]
 
 
@@ -217,15 +190,11 @@ def test_bipeds_with_soles_and_quadrupeds_walk(urdf, walks):
     assert ("\n    walking:\n" in draft.to_yaml(TITLE)) is walks
 
 
-def test_legs_of_five_joints_do_not_walk(drafted):
+def test_legs_of_five_joints_and_weak_legs_do_not_walk(drafted, tmp_path):
     """Their soles cannot have any pose."""
     draft = drafted(biped())
     assert [contact["type"] for contact in draft.values["contacts"].values()] == ["surface", "surface"]
     assert "walking" not in draft.values
-
-
-def test_weak_legs_do_not_walk(tmp_path):
-    """G1 with a sixth of its effort limits stands, but one leg cannot bear it."""
     text = locate(G1).read_text(encoding="utf-8")
     weak = re.sub(r'effort="([\d.]+)"', lambda found: f'effort="{0.15 * float(found[1])}"', text)
     urdf = tmp_path / "g1.urdf"

@@ -6,7 +6,6 @@ from robot_cases import REFUSED, SLIDING, SOLE, STANDING, UNNAMED, arm, biped
 
 import wbc_controller as wbc
 from wbc_controller.apps.demo.derived_scenario import derived_scenario
-from wbc_controller.apps.demo.run import run_demo
 from wbc_controller.apps.new.draft import TITLE
 from wbc_controller.controller.build.collision_elements import read_collision_elements
 from wbc_controller.controller.build.robot import make_model
@@ -26,11 +25,7 @@ def test_invalid_urdf_is_refused(drafted, case):
     assert "\n" not in str(error.value)
 
 
-#: Robots whose tests below include a check, and standing in the mock robot.
-PLAYED = ("ankles with a small range", "fingers that turn", "legs on wheels")
-
-
-@pytest.mark.parametrize("case", [case for case in STANDING if case not in PLAYED])
+@pytest.mark.parametrize("case", [case for case in STANDING if case != "legs on wheels"])  # tested below
 def test_robot_stands(draft_of, case):
     settings = draft_of(case).settings
     wbc.check(settings)
@@ -62,11 +57,17 @@ def test_virtual_joints_of_a_floating_base_are_refused_as_motors(drafted):
             make_model(draft.settings)
 
 
-def test_feet_below_a_waist(draft_of):
+def test_feet_corners_and_margins_of_unusual_robots(draft_of, drafted):
     contacts = draft_of("legs below a waist").settings.contacts
     assert {name: contact.type for name, contact in contacts.items()} == {
         "left_foot": "surface", "right_foot": "surface",
     }  # fmt: skip
+    draft = draft_of("a sole with a corner on an edge")
+    corners = np.array(draft.values["contacts"]["left_foot"]["vertices"])
+    assert sorted(corners.tolist()) == [[-0.1, -0.045], [-0.1, 0.045], [0.068, 0.045], [0.1, -0.045]]
+    draft = draft_of("fingers that slide")
+    assert draft.values["limits"] == {"position_margin": 0.002}
+    assert "limits" not in drafted(arm()).values
 
 
 def test_visuals_have_no_effect(drafted):
@@ -76,18 +77,6 @@ def test_visuals_have_no_effect(drafted):
         draft = drafted(biped(sole=visual + SOLE + visual))
         assert draft.values == plain.values
         assert len(read_collision_elements(make_model(draft.settings), make_model(draft.settings).urdf, "")) == 3
-
-
-def test_margin_fits_the_smallest_range(draft_of, drafted):
-    draft = draft_of("fingers that slide")
-    assert draft.values["limits"] == {"position_margin": 0.002}
-    assert "limits" not in drafted(arm()).values
-
-
-def test_corners_on_edges_are_omitted(draft_of):
-    draft = draft_of("a sole with a corner on an edge")
-    corners = np.array(draft.values["contacts"]["left_foot"]["vertices"])
-    assert sorted(corners.tolist()) == [[-0.1, -0.045], [-0.1, 0.045], [0.068, 0.045], [0.1, -0.045]]
 
 
 def test_joints_without_effort_beside_motors_are_reported(drafted):
@@ -104,44 +93,29 @@ def test_joints_without_effort_beside_motors_are_reported(drafted):
     assert "no motor?" not in {finding.subject for finding in wbc.check(all_idle.settings)}
 
 
-def test_keys_of_a_draft_are_valid_names(drafted, tmp_path):
+def test_keys_and_contacts_have_valid_names(drafted, tmp_path):
     """Names with a dot, which nests parameters, and with special characters of YAML."""
     urdf = arm(SLIDING).replace('"j2"', '"left.j2"').replace('"j3"', '"no: {}#"').replace('effort="50"', "")
     draft = drafted(urdf)
     assert {"left.j2", "no: {}#"} < set(draft.values["robot"]["joint_limits"])
     (tmp_path / "robot.yaml").write_text(draft.to_yaml(TITLE), encoding="utf-8")
     assert load(tmp_path / "robot.yaml").settings == draft.settings
-
-
-def test_links_with_similar_names_have_separate_contacts(drafted):
     urdf = biped().replace('"left_foot"', '"a-b"').replace('"right_foot"', '"a_b"')
     assert set(drafted(urdf).values["contacts"]) == {"a_b", "a_b_"}
 
 
-@pytest.fixture
-def demo(draft_of, tmp_path, shorten_demos):
-    """Return a function that runs the demo of a robot, and returns its settings and scenario."""
-
-    def run(case, part):
-        shorten_demos(part)
-        draft, path = draft_of(case), tmp_path / "robot.yaml"
-        path.write_text(draft.to_yaml(TITLE), encoding="utf-8")
-        assert run_demo(str(path), tmp_path, lockstep=True)
-        return draft.settings, derived_scenario(draft.settings, make_model(draft.settings))
-
-    return run
+def scenario_of(draft_of, case):
+    settings = draft_of(case).settings
+    return settings, derived_scenario(settings, make_model(settings))
 
 
-def test_demo_motions_are_feasible_in_the_check_and_meet_their_targets(demo):
-    settings, scenario = demo("ankles with a small range", "squat")
+def test_demo_motions_are_feasible_in_the_check(draft_of):
+    settings, scenario = scenario_of(draft_of, "ankles with a small range")
     found = {finding.subject: finding.text for finding in wbc.check(settings)}
     moves = {move.name: move.largest for move in scenario.moves}
     assert 0.0 < 1e3 * moves["squat"] < float(found["squat"].split(" mm")[0])
     assert moves["sway"] == pytest.approx(0.03, abs=0.01)
-
-
-def test_hand_with_branching_fingers_reaches_its_target(demo):
-    settings, scenario = demo("fingers that turn", "reach")
+    settings, scenario = scenario_of(draft_of, "fingers that turn")
     (reach,) = scenario.reaches
     assert (reach.task, settings.tasks["l3"].frame) == ("l3", "l3")
     assert np.linalg.norm(reach.offset) > 0.01
@@ -169,13 +143,3 @@ def test_audit_without_warning_on_leaning_wheels(draft_of):
     assert not [warning for report in reports for warning in report.warnings]
     weight = controller.model.mass * controller.model.gravity
     assert max(np.linalg.norm(report.force) for report in reports) < 1.0e-3 * weight
-
-
-def test_demo_and_check_refuse_the_same_robot(drafted, tmp_path):
-    path = tmp_path / "robot.yaml"
-    path.write_text(drafted(biped(sole="")).to_yaml(TITLE), encoding="utf-8")
-    with pytest.raises(ConfigurationError) as checked:
-        wbc.check(path)
-    with pytest.raises(ConfigurationError) as played:
-        run_demo(str(path), tmp_path, lockstep=True)
-    assert str(played.value) == str(checked.value)

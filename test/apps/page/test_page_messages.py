@@ -86,26 +86,16 @@ NAN, INFINITE = float("nan"), float("inf")
 BAD = [
     (DRAG, {"position": (0, 0)}, "Expected `array` of length 3, got 2 - at `$.position`"),
     (DRAG, {"position": (0, 0, NAN)}, "- at `$.position[2]`"),
-    (DRAG, {"position": (0, 0, -INFINITE)}, "- at `$.position[2]`"),
     (DRAG, {"position": (0, 0, 2**63)}, "- at `$.position[2]`"),
-    (DRAG, {"position": (0, 0, True)}, "- at `$.position[2]`"),
     (DRAG, {"position": None}, "- at `$.position`"),
-    (DRAG, {"position": {"0": 1, "1": 1, "2": 1}}, "- at `$.position`"),
-    (DRAG, {"wxyz": (1, 0, 0)}, "Expected `array` of length 4, got 3 - at `$.wxyz`"),
-    (DRAG, {"wxyz": (NAN, 0, 0, 0)}, "- at `$.wxyz[0]`"),
     (DRAG, {"wxyz": (0, 0, 0, 0)}, "`wxyz` has the norm 0; required: 1"),
-    (DRAG, {"name": 5}, "- at `$.name`"),
     (DRAG, {"name": "/" * 501}, "- at `$.name`"),
-    (DRAG, {"owner": "client"}, "- at `$.owner`"),
     (DRAG, {"excluded_self_client": 0}, "Object contains unknown field `excluded_self_client`"),
     (CAMERA, {"fov": NAN}, "- at `$.fov`"),
-    (CAMERA, {"near": 0.0}, "- at `$.near`"),
-    (CAMERA, {"image_width": -1}, "- at `$.image_width`"),
     (CAMERA, {"image_width": 10**6}, "- at `$.image_width`"),
     (PULL, {"phase": "begin"}, "- at `$.phase`"),
     (PULL, {"instance_index": 0}, "- at `$.instance_index`"),
     (PULL, {"end_position": (0, NAN, 0)}, "- at `$.end_position[1]`"),
-    (PULL, {"end_screen_pos": (0, INFINITE)}, "- at `$.end_screen_pos[1]`"),
     (PULL, {"modifier": "alt"}, "- at `$.modifier`"),
 ]
 
@@ -126,15 +116,12 @@ def test_missing_fields_are_refused(field):
     "payload",
     [
         b"",
-        b"\xc1",
         b"\xa2\xff\xfe",  # invalid UTF-8
         b"\xdd\xff\xff\xff\xff",  # an array of 4 294 967 295 elements without content
         b"\x91" * 4000 + b"\xc0",  # 4 000 levels
         b"\x81\xa4type" * 600 + b"\xc0",
-        b"\x81\xa4type\xdf\xff\xff\xff\xff",
         "a text message",
         msgspec.msgpack.encode([1, 2]),
-        msgspec.msgpack.encode({1: 2}),
         msgspec.msgpack.encode({"type": ["GuiUpdateMessage"]}),
     ],
 )
@@ -188,7 +175,7 @@ def test_only_values_of_controls_can_change(gui, updates):
     assert value_fault(gui, gui.button, updates) != ""
 
 
-def test_only_buttons_are_held_and_only_at_their_frequencies(gui):
+def test_held_buttons_and_refused_values(gui):
     allowed, held = AllowList(commands=True), gui.api.add_button("Walk")
     held.on_hold(lambda event: None, callback_hz=10.0)
     allowed.gui = gui.api
@@ -200,9 +187,6 @@ def test_only_buttons_are_held_and_only_at_their_frequencies(gui):
     assert hold_fault(held, 10.0) == ""
     for control, frequency in ((held, 50.0), (held, NAN), (held, 1.0e3), (gui.button, 10.0), (gui.slider, 10.0)):
         assert "GuiButtonHoldMessage" in hold_fault(control, frequency)
-
-
-def test_refused_value_is_named(gui):
     said = value_fault(gui, gui.slider, {"value": 7.5})
     assert said == "GuiUpdateMessage: updates.value of 'weight': 7.5; valid: 0 to 4"
     assert value_fault(gui, SimpleNamespace(uuid="none"), {"value": True}) == (

@@ -46,27 +46,18 @@ def test_newest_drag_is_sent_once_per_period(rig):
     assert "com goes to 0.99 0 0.6" in sent[-1]
 
 
-def test_no_requests_after_the_last_event(rig):
+def test_drags_are_sent_once_and_separately_unless_stale_or_closed(rig):
     rig.drag(0.1)
     assert len(rig.send_due_drags()) == 1
     assert [rig.send_due_drags(0.1) for _ in range(50)] == [[]] * 50
-
-
-def test_separate_drags_are_sent_separately(rig):
     rig.drag(0.1)
     rig.drag(0.2, task="left_hand", client=2)
     assert len(rig.send_due_drags()) == 2
-
-
-def test_drags_of_a_closed_page_are_dropped(rig):
     rig.drag(0.1, client=1)
     rig.drag(0.2, client=2, task="left_hand")
     rig.sender.drop_drags(1)
-    (said,) = rig.send_due_drags()
+    (said,) = rig.send_due_drags(0.1)
     assert said.startswith("left_hand")
-
-
-def test_stale_drags_are_dropped(rig):
     rig.drag(0.1)
     assert rig.send_due_drags(MAX_AGE + 0.01) == []
 

@@ -33,23 +33,17 @@ def page(tmp_path_factory):
     return path.read_text(encoding="utf-8")
 
 
-def test_page_contains_the_findings_and_loads_nothing(page):
+def test_page_has_findings_soles_and_forces(page):
     markup = re.sub(r"<script.*?</script>", "", page, flags=re.S)
     assert not re.search(r"(?:src|href)\s*=|@import|url\(|<link|<iframe|<img", markup, re.I)
     assert "{{" not in markup
     assert "170 × 50 mm on a sole of 170 × 60 mm" in page
     assert ">ok<" in page
-
-
-def test_soles_and_urdf_shapes_have_the_same_scale(page):
     scale = float(re.search(r'class="scale" d="M [\d.]+ [\d.]+ h ([\d.]+)"', page).group(1)) / 100.0  # pixels per mm
     assumed = sides(polygons(page, "assumed")["left_foot: in the configuration"])
     true = sides(polygons(page, "true")["left_foot: underside in the URDF"])
     assert [side / scale for side in assumed] == pytest.approx([50.0, 170.0], abs=0.2)
     assert [side / scale for side in true] == pytest.approx([60.0, 170.0], abs=0.2)
-
-
-def test_drawn_forces_carry_the_weight(page):
     data = json.loads(
         re.search(r'<script type="application/json" id="motion-data">(.*?)</script>', page, re.S).group(1)
     )

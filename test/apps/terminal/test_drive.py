@@ -46,10 +46,7 @@ def test_keys(keys, velocity):
 
 @pytest.mark.parametrize(
     ("robot", "text"),
-    [
-        ("g1", "standard input is not a terminal"),
-        ("examples/a1.yaml", "a1.yaml cannot walk: its configuration"),
-    ],
+    [("g1", "standard input is not a terminal"), ("examples/a1.yaml", "a1.yaml cannot walk: its configuration")],
 )
 def test_refusals(robot, text):
     result = CliRunner().invoke(main, ["drive", robot])

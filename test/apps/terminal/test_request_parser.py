@@ -30,12 +30,9 @@ def made(text, wait_for_message=no_message):
     ("text", "node", "key", "subject", "data"),
     [
         ("activate", "controller", "command", "", "activate"),
-        ("estop", "controller", "command", "", "estop"),
         ("release", "mock", "hold", "", False),
-        ("hold", "mock", "hold", "", True),
         ("contact left_foot off", "controller", "contact_enable", "left_foot", False),
         ("grip left_foot on", "mock", "grip", "left_foot", True),
-        ("task left_hand on", "controller", "task_enable", "left_hand", True),
         ("weight com 30", "controller", "weight", "com", 30.0),
         ("update {tasks: {com: {weight: 5}}}", "controller", "update", "", "{tasks: {com: {weight: 5}}}"),
         ("record", "controller", "record", "", ""),
@@ -64,10 +61,18 @@ def test_relative_setpoint_of_a_task(text, frame, step):
     np.testing.assert_allclose([content.point.x, content.point.y, content.point.z], step, atol=1e-12)
 
 
-def test_relative_setpoint_of_a_pose_keeps_its_orientation():
+def test_setpoints_of_poses_and_in_frames():
     content = made("left_hand 0.1 up")
     assert content.header.frame_id == "left_hand/heading"
     assert (content.pose.position.z, content.pose.orientation.w) == (0.1, 1.0)
+    content = made("com to 0.01 -0.02 0.6")
+    assert (content.header.frame_id, content.point.y, content.point.z) == ("world", -0.02, 0.6)
+    assert made("com to 0 0 0 in pelvis").header.frame_id == "pelvis"
+    reference = made("left_hand to 0 0 0 0 0 0.7071 0.7071")
+    content = made(
+        "left_hand to 0.3 0.2 0.9", lambda *place: {("controller", "task_reference", "left_hand"): reference}[place]
+    )
+    assert (content.pose.position.x, content.pose.orientation.z) == (0.3, 0.7071)
 
 
 @pytest.mark.parametrize(
@@ -81,20 +86,6 @@ def test_relative_setpoint_of_a_pose_keeps_its_orientation():
 def test_turning_and_leaning(text, axis):
     turned = made(text).pose.orientation
     np.testing.assert_allclose([turned.x, turned.y, turned.z, turned.w], [*(HALF * np.array(axis)), HALF], atol=1e-12)
-
-
-def test_absolute_setpoint_in_the_world_and_in_a_frame():
-    content = made("com to 0.01 -0.02 0.6")
-    assert (content.header.frame_id, content.point.y, content.point.z) == ("world", -0.02, 0.6)
-    assert made("com to 0 0 0 in pelvis").header.frame_id == "pelvis"
-
-
-def test_absolute_setpoint_of_a_pose_keeps_its_orientation():
-    reference = made("left_hand to 0 0 0 0 0 0.7071 0.7071")
-    content = made(
-        "left_hand to 0.3 0.2 0.9", lambda *place: {("controller", "task_reference", "left_hand"): reference}[place]
-    )
-    assert (content.pose.position.x, content.pose.orientation.z) == (0.3, 0.7071)
 
 
 def test_joints_by_and_to():

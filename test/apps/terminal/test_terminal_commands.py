@@ -31,14 +31,17 @@ def test_topic_by_the_end_of_its_name(text, name):
     assert find_topic(text, topics_of(G1)).name == name
 
 
-def test_topic_between_two_nodes_belongs_to_its_sender():
+def test_topics_and_messages():
     found = find_topic("~/state", topics_of(G1))
     assert (found.direction, found.qos.latched) == (Direction.OUT, True)
-
-
-def test_unknown_topic():
     with pytest.raises(InputRefused, match=re.escape("unknown topic '/wbc_controller/stat'; did you mean")):
         find_topic("/wbc_controller/stat", topics_of(G1))
+    result = CliRunner().invoke(main, ["send", "g1", "com", "0.02", "forwards"])
+    assert result.exit_code == 2
+    assert "did you mean 'forward'?" in result.stderr
+    text = as_text(diagnostics(1_500_000_000, 1, "wbc: loop", "active", "g1", {"mode": "active"}))
+    assert text.splitlines()[:4] == ["header:", "  stamp:", "    sec: 1", "    nanosec: 500000000"]
+    assert "    mode: active" in text
 
 
 @pytest.mark.parametrize(
@@ -68,15 +71,3 @@ def test_shell_completes_robots_and_tasks():
         environment = {"_WBC_COMPLETE": "bash_complete", "COMP_WORDS": line, "COMP_CWORD": str(len(line.split()) - 1)}
         result = runner.invoke(main, prog_name="wbc", env=environment)
         assert expected in [item.partition(",")[2] for item in result.output.splitlines()], (last, result.output)
-
-
-def test_invalid_request_is_not_sent():
-    result = CliRunner().invoke(main, ["send", "g1", "com", "0.02", "forwards"])
-    assert result.exit_code == 2
-    assert "did you mean 'forward'?" in result.stderr
-
-
-def test_message_as_text():
-    text = as_text(diagnostics(1_500_000_000, 1, "wbc: loop", "active", "g1", {"mode": "active"}))
-    assert text.splitlines()[:4] == ["header:", "  stamp:", "    sec: 1", "    nanosec: 500000000"]
-    assert "    mode: active" in text

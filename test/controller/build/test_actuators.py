@@ -46,14 +46,11 @@ def moved() -> Robot:
     return robot
 
 
-def test_the_posture_is_reached_and_the_follower_follows(moved):
+def test_the_posture_is_reached_and_torques_go_out_by_actuator_and_by_joint(moved):
     q, _ = moved.mock.plant.state()
     driven = np.flatnonzero(moved.model.actuation.driven)
     np.testing.assert_allclose(q[moved.model.q_index][driven], GOAL[driven], atol=2e-3)
     assert q[moved.model.followers.q_index] == pytest.approx(-0.5 * GOAL[2] + 0.2, abs=2e-3)
-
-
-def test_torques_go_out_by_actuator_and_by_joint(moved):
     effort, command = moved.peer.all("effort")[-1], moved.peer.all("joint_commands")[-1]
     assert effort.layout.dim[0].size == len(effort.data) == moved.model.na
     assert command.name == list(moved.model.joints)

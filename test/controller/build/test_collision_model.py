@@ -45,7 +45,7 @@ def names(collision):
     return {(shapes[p.first].name, shapes[p.second].name) for p in collision.geometry.collisionPairs}
 
 
-def test_several_elements_of_a_link_are_one_hull():
+def test_several_elements_are_one_hull_and_missing_shapes_are_named():
     far = ("0 0 -0.5", '<box size="0.2 0.2 0.2"/>')
     collision = build_collision_model(star(a=(BALL, far), b=(BALL,)), margin=0.01)
     first, second = collision.geometry.geometryObjects
@@ -53,29 +53,28 @@ def test_several_elements_of_a_link_are_one_hull():
     assert first.placement.translation[2] == pytest.approx(-0.25)
     assert first.geometry.aabb_local.max_ - first.geometry.aabb_local.min_ == pytest.approx([0.2, 0.2, 0.7])
     assert type(second.geometry).__name__ == "Sphere"
+    with pytest.raises(ConfigurationError, match="the URDF has no <collision> elements; add them"):
+        build_collision_model(star(a=(), b=()), margin=0.01)
+    mesh = ("0 0 0", '<mesh filename="package://example-robot-data/robots/no_such.stl"/>')
+    with pytest.raises(ConfigurationError, match=r"collision element cannot be read: .*no_such"):
+        build_collision_model(star(a=(mesh,), b=(BALL,)), margin=0.01)
+    mesh = ("0 0 0", '<mesh filename="package://no-such-package/a.stl"/>')
+    with pytest.raises(ConfigurationError, match="package 'no-such-package' is not installed"):
+        build_collision_model(star(a=(mesh,), b=(BALL,)), margin=0.01)
 
 
-def test_links_on_the_base_are_kept_apart_but_not_from_the_base():
+def test_pairs_of_links():
     collision = build_collision_model(star(base=(BALL,), a=(BALL,), b=(BALL,), c=(BALL,)), margin=0.01)
     assert names(collision) == set(combinations("abc", 2))
     assert collision.summary == "3 pairs of 3 links kept apart"
-
-
-def test_an_srdf_takes_pairs_out():
     srdf = '<robot name="star"><disable_collisions link1="b" link2="a" reason="Never"/></robot>'
     collision = build_collision_model(star(a=(BALL,), b=(BALL,), c=(BALL,)), margin=0.01, srdf=srdf)
     assert names(collision) == {("a", "c"), ("b", "c")}
-
-
-def test_pairs_that_are_near_in_the_nominal_posture_are_left_out_and_named():
     big = ("0 0 0", '<sphere radius="0.85"/>')
     collision = build_collision_model(star(a=(big,), b=(BALL,), c=(BALL,)), margin=0.1)
     assert collision.near == (("a", "b"),)
     assert names(collision) == {("a", "c"), ("b", "c")}
     assert collision.summary.endswith("excluded, nearer than the margin in robot.posture: a/b")
-
-
-def test_named_pairs_take_the_place_of_all_others():
     collision = build_collision_model(star(base=(BALL,), a=(BALL,), b=(BALL,)), margin=0.01, pairs=["b/base", "b/a"])
     assert names(collision) == {("base", "b"), ("a", "b")}
 
@@ -97,11 +96,6 @@ def test_invalid_pairs_are_refused(changes, said):
     assert said in str(error.value)
 
 
-def test_a_robot_without_collision_elements_is_refused():
-    with pytest.raises(ConfigurationError, match="the URDF has no <collision> elements; add them"):
-        build_collision_model(star(a=(), b=()), margin=0.01)
-
-
 def test_of_named_links_the_visual_elements_count(robot_of):
     settings, model = robot_of("g1")
     hands = ["left_rubber_hand", "right_rubber_hand"]
@@ -117,22 +111,17 @@ def test_of_named_links_the_visual_elements_count(robot_of):
         build_collision_model(model, margin=0.02, visual=["left_ruber_hand"])
 
 
-def test_a_mesh_that_is_not_there_is_named():
-    mesh = ("0 0 0", '<mesh filename="package://example-robot-data/robots/no_such.stl"/>')
-    with pytest.raises(ConfigurationError, match=r"collision element cannot be read: .*no_such"):
-        build_collision_model(star(a=(mesh,), b=(BALL,)), margin=0.01)
-    mesh = ("0 0 0", '<mesh filename="package://no-such-package/a.stl"/>')
-    with pytest.raises(ConfigurationError, match="package 'no-such-package' is not installed"):
-        build_collision_model(star(a=(mesh,), b=(BALL,)), margin=0.01)
-
-
 def changed(settings, **own):
     values = settings.model_dump()
     values["limits"]["self_collision"] = {"enabled": True} | own
     return Settings.model_validate(values)
 
 
-def test_srdf_of_the_settings_and_finding_of_the_check(robot_of):
+def test_self_collision_is_disabled_by_default_and_takes_an_srdf(robot_of):
+    settings, _ = robot_of("g1")
+    assert not settings.limits.self_collision.enabled
+    with pytest.raises(ConfigurationError, match=r"limits.self_collision.marjin: unknown key; did you mean 'margin'"):
+        parse_settings(settings.model_dump() | {"limits": {"self_collision": {"marjin": 0.1}}}, "file")
     settings, model = robot_of("talos")
     without, with_srdf = (make_self_collision(changed(settings, srdf=srdf), model).summary for srdf in ("", TALOS_SRDF))
     assert int(with_srdf.split()[0]) < int(without.split()[0])
@@ -143,13 +132,6 @@ def test_srdf_of_the_settings_and_finding_of_the_check(robot_of):
         ConfigurationError, match=r"limits.self_collision.srdf = '/no/such.srdf': file .* does not exist"
     ):
         make_self_collision(changed(settings, srdf="/no/such.srdf"), model)
-
-
-def test_self_collision_is_disabled_by_default(robot_of):
-    settings, _ = robot_of("g1")
-    assert not settings.limits.self_collision.enabled
-    with pytest.raises(ConfigurationError, match=r"limits.self_collision.marjin: unknown key; did you mean 'margin'"):
-        parse_settings(settings.model_dump() | {"limits": {"self_collision": {"marjin": 0.1}}}, "file")
 
 
 AROUND = np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False)

@@ -41,7 +41,7 @@ def below(height, turn=(0.0, 0.0, 0.0)):
     return pin.SE3(pin.rpy.rpyToMatrix(np.array(turn)), np.array([0.0, 0.0, height]))
 
 
-def test_the_lowest_link_of_the_body_leaves_the_footprint():
+def test_footprint_of_a_sole_in_the_axes_of_the_plane():
     elements = on_a_shank(LEG, foot=(SOLE,))
     found = footprint(elements, below(-0.51))
     assert found.polygon.min(axis=0) == pytest.approx([-0.08, -0.05])
@@ -49,26 +49,20 @@ def test_the_lowest_link_of_the_body_leaves_the_footprint():
     assert found.size == pytest.approx([0.2, 0.1])
     assert found.height == pytest.approx(0.01)
     assert found.tilt == pytest.approx(0.0, abs=1e-9)
-
-
-def test_the_polygon_is_in_the_axes_of_the_plane():
     elements = on_a_shank(foot=(SOLE,))
     found = footprint(elements, below(-0.5, (0.0, 0.0, np.pi / 2)))
     assert found.size == pytest.approx([0.1, 0.2])
     assert found.polygon.max(axis=0) == pytest.approx([0.05, 0.08])
+    elements = on_a_shank(foot=(SOLE,))
+    found = footprint(elements, below(-0.5, (0.0, 0.3, 0.0)))
+    assert found.size[0] < 0.02
+    assert found.size[1] == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize("angle", [0.02, 0.1, -0.3])
 def test_the_tilt_is_that_of_the_sole_against_the_plane(angle):
     elements = on_a_shank(LEG, foot=(SOLE,))
     assert footprint(elements, below(-0.5, (0.0, angle, 0.0))).tilt == pytest.approx(abs(angle))
-
-
-def test_a_tilted_sole_touches_with_an_edge():
-    elements = on_a_shank(foot=(SOLE,))
-    found = footprint(elements, below(-0.5, (0.0, 0.3, 0.0)))
-    assert found.size[0] < 0.02
-    assert found.size[1] == pytest.approx(0.1)
 
 
 def test_balls_at_the_corners_of_a_sole_touch_at_their_lowest_points():
@@ -90,35 +84,24 @@ def test_lowest_point_of_a_ball_on_tilted_planes(turn):
     assert found.tilt is None
 
 
-def test_a_wheel_is_as_low_as_its_radius_also_leaning():
+def test_cylinders_and_capsules():
     wheel = ("0 0 0", "1.5707963 0 0", '<cylinder radius="0.1" length="0.04"/>')
     elements = on_a_shank(foot=(wheel,))
     lean = 0.2
     found = footprint(elements, below(-0.5, (lean, 0.0, 0.0)))
     assert found.height == pytest.approx(-0.1 * np.cos(lean) - 0.02 * np.sin(lean), abs=1e-4)
-
-
-LYING = ("0 0 0", "0 1.5707963267948966 0", '<cylinder radius="0.02" length="0.3"/>')
-
-
-def test_a_lying_cylinder_touches_along_a_line():
+    element = pin.GeometryObject("rod", 0, 0, pin.SE3(pin.rpy.rpyToMatrix(0.0, np.pi / 2, 0.0), np.zeros(3)),
+                                 coal.Capsule(0.02, 0.3))  # fmt: skip
+    points = outline(element)
+    assert points.min(axis=0) == pytest.approx([-0.17, -0.02, -0.02])
+    assert points.max(axis=0) == pytest.approx([0.17, 0.02, 0.02])
     elements = on_a_shank(foot=(LYING,))
     found = footprint(elements, below(-0.5), layer=1e-6)
     assert found.height == pytest.approx(-0.02)
     assert np.sort(found.polygon[:, 0]) == pytest.approx([-0.15, 0.15])
 
 
-def test_a_capsule_is_a_ball_at_either_end():
-    element = pin.GeometryObject("rod", 0, 0, pin.SE3(pin.rpy.rpyToMatrix(0.0, np.pi / 2, 0.0), np.zeros(3)),
-                                 coal.Capsule(0.02, 0.3))  # fmt: skip
-    points = outline(element)
-    assert points.min(axis=0) == pytest.approx([-0.17, -0.02, -0.02])
-    assert points.max(axis=0) == pytest.approx([0.17, 0.02, 0.02])
-
-
-def test_a_body_without_shapes_has_no_footprint():
-    elements = on_a_shank()
-    assert footprint(elements, below(0.0)) is None
+LYING = ("0 0 0", "0 1.5707963267948966 0", '<cylinder radius="0.02" length="0.3"/>')
 
 
 def test_how_far_points_are_outside():
@@ -126,29 +109,14 @@ def test_how_far_points_are_outside():
     found = footprint(elements, below(-0.5))
     points = np.array([[0.02, 0.0], [0.12, 0.05], [0.15, 0.0], [0.15, 0.09], [-0.18, 0.0]])
     assert found.outside(points) == pytest.approx([0.0, 0.0, 0.03, 0.05, 0.1], abs=1e-12)
-
-
-def test_outside_a_point_and_a_line():
     elements = on_a_shank(foot=(("0 0 0", "0 0 0", '<sphere radius="0.03"/>'),))
     ball = footprint(elements, below(-0.5), layer=1e-6)
     assert ball.outside(np.array([[0.03, 0.04]])) == pytest.approx([0.05], abs=1e-5)
     elements = on_a_shank(foot=(LYING,))
     line = footprint(elements, below(-0.5), layer=1e-6)
     assert line.outside(np.array([[0.0, 0.04], [0.0, 0.0]])) == pytest.approx([0.04, 0.0], abs=1e-5)
-
-
-@pytest.mark.parametrize(("name", "size"), [("talos", [0.211, 0.124]), ("g1", [0.17, 0.06])])
-def test_the_feet_of_the_shipped_humanoids(robot_of, name, size):
-    settings, model = robot_of(name)
-    elements = read_collision_elements(model, model.urdf, "test")
-    contact = settings.contacts["left_foot"]
-    frame = model.pinocchio.frames[model.frame_id(contact.frame, "test")]
-    plane = frame.placement * pin.SE3(np.eye(3), np.array(contact.translation))
-    found = footprint([element for element in elements if element.parentJoint == frame.parentJoint], plane)
-    assert found.size == pytest.approx(size, abs=1e-3)
-    assert abs(found.height) < 1e-3
-    assert found.tilt < 0.001
-    assert found.outside(np.array(contact.corners)).max() < 0.005
+    elements = on_a_shank()
+    assert footprint(elements, below(0.0)) is None
 
 
 def test_a_mesh_is_outlined_by_its_vertices(robot_of):

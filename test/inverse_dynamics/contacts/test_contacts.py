@@ -34,9 +34,6 @@ def test_support_points(load, random_state):
     np.testing.assert_allclose(ball.points(dynamics), [world.translation - [0.0, 0.0, RADIUS]], atol=1e-12)
 
 
-# The cones -----------------------------------------------------------------------------------------------------------
-
-
 def corners(x, y):
     return [np.array([a * x, b * y, 0.0]) for a, b in itertools.product((1.0, -1.0), repeat=2)]
 

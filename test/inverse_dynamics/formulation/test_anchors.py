@@ -14,9 +14,7 @@ from hypothesis import strategies as st
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.references import make_board
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.inverse_dynamics.contacts import (
-    FixedContact,
-)
+from wbc_controller.inverse_dynamics.contacts import FixedContact
 from wbc_controller.inverse_dynamics.references.changes import EnableContact, SetSlippingContacts
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.records import RobotState, frozen
@@ -31,9 +29,6 @@ def at(model, q, v=None):
     dynamics = Dynamics(model)
     dynamics.update(q, np.zeros(model.nv) if v is None else v)
     return dynamics
-
-
-# Displacement from the anchor ----------------------------------------------------------------------------------------
 
 
 #: A contact kind, and a twist along its free axes in the contact frame, which keeps it at its anchor.
@@ -113,8 +108,6 @@ def test_nonholonomic_masks_refuse_a_stiffness(load, mask, said):
     with pytest.raises(ConfigurationError, match=rf"contacts\.grip\.stiffness = 30: with mask = .*link {said}, so"):
         FixedContact(*place, stiffness=30.0)
 
-
-# In the controller ---------------------------------------------------------------------------------------------------
 
 GRIP = {"type": "fixed", "frame": "left_rubber_hand", "against": "right_rubber_hand", "max_force": 300.0,
         "max_moment": 50.0, "stiffness": STIFFNESS, "damping": DAMPING, "enabled": False}  # fmt: skip

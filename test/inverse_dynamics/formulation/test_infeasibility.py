@@ -267,7 +267,7 @@ def test_number_of_linear_programs_is_bounded(bench, monkeypatch):
     assert why.conflict
 
 
-def test_sentence_of_an_explanation(bench):
+def test_sentence_of_an_immutable_explanation(bench):
     robot = bench("talos")
     (why, *_), _ = one_foot_presses(robot, "talos")
     assert why.sentence == (
@@ -277,9 +277,6 @@ def test_sentence_of_an_explanation(bench):
     )
     assert why.smallest == ("torque:leg_left_4_joint",)
     assert dict(why.units) == {"torque:leg_left_4_joint": "N·m", "normal_force:left_foot": "N"}
-
-
-def test_explanation_is_immutable(bench):
     (why, *_), _ = weak_arm(bench("g1"), "g1")
     with pytest.raises(FrozenInstanceError):
         why.sentence = ""

@@ -165,25 +165,3 @@ def test_fast_formulation_equals_the_plain_qp(robot, levels):
         for name in ("A", "b", "C", "lower", "upper", "x_lower", "x_upper"):
             near(name, getattr(problem, name), getattr(expected, name))
         near("torque offset", layout.torque_bias, expected.torque_map[1])
-
-
-def test_versions_count_changes():
-    qp = build("go2", levels=False)
-    formulation, rng = qp.formulation, np.random.default_rng(1)
-    state, references = random_state(qp.model, rng), random_references(qp, rng)
-
-    def versions():
-        formulation.build(state, references)
-        return formulation.structure.version, formulation.parameters.version
-
-    first = versions()
-    assert versions() == first
-    references.weights["com"] = 7.0
-    heavier = versions()
-    assert heavier[1] == first[1] + 1
-    qp.tasks["com"].stiffness = np.full(3, 4.0)
-    assert versions() == (heavier[0], heavier[1] + 1)
-    references.weights["com"] = 0.0
-    assert versions() == (heavier[0] + 1, heavier[1] + 2)
-    build("go2", levels=False).tasks["com"].stiffness = np.full(3, 5.0)  # of another controller
-    assert versions() == (heavier[0] + 1, heavier[1] + 2)

@@ -30,13 +30,6 @@ def rushing(g1, joint):
     return q, v
 
 
-def test_order_of_relaxation(bench):
-    _, _, stages, _ = built(bench)
-    assert [[group.name for group in stage] for stage in stages] == [["torque_rate"], ["torque_rate", "joint_motion"]]
-    _, _, stages, _ = built(bench, seed=0)  # without present torques
-    assert [[group.name for group in stage] for stage in stages] == [["joint_motion"]]
-
-
 def test_torque_rate_is_relaxed_in_effort_limits(bench):
     g1, layout, ((rate,), _), available = built(bench)
     weights = rate.soft.weights * g1.model.effort_limits**2

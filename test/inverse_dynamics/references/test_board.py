@@ -21,7 +21,6 @@ from wbc_controller.records import Tuning
 
 START, DURATION, WEIGHT_RAMP, CONTACT_RAMP = 10.0, 1.0, 0.5, 0.2
 GOAL = np.array([0.1, -0.2, 0.5])
-WRENCH = np.ones(6)
 JUST = 1.0e-7
 
 
@@ -91,17 +90,6 @@ def test_setpoint_is_reached_in_its_duration(board, dynamics):
     np.testing.assert_allclose(board.sample(START + DURATION - JUST).tasks["com"].velocity, 0.0, atol=1e-9)
 
 
-@pytest.mark.parametrize("replaced_at", [0.2, 0.5, 0.99])
-def test_replaced_setpoint_is_continuous(board, dynamics, replaced_at):
-    board.apply([SetSetpoint("com", GOAL)], dynamics, START)
-    now = START + replaced_at
-    before = board.sample(now).tasks["com"]
-    assert np.linalg.norm(before.velocity) > 1e-4
-    board.apply([SetSetpoint("com", -GOAL)], dynamics, now)
-    assert_no_jump(board, "com", now, before)
-    np.testing.assert_array_equal(board.sample(now + DURATION).tasks["com"].position, -GOAL)
-
-
 def test_replaced_pose_is_continuous(board, dynamics):
     board.apply([EnableTask("foot", True)], dynamics, START)
     goals = [
@@ -168,9 +156,6 @@ def test_past_trajectory_is_refused_with_all_changes(board, dynamics):
     np.testing.assert_array_equal(after.tasks["com"].position, before.tasks["com"].position)
     board.apply(changes, dynamics, START)  # applied without the refused change
     assert board.sample(START + 10.0).weights["com"] == 1.0
-
-
-# Disabled tasks ------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -253,9 +238,6 @@ def test_reset_discards_goals_wrenches_and_weights(board, dynamics, elsewhere):
     board.apply([ENABLE], elsewhere, START + 1.0)
     here = board.plans["foot"].task.position(elsewhere)
     np.testing.assert_array_equal(board.sample(START + 9.0).tasks["foot"].position, here)
-
-
-# Zero durations, weights and contacts --------------------------------------------------------------------------------
 
 
 def test_setpoint_without_duration_is_immediate(board, dynamics):
@@ -391,27 +373,3 @@ def test_setpoints_in_robot_and_reference_frames(board, dynamics):
     turned = relative(board, dynamics, "foot", [0, 0, 0.1, *quaternion], "foot/reference", START + 200.0)
     np.testing.assert_allclose(turned[:3], reached.translation + [0, 0, 0.1], atol=1e-9)
     np.testing.assert_allclose(pin.XYZQUATToSE3(turned).rotation, turn @ reached.rotation, atol=1e-9)
-
-
-def test_constant_references_are_the_same_objects(board, dynamics):
-    board.apply([SetWeight("com", 20.0)], dynamics, START)
-    ramping = board.sample(START + 0.1)
-    assert board.sample(START + 0.1).weights is not ramping.weights
-    end = START + WEIGHT_RAMP
-    rested = board.sample(end)
-    assert board.sample(end + 1.0) is rested
-    assert board.sample(START + 0.1).weights == ramping.weights  # the clock goes back
-    board.apply([SetSetpoint("com", GOAL)], dynamics, end + 1.0)
-    moving = board.sample(end + 1.5)
-    assert moving.tasks["com"].velocity.any()
-    assert moving.weights is board.sample(end + 1.6).weights
-    assert board.sample(end + 1.0 + DURATION) is board.sample(end + 9.0)
-    for change in (SetExternalWrench("base", WRENCH), EnableContact("left", False), EnableTask("posture", False)):
-        before = board.sample(end + 9.0)
-        board.apply([change], dynamics, end + 9.0)
-        assert board.sample(end + 9.0) is not before
-    late = board.sample(end + 99.0)
-    assert (late.contacts["left"], late.weights["posture"]) == (0.0, 0.0)
-    assert late.external_wrenches["base"] is WRENCH
-    board.reset(dynamics, end + 100.0)
-    assert board.sample(end + 100.0).weights == {"com": 50.0, "foot": 0.0, "posture": 0.1}

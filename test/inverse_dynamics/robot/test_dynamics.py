@@ -13,7 +13,6 @@ from wbc_controller.settings.config import Config
 from wbc_controller.settings.files import parse_settings
 
 ROBOTS = ("g1", "go2")
-FRAMES = {"g1": "left_rubber_hand", "go2": "RR_foot"}
 some = hypothesis_settings(deadline=None, max_examples=15, derandomize=True)
 seeds = st.integers(0, 2**32 - 1)
 
@@ -52,53 +51,6 @@ def test_snapshot_equals_pinocchio(snapshots, random_state, robot, seed):
     rate = pin.computeCentroidalMomentumTimeVariation(model, model.createData(), q, v, np.zeros(model.nv)).vector
     close(dynamics.centroidal_drift, rate)
     close(dynamics.com_jacobian, pin.jacobianCenterOfMass(model, model.createData(), q))
-
-
-@pytest.mark.parametrize("robot", ROBOTS)
-@some
-@given(seed=seeds)
-def test_frames_equal_pinocchio(snapshots, random_state, robot, seed):
-    dynamics = snapshots[robot]
-    model = dynamics.model.pinocchio
-    q, v = random_state(dynamics.model, np.random.default_rng(seed))
-    dynamics.update(q, v)
-    frame = model.getFrameId(FRAMES[robot])
-    data = model.createData()
-    pin.forwardKinematics(model, data, q, v, np.zeros(model.nv))
-    pin.updateFramePlacements(model, data)
-    pin.computeJointJacobiansTimeVariation(model, data, q, v)
-    close(dynamics.placement(frame).homogeneous, data.oMf[frame].homogeneous)
-    for axes in (pin.LOCAL, pin.LOCAL_WORLD_ALIGNED):
-        J = pin.computeFrameJacobian(model, model.createData(), q, frame, axes)
-        close(dynamics.jacobian(frame, axes), J)
-        close(dynamics.velocity(frame, axes), J @ v)
-    # Spatial acceleration in the frame's own axes: J̇ v with the rate of the local Jacobian.
-    rate = pin.getFrameJacobianTimeVariation(model, data, frame, pin.LOCAL)
-    close(dynamics.drift_local(frame), rate @ v, 1e-8)
-    twist = dynamics.velocity(frame, pin.LOCAL_WORLD_ALIGNED)
-    rotation = data.oMf[frame].rotation
-    spatial = dynamics.drift_local(frame)
-    classical = np.concatenate([rotation @ spatial[:3] + np.cross(twist[3:], twist[:3]), rotation @ spatial[3:]])
-    close(dynamics.drift_world(frame), classical, 1e-8)
-
-
-def test_inertia_matrix_contains_rotor_inertia(load):
-    model, settings = load("g1")
-    armature = settings.robot.armature
-    assert armature > 0.0
-    dynamics = Dynamics(model)
-    bare = model.pinocchio.copy()
-    bare.armature = np.zeros(model.nv)
-    without = pin.crba(bare, bare.createData(), dynamics.q)
-    np.testing.assert_allclose((dynamics.M - without)[model.v_index, model.v_index], armature, atol=1e-9)
-    np.testing.assert_allclose(np.triu(dynamics.M - without)[:6, :6], 0.0, atol=1e-9)
-
-
-def test_new_snapshot_has_the_nominal_posture(load):
-    model, _ = load("go2")
-    dynamics = Dynamics(model)
-    np.testing.assert_array_equal(dynamics.q[model.q_index], model.posture)
-    assert not dynamics.v.any()
 
 
 def test_matrices_of_a_robot_with_one_joint():

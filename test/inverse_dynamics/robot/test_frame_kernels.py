@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.inverse_dynamics.contacts import PointContact
-from wbc_controller.inverse_dynamics.contacts.mount import Mount
 from wbc_controller.inverse_dynamics.formulation.rows import CompiledRows, RowEntry
 from wbc_controller.inverse_dynamics.robot import frame_kernels as kernel
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics, view_of
@@ -108,31 +107,6 @@ def test_writable_references_are_read_in_every_cycle():
         near(out[:, -1], task.equation(dynamics, wanted)[1])
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
-@some
-@given(seed=seeds, between_links=st.booleans())
-def test_contact_rows_equal_pinocchio(robot, seed, between_links):
-    dynamics, _ = moved(robot, seed)
-    model, mount = dynamics.model, pin.SE3.Random()
-    frame, other = FRAMES[robot][0], FRAMES[robot][2]
-    contact = Mount(model, "contact", frame, mount, other if between_links else None)
-    here, X = model.frame_id(frame, ""), mount.inverse().toActionMatrix()
-    J, nu = X @ dynamics.jacobian(here, pin.LOCAL), X @ dynamics.velocity(here, pin.LOCAL)
-    drift = X @ dynamics.drift_local(here)
-    if between_links:
-        there = model.frame_id(other, "")
-        X = (dynamics.placement(here) * mount).actInv(dynamics.placement(there)).toActionMatrix()
-        carried = X @ dynamics.velocity(there, pin.LOCAL)
-        J, drift = J - X @ dynamics.jacobian(there, pin.LOCAL), drift - X @ dynamics.drift_local(there)
-        drift += pin.Motion(nu - carried).cross(pin.Motion(carried)).vector
-    near(contact.jacobian(dynamics), J)
-    near(contact.drift(dynamics), drift)
-    for rows in (np.arange(6), np.array([1, 2, 5])):
-        (found, acceleration), _ = filled(dynamics, [contact.instruction(rows)])
-        near(found, J[rows])
-        near(acceleration, -drift[rows])
-
-
 @some
 @given(seed=seeds, angle=st.one_of(st.floats(0.0, 3.141592), st.floats(0.0, 1e-6), st.floats(3.1415, 3.14159265)))
 def test_rotation_error_equals_axis_and_angle(seed, angle):
@@ -172,15 +146,12 @@ def test_link_motion_views_pinocchio_vectors(robot):
     assert not dynamics.joints.flags.writeable
 
 
-def test_rows_of_subclasses_and_of_balls_between_links_are_not_compiled():
+def test_what_is_not_compiled_and_non_contiguous_vectors():
     model, (frame, _, other, _) = ROBOTS["g1"].model, FRAMES["g1"]
     for kind, more in ((FramePositionTask, ()), (PostureTask, None), (PointContact, (np.zeros(3), 0.02))):
         arguments = ("own", model) if more is None else ("own", model, frame, *more)
         assert kind(*arguments).instruction() is not None
         assert type("Own", (kind,), {})(*arguments).instruction() is None
     assert PointContact("between", model, frame, np.zeros(3), 0.02, against=other).instruction() is None
-
-
-def test_non_contiguous_vectors_are_refused():
     with pytest.raises(RuntimeError, match="does not store vectors of 3 numbers contiguously"):
         view_of(list(np.zeros((3, 4))[:, :3]), 3)

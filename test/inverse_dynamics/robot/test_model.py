@@ -6,7 +6,7 @@ import pytest
 from urdf_models import build_model
 
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.settings.resources import locate, share_folder
+from wbc_controller.settings.resources import locate
 from wbc_controller.settings.robot import JointLimitSettings
 
 LEG = ("FL_hip_joint", "FL_thigh_joint", "FL_calf_joint")
@@ -112,24 +112,6 @@ def test_order_of_the_joints(load, urdf):
         assert (joint.idx_q, joint.idx_v) == (shuffled.q_index[i], shuffled.v_index[i])
 
 
-def test_unlisted_joints_are_locked_at_zero(load, urdf):
-    full, _ = load("go2")
-    leg = build_model(urdf, LEG, POSTURE)
-    assert (leg.na, leg.nv, leg.nq) == (3, 9, 10)
-    assert leg.mass == pytest.approx(full.mass)
-    q_leg, q_full = leg.configuration(POSTURE), full.configuration(np.zeros(full.na))
-    q_full[full.q_index[full.joint_columns(LEG, "")]] = POSTURE
-    com = [pin.centerOfMass(m.pinocchio, m.pinocchio.createData(), q) for m, q in ((leg, q_leg), (full, q_full))]
-    np.testing.assert_allclose(com[0], com[1], atol=1e-12)
-
-
-def test_a_fixed_base_has_no_free_joint(urdf):
-    model = build_model(urdf, LEG, POSTURE, floating_base=False)
-    assert (model.nq, model.nv, model.na) == (3, 3, 3)
-    assert model.base_link == "base"
-    np.testing.assert_array_equal(model.configuration(POSTURE, pin.SE3.Random()), POSTURE)
-
-
 def test_limits_and_armature(urdf):
     whole, half = (build_model(urdf, LEG, POSTURE, effort_limit_scale=s, armature=0.03) for s in (1.0, 0.5))
     np.testing.assert_allclose(whole.effort_limits, [23.7, 23.7, 45.43])
@@ -148,17 +130,6 @@ def test_unknown_names_are_refused_with_the_nearest_one(load):
         model.joint_columns(["left_knee"], "tasks.x.joints")
     np.testing.assert_array_equal(model.joint_columns([], "x"), np.arange(model.na))
     np.testing.assert_array_equal(model.joint_columns(["waist_yaw_joint"], "x"), [12])
-
-
-def test_files_are_located_by_path_and_by_package(tmp_path, monkeypatch):
-    file = tmp_path / "share" / "my_robot" / "robot.urdf"
-    file.parent.mkdir(parents=True)
-    file.write_text("<robot/>", encoding="utf-8")
-    assert locate(str(file)) == file
-    monkeypatch.setenv("AMENT_PREFIX_PATH", f":/nowhere:{tmp_path}")
-    assert share_folder("my_robot") == file.parent
-    assert locate("package://my_robot/robot.urdf") == file
-    assert locate("package://example-robot-data/robots/go2_description/urdf/go2.urdf").is_file()
 
 
 @pytest.mark.parametrize(

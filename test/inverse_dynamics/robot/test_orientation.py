@@ -23,9 +23,12 @@ def test_round_trip(turn):
     np.testing.assert_allclose(rotation_of(-3.0 * q), R, atol=1e-12)
 
 
-def test_the_scalar_comes_last():
+def test_only_orientation_converts_and_the_scalar_comes_last():
     np.testing.assert_allclose(quaternion_of(np.diag([1.0, -1.0, -1.0])), [1.0, 0.0, 0.0, 0.0], atol=1e-12)
     np.testing.assert_allclose(quaternion_of(np.eye(3)), [0.0, 0.0, 0.0, 1.0])
+    package = Path(wbc_controller.__file__).parent
+    users = [path.name for path in package.rglob("*.py") if "pin.Quaternion(" in path.read_text(encoding="utf-8")]
+    assert users == ["orientation.py"]
 
 
 def test_no_memory_leak():
@@ -36,9 +39,3 @@ def test_no_memory_leak():
     for _ in range(count):
         rotation_of(quaternion_of(R))
     assert 1024 * (memory() - before) / count < 10.0  # bytes; pin.Quaternion(R) leaks 80
-
-
-def test_only_orientation_converts_matrices_to_quaternions():
-    package = Path(wbc_controller.__file__).parent
-    users = [path.name for path in package.rglob("*.py") if "pin.Quaternion(" in path.read_text(encoding="utf-8")]
-    assert users == ["orientation.py"]

@@ -46,11 +46,8 @@ def test_non_finite_mass_is_refused(mass):
             "link 'arm': the smallest principal moment of inertia is -0.2 kg·m²",
         ),
         (two(inertia=INERTIA.replace('ixx="0.1"', "")), "link 'arm': <inertial> has no <inertia ixx=…>"),
-        (two(inertia=""), "link 'arm': <inertial> has no <inertia ixx=…>"),
         (two().replace('<mass value="1.0"/>', ""), "link 'arm': <inertial> has no <mass value=…>; a massless link"),
         (two("0").replace('"1"/>', '"0.0"/>'), "the mass of the moving links is 0 kg; the minimum is 1e-06 kg"),
-        (two("0").replace('"1"/>', '"1e-320"/>'), "the mass of the moving links is 9.99989e-321 kg; the minimum"),
-        (two("1e300"), "<mass value='1e300'> is not a number, such as 0.5, at most 1e+20"),
         (two().replace("0 1 0", "0 -0.0 0"), "joint 'elbow': <axis xyz='0 -0.0 0'> has zero length; example: '0 0 1'"),
         (two(more='<collision><origin xyz="0 0"/></collision>'), "link 'arm': <origin xyz='0 0'> is not 3 numb"),
         (
@@ -66,7 +63,6 @@ def test_non_finite_mass_is_refused(mass):
         ('<!DOCTYPE robot [<!ENTITY m "1.0">]>' + two("&m;"), "not a usable URDF: <!DOCTYPE> is not supported"),
         (two().replace(">", ">" + " " * LARGEST_URDF, 1), "characters; the maximum is 4000000"),
         (two().replace("</robot>", ""), "not a usable URDF: no element found"),
-        ("", "not a usable URDF: no element found"),
         ("\ud800", "not a usable URDF: "),
         (two("1\0"), "not a usable URDF: not well-formed"),
     ],
@@ -80,12 +76,9 @@ def test_invalid_urdfs_are_refused_in_one_sentence(urdf, said):
     assert len(str(error.value)) < 400
 
 
-def test_massless_arms_on_a_fixed_base_are_refused():
+def test_massless_links():
     with pytest.raises(ConfigurationError, match="the mass of the moving links is 0 kg"):
         build_model(two("0", INERTIA.replace("0.1", "0")), ["elbow"], [0.0], floating_base=False)
-
-
-def test_massless_frames_and_rounded_moments_are_accepted():
     build_model(two("0", INERTIA.replace("0.1", "0")), ["elbow"], [0.0])
     build_model(two(inertia=INERTIA.replace('ixx="0.1"', 'ixx="-1e-9"')), ["elbow"], [0.0])
     frame = '<link name="tip"/><joint name="fix" type="fixed"><parent link="arm"/><child link="tip"/></joint></robot>'
@@ -123,7 +116,7 @@ def test_20_000_chained_links_do_not_crash():
     assert "the maximum is" in ended.stderr.splitlines()[-1]
 
 
-def test_cycles_and_two_parents_are_refused():
+def test_cycles_two_parents_and_srdf_entities_are_refused():
     links = [link(name) for name in "abcd"]
     for joints, message in (
         ([joint("1", "a", "b"), joint("2", "b", "c"), joint("3", "c", "b")], "link 'b' is the child of two joints"),
@@ -135,9 +128,6 @@ def test_cycles_and_two_parents_are_refused():
     ):
         with pytest.raises(ConfigurationError, match=message):
             build_model(robot(*links, *joints), ["1"], [0.0])
-
-
-def test_srdf_entities_are_refused():
     with pytest.raises(
         ConfigurationError, match=r"limits\.self_collision\.srdf: not a usable SRDF: <!DOCTYPE> is not supported"
     ):

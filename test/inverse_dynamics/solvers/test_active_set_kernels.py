@@ -168,7 +168,7 @@ def test_levels_equal_numpy(seed, count, base, bound, dependent):
         kept = np.vstack([kept, squares.rows[: len(squares.weights), :-1]])
 
 
-def test_nothing_free_below_determining_rows():
+def test_levels_below_determined_or_kept_rows():
     rng = np.random.default_rng(3)
     problem = squares_problem(rng, rows=30)
     problem.bounds[:] = [[-np.inf], [np.inf]]
@@ -178,9 +178,6 @@ def test_nothing_free_below_determining_rows():
         memory = LevelWorkspace(problem, squares.base, kept)
         assert solve_level(problem, squares, sides, memory, kept)[0] == kernel.SOLVED
         assert solve_level(problem, squares, sides, memory)[0] == expected
-
-
-def test_level_must_keep_rows_of_the_levels_above():
     problem = squares_problem(np.random.default_rng(3))
     problem.bounds[:] = [[-np.inf], [np.inf]]
     squares, sides = problem.cost.squares, np.zeros(problem.bounds.shape[1], dtype=np.int8)

@@ -48,11 +48,6 @@ def constraints(rng, n):
     return problem
 
 
-def independent(problem):
-    """Return the problem without the last equality, which is dependent."""
-    return QuadraticProgram(problem.cost, problem.bounds, np.delete(problem.memory, 3, axis=0), 0)
-
-
 def random_levels(rng, n):
     """Return two to four conflicting levels; some are rank-deficient, some have a tolerance."""
     levels = []
@@ -143,24 +138,6 @@ def test_failed_lower_level_keeps_the_solution_above(monkeypatch):
     assert answer.levels[1].cost == pytest.approx(0.5 * 1.5**2, rel=1e-3)  # the band begins at a distance of 1.5
 
 
-def test_different_weights_approach_the_strict_solution():
-    rng = np.random.default_rng(14)
-    for _ in range(20):
-        n = 12
-        problem = constraints(rng, n)
-        problem = independent(problem)
-        first = level("0", rng.normal(size=(4, n)), rng.normal(size=4), n)
-        second = level("1", rng.normal(size=(n, n)), rng.normal(size=n), n)
-        strict = hierarchy().solve(problem, [first, second]).x
-        distance = []
-        for ratio in (1e1, 1e6):
-            problem.H[:] = ratio * first.kept.T @ first.kept + second.cost.H
-            problem.g[:] = ratio * first.cost.g + second.cost.g
-            distance.append(np.abs(make_solver("daqp", problem).solve(problem).x - strict).max())
-        assert distance[1] < 1e-2
-        assert distance[0] > 10.0 * distance[1]
-
-
 def test_back_ends_agree_on_every_level():
     rng = np.random.default_rng(15)
     for _ in range(20):
@@ -191,44 +168,15 @@ def test_tolerance_is_kept_and_used():
     assert hierarchy().solve(problem, [band, wish]).x[0] == pytest.approx(0.5)
 
 
-def test_contradictory_equalities_have_no_solution():
+def test_infeasible_first_levels_have_no_solution():
     problem = QuadraticProgram.empty(3, 2, 1)
     problem.A[:, 0], problem.b[:] = 1.0, [0.0, 1.0]
     answer = hierarchy().solve(problem, [level("0", np.eye(3), np.zeros(3), 3)])
     assert answer.x is None
     assert "contradict" in answer.status
-
-
-def test_failure_of_the_first_level_has_no_solution():
     problem = QuadraticProgram.empty(3, 0, 1)
     problem.C[0, 0], problem.lower[0], problem.x_upper[0] = 1.0, 1.0, 0.0
     assert hierarchy().solve(problem, [level("0", np.eye(3), np.zeros(3), 3)]).x is None
-
-
-def test_strict_task_is_unaffected_by_lower_levels(bench):
-    """The centre of mass stays exactly, while a hand is commanded to a point 2 m away."""
-    results = {}
-    for name, levels in {"weighted": {}, "strict": {"left_hand": 1, "posture": 2}}.items():
-        robot = bench("g1").on_levels(**levels)
-        references = robot.references(left_hand=100.0)
-        far = references.tasks["left_hand"].position + np.array([0.5, 0.5, 0.5, 0, 0, 0, 0])
-        hand = replace(references.tasks["left_hand"], position=far)
-        wanted = replace(references, tasks={**references.tasks, "left_hand": hand})
-        alone = robot.controller.solve(
-            robot.state(), replace(wanted, weights={**wanted.weights, "left_hand": 0.0, "posture": 0.0})
-        )
-        solution = robot.controller.solve(robot.state(), wanted)
-        assert not solution.relaxed
-        assert max(solution.residuals.values()) < 1e-6
-        dynamics = robot.controller.dynamics
-        results[name] = np.linalg.norm(dynamics.com_jacobian @ (solution.v_dot - alone.v_dot))
-        if name == "strict":
-            assert [report.tasks for report in solution.levels] == [
-                ("com", "pelvis", "torso"), ("left_hand",), ("posture",)
-            ]  # fmt: skip
-            assert all(report.iterations > 0 for report in solution.levels)
-    assert results["strict"] < 1e-8
-    assert results["weighted"] > 0.1
 
 
 def without_squares(level):

@@ -29,7 +29,7 @@ def test_solution_and_multipliers_equal_quadprog(seed):
     assert np.abs(found.multipliers).max() > 0.1
 
 
-def test_apex_of_friction_pyramids():
+def test_apex_of_friction_pyramids_and_contradictory_constraints():
     problem = QuadraticProgram.empty(9, 0, 24)
     problem.H[:], problem.g[:] = np.eye(9), np.tile([1.0, 2.0, 0.1], 3)
     for foot in range(3):
@@ -38,9 +38,6 @@ def test_apex_of_friction_pyramids():
     found = solve_by_least_distance(problem)
     assert problem.violation(found.x) < 1e-8
     assert problem.cost.value(found.x) <= problem.cost.value(make_solver("quadprog", problem).solve(problem).x) + 1e-9
-
-
-def test_contradictory_constraints_have_no_solution():
     problem = QuadraticProgram.empty(2, 0, 2)
     problem.H[:], problem.C[:, 0] = np.eye(2), 1.0
     problem.lower[0], problem.upper[1] = 1.0, 0.0

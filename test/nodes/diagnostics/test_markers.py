@@ -48,7 +48,7 @@ def at_rest(bench, name):
 
 
 @pytest.mark.parametrize("name", ["g1", "go2"])
-def test_every_marker_is_one_that_rviz_takes(bench, name):
+def test_markers_are_those_that_rviz_takes_and_forces_those_of_the_solution(bench, name):
     controller = at_rest(bench, name)
     found = scene(controller)
     assert {namespace for namespace, _ in found} >= set(KINDS) - {"contacts"} | {"com"}
@@ -68,12 +68,7 @@ def test_every_marker_is_one_that_rviz_takes(bench, name):
         if marker.type == ARROW:
             assert len(marker.points) == 2
             assert marker.scale.y > marker.scale.x > 0.0
-
-
-@pytest.mark.parametrize("name", ["g1", "go2"])
-def test_the_forces_are_the_solution_s_at_their_centre_of_pressure(bench, name):
-    controller = at_rest(bench, name)
-    found, report, model = scene(controller), controller.reports[-1], controller.model
+    report, model = controller.reports[-1], controller.model
     weight = model.mass * model.gravity
     arrows = [points(found["contact_forces", i]) for i in range(len(controller.settings.contacts))]
     total = sum(tip - origin for origin, tip in arrows)
@@ -93,7 +88,7 @@ def test_the_forces_are_the_solution_s_at_their_centre_of_pressure(bench, name):
     np.testing.assert_allclose((torque - lever)[:2], h_dot[3:5], atol=0.02 * weight * 0.01)
 
 
-def test_the_cone_is_the_one_that_is_held(bench):
+def test_cone_centre_of_mass_and_support_are_those_of_the_state(bench):
     controller = at_rest(bench, "g1")
     contact = controller.settings.contacts["left_foot"]
     cone = points(scene(controller)["friction_cones", 0])[:8].reshape(4, 2, 3)
@@ -103,10 +98,6 @@ def test_the_cone_is_the_one_that_is_held(bench):
     np.testing.assert_allclose(np.linalg.norm(edges[:, :2], axis=1), contact.friction * CONE_HEIGHT, rtol=1e-6)
     placement = controller.loop.controller.qp.contacts["left_foot"].placement(controller.loop.controller.qp.dynamics)
     np.testing.assert_allclose(centre, placement.translation, atol=1e-6)
-
-
-def test_centre_of_mass_and_capture_point(bench):
-    controller = at_rest(bench, "g1")
     found, model = scene(controller), controller.model
     data = model.pinocchio.createData()
     com = pin.centerOfMass(model.pinocchio, data, controller.q, controller.v)
@@ -120,11 +111,6 @@ def test_centre_of_mass_and_capture_point(bench):
     np.testing.assert_allclose(capture[:2], com[:2] + velocity[:2] / omega)
     assert np.linalg.norm(velocity) > 0.01
     assert capture[2] == below[2]
-
-
-def test_the_support_is_the_hull_of_the_feet(bench):
-    controller = at_rest(bench, "g1")
-    found = scene(controller)
     outline, corners = points(found["support", 0]), points(found["contacts", 0])
     np.testing.assert_array_equal(outline[0], outline[-1])
     assert corners[:, 0].max() == pytest.approx(outline[:, 0].max())
@@ -171,10 +157,19 @@ def test_kinds_of_tasks_that_have_a_place(bench, make):
             assert np.linalg.norm(line[1] - line[0]) < 0.06
 
 
-def test_markers_before_activation(bench):
+def test_markers_before_activation_at_the_configured_rate_and_without_a_plan(bench):
     controller = bench("g1")
     controller.cycle(3)
     assert {namespace for namespace, _ in scene(controller)} == {"contacts", "com", "capture_point"}
+    for rate, expected in ((10.0, (2, 3)), (50.0, (9, 11)), (0.0, (0, 0))):
+        controller = bench("go2", {"control": {"markers_rate": rate}})
+        controller.cycle(100)
+        assert expected[0] <= len(controller.received("markers")) <= expected[1], rate
+    controller = at_rest(bench, "g1")
+    assert not {"steps", "swing_paths"} & {namespace for namespace, _ in scene(controller)}
+    (status,) = controller.received("diagnostics")[-1].status
+    values = {value.key: value.value for value in status.values if value.key.startswith("walking/")}
+    assert values == {"walking/phase": "stand", "walking/steps": "0", "walking/command": "none"}
 
 
 def test_a_broken_contact_is_no_longer_drawn(bench, make):
@@ -186,13 +181,6 @@ def test_a_broken_contact_is_no_longer_drawn(bench, make):
     assert ("contact_forces", 2) not in found
     assert ("contact_forces", 3) in found
     assert len(points(found["support", 0])) == 4  # a triangle, closed
-
-
-def test_the_rate_is_the_configured_one(bench):
-    for rate, expected in ((10.0, (2, 3)), (50.0, (9, 11)), (0.0, (0, 0))):
-        controller = bench("go2", {"control": {"markers_rate": rate}})
-        controller.cycle(100)
-        assert expected[0] <= len(controller.received("markers")) <= expected[1], rate
 
 
 def test_a_robot_on_a_fixed_base_has_no_capture_point(robot_of):
@@ -244,11 +232,3 @@ def test_the_plan_of_a_step_is_drawn_and_in_the_diagnostics(bench, make):
     read = read_shapes(controller.received("markers")[-1], ("steps", "swing_paths"))
     assert {(shape.group, shape.number) for shape in read} == walking
     np.testing.assert_array_equal(next(s for s in read if s.group == "steps").points, outline)
-
-
-def test_a_standing_robot_has_no_plan(bench):
-    controller = at_rest(bench, "g1")
-    assert not {"steps", "swing_paths"} & {namespace for namespace, _ in scene(controller)}
-    (status,) = controller.received("diagnostics")[-1].status
-    values = {value.key: value.value for value in status.values if value.key.startswith("walking/")}
-    assert values == {"walking/phase": "stand", "walking/steps": "0", "walking/command": "none"}

@@ -52,13 +52,10 @@ def test_no_shortfall(controller, changes):
     assert said(controller, **{"goal": [0.0, 0.0, 0.035], "times": 12, "binding": {}, **changes}) == ()
 
 
-def test_a_pose_is_short_by_a_distance_and_an_angle():
+def test_distances_and_binding_constraints_in_words():
     assert _distance(np.array([0.03, 0.0, 0.04, 0.0, 0.1, 0.0]), "m, rad") == "50 mm and 0.10 rad"
     assert _distance(np.array([0.03, 0.0, 0.04, 0.0, 0.01, 0.0]), "m, rad") == "50 mm"
     assert _distance(np.array([0.0, 0.1, 0.0]), "rad") == "0.10 rad"
-
-
-def test_without_binding_constraints():
     assert describe_binding({}) == "none; other tasks or forces outweigh it"
     assert describe_binding({f"rows:{i}": 1.0 for i in range(5)}) == "rows:0, rows:1, rows:2, and 2 more"
 

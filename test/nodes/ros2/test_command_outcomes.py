@@ -10,12 +10,6 @@ from wbc_controller.nodes.ros2.command_outcomes import CommandOutcomes
 from wbc_controller.records import Fault, Mode
 
 
-@pytest.fixture
-def asked():
-    """A pending 'activate', and the list of its responses."""
-    return send("activate")
-
-
 def send(word):
     waiting, outcome = CommandOutcomes(), []
     waiting.submit(word, lambda: None, lambda *respond: outcome.append(respond))
@@ -27,8 +21,8 @@ def report(mode=Mode.INACTIVE, requests=(), refused=(), fault=None):
     return SimpleNamespace(mode=mode, inputs=inputs, refused=refused, fault=fault)
 
 
-def test_cycles_that_have_not_taken_it_do_not_answer(asked):
-    waiting, outcome = asked
+def test_cycles_that_have_not_taken_it_do_not_answer():
+    waiting, outcome = send("activate")
     for _ in range(20):
         waiting.observe(report())
         waiting.observe(report(requests=("reset",), refused=("command 'reset' is refused",)))
@@ -38,16 +32,21 @@ def test_cycles_that_have_not_taken_it_do_not_answer(asked):
     assert outcome == [(True, "active")]
 
 
-def test_a_refusal_is_the_answer(asked):
-    waiting, outcome = asked
-    waiting.observe(report(Mode.ACTIVE, ("activate",), ("command 'activate' is refused: why",)))
-    assert outcome == [(False, "command 'activate' is refused: why")]
-
-
-def test_an_unconfirmed_command_has_the_reason(asked):
-    waiting, outcome = asked
-    waiting.observe(report(Mode.DAMPING, ("activate",), fault=Fault("FALLEN", "it lies")))
-    assert outcome == [(False, "damping FALLEN: it lies")]
+@pytest.mark.parametrize(
+    ("last", "answer"),
+    [
+        (
+            report(Mode.ACTIVE, ("activate",), ("command 'activate' is refused: why",)),
+            (False, "command 'activate' is refused: why"),
+        ),
+        (report(Mode.DAMPING, ("activate",), fault=Fault("FALLEN", "it lies")), (False, "damping FALLEN: it lies")),
+        (None, (False, "over")),
+    ],
+)
+def test_a_refusal_a_fault_and_the_end_of_the_loop_are_answers(last, answer):
+    waiting, outcome = send("activate")
+    waiting.end("over") if last is None else waiting.observe(last)
+    assert outcome == [answer]
 
 
 @pytest.mark.parametrize(
@@ -70,17 +69,11 @@ def test_a_deactivation_is_answered_at_the_end_of_its_ramp(last, respond):
     assert outcome == [respond]
 
 
-def test_one_that_was_turned_away_is_answered_too(asked, monkeypatch):
+def test_one_that_was_turned_away_is_answered_too(monkeypatch):
     monkeypatch.setattr(command_outcomes, "_LONGEST_WAIT", 10)
-    waiting, outcome = asked
+    waiting, outcome = send("activate")
     for _ in range(9):
         waiting.observe(report())
     assert outcome == []
     waiting.observe(report())
     assert outcome == [(False, "command 'activate' was dropped: not processed in 10 cycles; send it again")]
-
-
-def test_the_end_of_the_loop_answers(asked):
-    waiting, outcome = asked
-    waiting.end("over")
-    assert outcome == [(False, "over")]

@@ -36,11 +36,8 @@ def _make(path: Path) -> None:
     path.touch()
 
 
-def test_the_wheels_alone_are_accepted(environment):
+def test_the_wheels_are_accepted_alone_and_with_a_workspace_and_their_prefix(environment, tmp_path, monkeypatch):
     refuse_mixed_installations()
-
-
-def test_a_workspace_and_the_prefix_of_the_wheels_are_no_second_installation(environment, tmp_path, monkeypatch):
     workspace = tmp_path / "ws/install/my_package"
     _make(workspace / "share/ament_index/resource_index/packages/my_package")
     monkeypatch.setenv("AMENT_PREFIX_PATH", f"{workspace}:{sys.prefix}")

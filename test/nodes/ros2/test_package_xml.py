@@ -21,7 +21,7 @@ def texts(tag):
     return [element.text for element in PACKAGE.findall(tag)]
 
 
-def test_the_form_is_that_of_format_3():
+def test_form_and_agreement_with_version_setup_py_and_licence():
     assert (PACKAGE.tag, PACKAGE.get("format")) == ("package", "3")
     for tag in ("name", "version", "description", "maintainer", "license", "export"):
         assert len(texts(tag)) == 1, tag
@@ -31,9 +31,8 @@ def test_the_form_is_that_of_format_3():
     assert re.fullmatch(r"\d+\.\d+\.\d+", texts("version")[0])
     assert "@" in PACKAGE.find("maintainer").get("email")
     assert PACKAGE.find("export/build_type").text == "ament_python"
-
-
-def test_package_xml_agrees_with_version_setup_py_and_licence():
+    for tag in ("exec_depend", "test_depend"):
+        assert len(texts(tag)) == len(set(texts(tag)))
     setup = (ROOT / "setup.py").read_text(encoding="utf-8")
     (licence,) = texts("license")
     assert texts("version") == [wbc_controller.__version__]
@@ -43,12 +42,7 @@ def test_package_xml_agrees_with_version_setup_py_and_licence():
     assert f'PACKAGE = "{texts("name")[0]}"' in setup
 
 
-def test_dependencies_are_unique():
-    for tag in ("exec_depend", "test_depend"):
-        assert len(texts(tag)) == len(set(texts(tag)))
-
-
-def test_every_package_of_a_message_is_a_dependency():
+def test_packages_of_messages_imports_and_launch_files_are_dependencies():
     types = {
         topic.type
         for table in (CONTROLLER_TOPICS, MOCK_TOPICS, GUARD_TOPICS, ESTIMATOR_TOPICS)
@@ -58,9 +52,6 @@ def test_every_package_of_a_message_is_a_dependency():
     types |= {name for kinds in TASK_TYPES.values() for name in kinds.values()}
     assert len(types) > 10
     assert {name.split("/")[0] for name in types} <= set(texts("exec_depend"))
-
-
-def test_every_package_of_ros_that_is_imported_or_launched_is_a_dependency():
     used = set()
     for path in [*ROOT.glob("wbc_controller/**/*.py"), *ROOT.glob("launch/*.py")]:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
