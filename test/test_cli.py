@@ -14,18 +14,32 @@ def invoke(*words):
     return CliRunner().invoke(main, list(words))
 
 
-def test_a_demo_on_sensors_that_do_not_exist_is_refused():
+def test_invalid_options_and_unknown_commands_are_refused(monkeypatch):
     result = invoke("demo", "go2", "--sensors", "perfect")
     assert result.exit_code == 2
     assert "'ideal', 'good', 'cheap'" in result.output
+    monkeypatch.setenv("ROS_DOMAIN_ID", "many")
+    result = invoke("run", "go2")
+    assert result.exit_code == 2
+    assert "ROS_DOMAIN_ID" in result.stderr
+    assert "many" in result.stderr
+    result = invoke("rnu")
+    assert result.exit_code == 2
+    assert "rnu" in result.output
 
 
-def test_help_lists_all_commands():
+def test_help_lists_all_commands_in_order_and_the_table_of_topics_is_printed():
     result = invoke("--help")
     assert result.exit_code == 0
     for command in ("new", "run", "mock", "guard", "check", "demo", "fuzz", "bench", "topics"):
         assert f"  {command} " in result.output
     assert "g1, talos, go2" in result.output
+    assert list(COMMANDS) == sorted(COMMANDS)
+    for name in COMMANDS:
+        assert main.get_command(None, name).name == name
+    result = invoke("topics")
+    assert result.exit_code == 0
+    assert "`~/command`" in result.output
 
 
 @pytest.mark.parametrize("option", ["-h", "--help"])
@@ -37,14 +51,11 @@ def test_help_of_each_command(option):
         assert f"Usage: main {command} [OPTIONS]" in result.output
 
 
-@pytest.mark.parametrize(
-    ("robot", "said"),
-    [
-        ("g1", ("29 actuated, base floating", "33.34 kg, weight 327.1 N", "left_foot (surface)", "com (com)")),
-        ("talos", ("30 actuated", "left_foot (surface)")),
-        ("go2", ("12 actuated", "front_left_foot (point)", "16.09 kg")),
-    ],
-)
+@pytest.mark.parametrize(("robot", "said"), [
+    ("g1", ("29 actuated, base floating", "33.34 kg, weight 327.1 N", "left_foot (surface)", "com (com)")),
+    ("talos", ("30 actuated", "left_foot (surface)")),
+    ("go2", ("12 actuated", "front_left_foot (point)", "16.09 kg")),
+])  # fmt: skip
 def test_check_prints_findings(robot, said):
     result = invoke("check", robot)
     assert result.exit_code == 0, result.output
@@ -71,15 +82,12 @@ def test_a_new_configuration_is_all_of_stdout_and_doubts_and_findings_are_on_std
     assert result.stderr.endswith("\nok\n")
 
 
-def test_a_new_configuration_with_which_the_robot_cannot_stand_is_printed_and_has_a_status():
+def test_draft_with_which_the_robot_cannot_stand_has_a_status_and_a_missing_urdf_is_refused():
     result = invoke("new", "package://example-robot-data/robots/bolt_description/robots/bolt.urdf")
     assert result.exit_code == 2
     assert yaml.safe_load(result.stdout)["wbc_controller"]["ros__parameters"]["contacts"]
     assert "contacts: Fill in: " in result.stderr
     assert "outside the support" in result.stderr.splitlines()[-1]
-
-
-def test_a_urdf_that_is_not_there_is_refused_without_a_configuration():
     result = invoke("new", "no.urdf")
     assert (result.exit_code, result.stdout) == (2, "")
     assert result.stderr == "error: ROBOT.urdf = 'no.urdf': file no.urdf does not exist\n"
@@ -101,32 +109,6 @@ def test_a_remapping_of_another_form_is_refused_before_anything_starts(command, 
     result = invoke(command, "go2", "--remap", remapping)
     assert result.exit_code == 2
     assert result.stderr.startswith(f"error: invalid remapping {remapping!r}; valid: from:=to")
-
-
-def test_invalid_domain_is_refused(monkeypatch):
-    monkeypatch.setenv("ROS_DOMAIN_ID", "many")
-    result = invoke("run", "go2")
-    assert result.exit_code == 2
-    assert "ROS_DOMAIN_ID" in result.stderr
-    assert "many" in result.stderr
-
-
-def test_an_unknown_command_is_refused():
-    result = invoke("rnu")
-    assert result.exit_code == 2
-    assert "rnu" in result.output
-
-
-def test_the_table_of_topics_is_printed():
-    result = invoke("topics")
-    assert result.exit_code == 0
-    assert "`~/command`" in result.output
-
-
-def test_command_table():
-    assert list(COMMANDS) == sorted(COMMANDS)
-    for name in COMMANDS:
-        assert main.get_command(None, name).name == name
 
 
 #: Modules imported by their own commands only.

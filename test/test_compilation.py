@@ -72,7 +72,7 @@ def scaled(kernels, **changes):
     return kernels.Scaled(**{name: value for name, value in fields.items() if value is not None})
 
 
-def test_a_struct_shares_memory_with_its_arrays(kernels):
+def test_a_struct_shares_memory_with_its_arrays_and_keeps_them_alive(kernels):
     values, out = np.arange(3.0), np.zeros(3)
     struct = scaled(kernels, values=values, out=out)
     kernels.scale(struct)
@@ -81,16 +81,10 @@ def test_a_struct_shares_memory_with_its_arrays(kernels):
     kernels.scale(struct)
     assert out.tolist() == [2.0, 4.0, 6.0]
     assert struct.values is values
-
-
-def test_a_struct_keeps_its_arrays_alive(kernels):
     struct = scaled(kernels, values=np.arange(1000.0), out=np.zeros(1000))
     np.random.default_rng(0).normal(size=(200, 1000))  # freed memory would be written
     kernels.scale(struct)
     assert struct.out.tolist() == (2.0 * np.arange(1000.0)).tolist()
-
-
-def test_fields_cannot_be_set_again(kernels):
     with pytest.raises(AttributeError, match=r"Scaled\.factor is read-only; create a new struct"):
         scaled(kernels).factor = 3.0
 
@@ -106,16 +100,13 @@ def frozen(values):
     return values
 
 
-@pytest.mark.parametrize(
-    ("changes", "said"),
-    [
-        ({"values": np.ones(3, dtype=np.float32)}, "float32 of shape"),
-        ({"values": np.ones((3, 1))}, r"float64 of shape \(3, 1\)"),
-        ({"values": np.ones(6)[::2]}, ".*, not c_contiguous"),
-        ({"values": [1.0, 2.0]}, r"\[1.0, 2.0\]"),
-        ({"out": frozen(np.ones(3))}, ".*, not writeable"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "said"), [
+    ({"values": np.ones(3, dtype=np.float32)}, "float32 of shape"),
+    ({"values": np.ones((3, 1))}, r"float64 of shape \(3, 1\)"),
+    ({"values": np.ones(6)[::2]}, ".*, not c_contiguous"),
+    ({"values": [1.0, 2.0]}, r"\[1.0, 2.0\]"),
+    ({"out": frozen(np.ones(3))}, ".*, not writeable"),
+])  # fmt: skip
 def test_arrays_of_another_type_are_refused(kernels, changes, said):
     (name,) = changes
     with pytest.raises(
@@ -124,11 +115,8 @@ def test_arrays_of_another_type_are_refused(kernels, changes, said):
         scaled(kernels, **changes)
 
 
-def test_a_frozen_array_is_read(kernels):
+def test_frozen_and_strided_arrays_are_read(kernels):
     assert kernels.total(frozen(np.ones(3)), 2) == 6.0
-
-
-def test_arrays_in_any_order_are_read_by_their_strides(kernels):
     values = np.arange(12.0).reshape(3, 4)
     for each in (values[1], values[:, 2], values[::-1, 0], values[0, :0], values.T[3]):
         assert kernels.strided_total(each) == each.sum()
@@ -213,12 +201,14 @@ def test_a_short_wait_for_another_process_is_not_logged(tmp_path, monkeypatch, c
 
 
 @compiled_only
-def test_without_a_lock_functions_are_compiled_all_the_same(tmp_path, monkeypatch, caplog):
+def test_without_a_lock_or_a_writable_folder_functions_are_compiled_all_the_same(tmp_path, monkeypatch, caplog):
     monkeypatch.setattr(compilation, "_cache_folder", lambda: tmp_path)
     (tmp_path / "total.lock").mkdir()  # cannot be opened, as in a read-only folder
     with caplog.at_level("DEBUG", "wbc_controller"):
         assert load(tmp_path, name="unlocked").total(np.ones(3), 2.0) == 6.0
     assert "total is compiled without a lock: [Errno 21] Is a directory" in caplog.text
+    monkeypatch.setattr(compilation, "_cache_folder", lambda: None)
+    assert load(tmp_path, name="uncached").total(np.ones(3), 2.0) == 6.0
 
 
 @compiled_only
@@ -273,12 +263,6 @@ def test_warning_without_a_writable_folder(tmp_path, monkeypatch, caplog):
     assert compilation._cache_folder.__wrapped__() is None
     assert "compiled at every start" in caplog.text
     assert "set NUMBA_CACHE_DIR" in caplog.text
-
-
-@compiled_only
-def test_without_a_writable_folder_functions_are_compiled_all_the_same(tmp_path, monkeypatch):
-    monkeypatch.setattr(compilation, "_cache_folder", lambda: None)
-    assert load(tmp_path, name="uncached").total(np.ones(3), 2.0) == 6.0
 
 
 def test_without_compilation_kernels_are_functions_and_structs_are_plain_objects(tmp_path):

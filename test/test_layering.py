@@ -82,11 +82,8 @@ def violations(found: dict[str, set[str]]) -> list[str]:
     return wrong
 
 
-def test_imports_follow_the_table():
+def test_imports_follow_the_ordered_table():
     assert violations(walk(SOURCES)) == []
-
-
-def test_table_is_ordered():
     for room, (rooms, _) in ROOMS.items():
         for other in rooms.split():
             above = [name for name in ORDER[: ORDER.index(room)] if name == other or name.startswith(f"{other}/")]
@@ -134,19 +131,13 @@ def test_table_has_no_unused_entries():
     } == {}
 
 
-def test_the_top_of_the_package_is_small():
+def test_the_package_is_small_and_walked_completely():
+    """A file name occurs at most twice."""
     assert {path.stem for path in SOURCES.glob("*.py")} <= {*BASICS, *ENTRY_POINTS}
     folders = [path for path in SOURCES.iterdir() if path.is_dir() and path.name != "__pycache__"]
     assert len(folders) <= 13
-
-
-def test_file_names_differ():
-    """A file name occurs at most twice."""
     names = [path.name for path in SOURCES.rglob("*.py") if path.name != "__init__.py"]
     assert {name for name in names if names.count(name) > 2} == set()
-
-
-def test_walk_covers_the_package():
     found = walk(SOURCES)
     assert len(found) > 150
     assert "mujoco" in found["simulation/plant.py"]
@@ -159,32 +150,29 @@ def test_walk_covers_the_package():
 ROBOT, TASKS = "inverse_dynamics/robot/planted.py", "inverse_dynamics/tasks/planted.py"
 
 
-@pytest.mark.parametrize(
-    ("file", "line"),
-    [
-        (ROBOT, "from time import monotonic"),
-        (TASKS, "def f():\n    import datetime"),
-        (ROBOT, "from rosbags.typesys import Stores"),
-        (TASKS, "from wbc_controller import settings"),
-        (ROBOT, "from ... import nodes"),
-        (ROBOT, "from ...safety.supervisor import Supervisor"),
-        (TASKS, "import importlib\nimportlib.import_module('mujoco')"),
-        (TASKS, "from wbc_controller.inverse_dynamics.formulation.layout import Layout"),
-        ("controller/build/planted.py", "import mujoco"),
-        ("controller/planted.py", "from wbc_controller.nodes.loop import ControlLoop"),
-        ("apps/demo/planted.py", "import mujoco as mj"),
-        ("middleware/transports/memory.py", "import cyclonedds"),
-        ("middleware/transports/dds.py", "import rclpy"),
-        ("node.py", "import rclpy"),
-        ("nodes/planted.py", "from rclpy.node import Node"),
-        ("records.py", "import pinocchio"),
-        ("records.py", "from wbc_controller.errors import WbcError"),
-        ("safety/planted.py", "from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP"),
-        ("__init__.py", "from wbc_controller.nodes.loop import ControlLoop"),
-        ("planted.py", "import math"),
-        ("inverse_dynamics/planted.py", "import math"),
-    ],
-)
+@pytest.mark.parametrize(("file", "line"), [
+    (ROBOT, "from time import monotonic"),
+    (TASKS, "def f():\n    import datetime"),
+    (ROBOT, "from rosbags.typesys import Stores"),
+    (TASKS, "from wbc_controller import settings"),
+    (ROBOT, "from ... import nodes"),
+    (ROBOT, "from ...safety.supervisor import Supervisor"),
+    (TASKS, "import importlib\nimportlib.import_module('mujoco')"),
+    (TASKS, "from wbc_controller.inverse_dynamics.formulation.layout import Layout"),
+    ("controller/build/planted.py", "import mujoco"),
+    ("controller/planted.py", "from wbc_controller.nodes.loop import ControlLoop"),
+    ("apps/demo/planted.py", "import mujoco as mj"),
+    ("middleware/transports/memory.py", "import cyclonedds"),
+    ("middleware/transports/dds.py", "import rclpy"),
+    ("node.py", "import rclpy"),
+    ("nodes/planted.py", "from rclpy.node import Node"),
+    ("records.py", "import pinocchio"),
+    ("records.py", "from wbc_controller.errors import WbcError"),
+    ("safety/planted.py", "from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP"),
+    ("__init__.py", "from wbc_controller.nodes.loop import ControlLoop"),
+    ("planted.py", "import math"),
+    ("inverse_dynamics/planted.py", "import math"),
+])  # fmt: skip
 def test_a_violation_is_found(tmp_path, file, line):
     planted = tmp_path / file
     planted.parent.mkdir(parents=True, exist_ok=True)

@@ -24,21 +24,16 @@ def ros(tmp_path):
     return tmp_path / "opt/ros/jazzy"
 
 
-def test_one_installation_is_accepted(monkeypatch):
+def test_second_modules_and_libraries_are_named(monkeypatch, ros):
     monkeypatch.delenv("LD_LIBRARY_PATH", raising=False)
     assert two_installations() == ""
-
-
-def test_a_second_module_is_named_in_the_order_of_the_search(ros, monkeypatch):
     (own,) = pinocchio_libraries._prefixes(pinocchio_libraries._importable())
     modules = str(ros / "lib/python3.12/site-packages")
     monkeypatch.setattr(sys, "path", [*sys.path, modules])
     assert f"two Pinocchio installations: in {own} and {ros}; the first is used" in two_installations()
     monkeypatch.setattr(sys, "path", [modules, *sys.path])  # as PYTHONPATH does
     assert f"two Pinocchio installations: in {ros} and {own}; the first is used" in two_installations()
-
-
-def test_libraries_that_would_replace_those_of_the_wheel_are_named(ros, monkeypatch):
+    monkeypatch.undo()
     monkeypatch.setenv("LD_LIBRARY_PATH", f"{ros / 'nothing'}:{ros / 'lib'}")
     assert f" and {ros}; the first is used" in two_installations()
     assert "ros-<distribution>-pinocchio" in two_installations()

@@ -19,13 +19,10 @@ def load(path):
 JOBS = load(".github/workflows/checks.yml")["jobs"]
 
 
-def test_the_workflow_runs_the_checks_on_all_supported_pythons():
+def test_the_workflow_runs_the_checks_on_all_supported_pythons_by_targets_of_the_makefile():
     supported = re.findall(r'"Programming Language :: Python :: (3\.\d+)"', PYPROJECT)
     assert JOBS["tests"]["strategy"]["matrix"]["python"] == supported
     assert ".ci/run" in [step.get("run") for step in JOBS["tests"]["steps"]]
-
-
-def test_the_workflow_builds_site_and_wheel_and_runs_kilted_by_targets_of_the_makefile():
     targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
     commands = [step["run"] for job in JOBS.values() for step in job["steps"] if "run" in step]
     run = {command.removeprefix("make ") for command in commands if command.startswith("make ")}

@@ -6,7 +6,6 @@ import pytest
 
 @pytest.mark.parametrize(("robot", "base", "feet"), [
     ("Go1", "floating", "4 point"),
-    ("G1", "floating", "2 surface"),
     ("UR5", "fixed", "none"),
 ])  # fmt: skip
 def test_drafted_robot_passes(monkeypatch, robot, base, feet):

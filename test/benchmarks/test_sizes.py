@@ -18,7 +18,7 @@ def grown(series: sizes.Series) -> list[tuple[int, object]]:
     return made
 
 
-def test_sizes_agree_with_their_axes(tmp_path):
+def test_sizes_agree_with_their_axes_and_the_fit_omits_zero(tmp_path):
     for size, qp in grown(sizes.degrees_of_freedom(tmp_path)):
         assert qp.model.nv == size
     for size, qp in grown(sizes.contacts()):
@@ -29,9 +29,6 @@ def test_sizes_agree_with_their_axes(tmp_path):
         assert len({task.level for task in qp.tasks.values()}) == size
     for size, qp in grown(sizes.collision_pairs()):
         assert [limit.summary.split()[0] for limit in qp.formulation.row_limits] == ([str(size)] if size else [])
-
-
-def test_fit_omits_zero_sizes():
     series = sizes.Series("pairs", {0: {}, 10: {}, 100: {}, 1000: {}})
     for size, blocks in series.seconds.items():
         blocks += [np.full(9, 2.0e-6 * size**0.5 if size else 1.0), np.full(8, 2.0e-6 * size**0.5)]

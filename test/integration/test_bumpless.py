@@ -1,12 +1,8 @@
 """G1 sways from foot to foot in the simulator while contacts and tasks are switched: 60 switches, and no jump."""
 
-from dataclasses import dataclass, field
-
 import numpy as np
-import pytest
 import yaml
 
-from wbc_controller.controller.build.robot import make_model
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.validation.lockstep import Lockstep
@@ -29,15 +25,6 @@ def swaying_settings():
             "type": "frame_pose", "frame": f"{side}_ankle_roll_link", "weight": 100.0, "enabled": False,
         }  # fmt: skip
     return Settings.model_validate(content)
-
-
-@dataclass
-class Run:
-    settings: Settings
-    reports: list = field(default_factory=list)
-    switches: int = 0
-    fallen: bool = False
-    moved: float = 0.0
 
 
 class Robot(Lockstep):
@@ -68,23 +55,21 @@ def random_task_switch(rng, enabled, weights):
     return {task: {"enabled": enabled[task]} for task in tasks}, len(tasks)
 
 
-@pytest.fixture(scope="module")
-def run():
-    settings = swaying_settings()
-    result = Run(settings)
-    robot = Robot(settings, observers=(result.reports.append,))
+def test_the_robot_stands_and_no_torque_jumps_and_no_foot_pulls_or_slips():
+    settings, reports, switches, fallen, moved = swaying_settings(), [], 0, False, 0.0
+    robot = Robot(settings, observers=(reports.append,))
     robot.run(5)
     robot.user.send_text("command", "activate")
     robot.run(600)
     robot.mock.plant.hold(False)
     robot.run(400)
-    result.reports.clear()
+    reports.clear()
     rng, start, stood = np.random.default_rng(0), np.array(robot.dynamics.com), robot.soles()
     enabled = {name: task.enabled for name, task in settings.tasks.items()}
     weights = {name: task.weight for name, task in settings.tasks.items()}
     begun = time = robot.clock.now()
     side, arrives, due, light, back = -1, time, time, None, 0.0
-    while result.switches < SWITCHES or light:
+    while switches < SWITCHES or light:
         changes: dict[str, dict] = {"tasks": {}, "contacts": {}}
         time = robot.clock.now()
         if time >= arrives + STAY or begun == time:
@@ -96,58 +81,46 @@ def run():
             light, back = foot, time + rng.uniform(0.2, STAY - 0.05)
             changes["contacts"][f"{foot}_foot"] = {"enabled": False}
             changes["tasks"] |= {f"{foot}_sole": {"enabled": True}}
-            result.switches += 2
+            switches += 2
         elif light is not None and time >= back:
             changes["contacts"][f"{light}_foot"] = {"enabled": True}
             changes["tasks"] |= {f"{light}_sole": {"enabled": False}}
             light = None
-            result.switches += 2
+            switches += 2
         if time >= due:
             due = time + PAUSE
             change, count = random_task_switch(rng, enabled, weights)
             for task, fields in change.items():
                 changes["tasks"][task] = changes["tasks"].get(task, {}) | fields
-            result.switches += count
+            switches += count
         changes = {section: entries for section, entries in changes.items() if entries}
         if changes:
             robot.user.send_text("update", yaml.safe_dump(changes))
         robot.cycle()
-        result.fallen = result.fallen or robot.mock.plant.fallen
+        fallen = fallen or robot.mock.plant.fallen
         for name, place in robot.soles().items():
             if light is None or name != f"{light}_foot":
-                result.moved = max(result.moved, float(np.linalg.norm(place - stood[name])))
+                moved = max(moved, float(np.linalg.norm(place - stood[name])))
     robot.run(300)
-    result.fallen = result.fallen or robot.mock.plant.fallen
-    return result
+    fallen = fallen or robot.mock.plant.fallen
+    assert switches >= SWITCHES
+    assert not fallen
+    assert {report.mode.value for report in reports} == {"active"}
+    assert not [sentence for report in reports for sentence in report.refused]
+    assert not any(report.solution.relaxed for report in reports)
+    assert {len(report.solution.forces) for report in reports} == {1, 2}  # a foot did leave
+    assert moved < STANDS
 
-
-def test_the_robot_stands_through_it(run):
-    assert run.switches >= SWITCHES
-    assert not run.fallen
-    assert {report.mode.value for report in run.reports} == {"active"}
-    assert not [sentence for report in run.reports for sentence in report.refused]
-    assert not any(report.solution.relaxed for report in run.reports)
-    assert {len(report.solution.forces) for report in run.reports} == {1, 2}  # a foot did leave
-    assert run.moved < STANDS
-
-
-def test_no_torque_jumps(run):
-    tau = np.array([report.command.tau for report in run.reports])
-    limits = make_model(run.settings).effort_limits
-    allowed = run.settings.limits.torque_rate * limits / run.settings.control.rate
-    share = np.abs(np.diff(tau, axis=0)) / allowed
-    print(f"largest torque step: {share.max():.2f} of the rate, {np.abs(np.diff(tau, axis=0)).max():.2f} N·m per cycle")
+    model, steps = robot.loop.controller.model, np.abs(np.diff([report.command.tau for report in reports], axis=0))
+    share = steps / (settings.limits.torque_rate * model.effort_limits / settings.control.rate)
+    print(f"largest torque step: {share.max():.2f} of the rate, {steps.max():.2f} N·m per cycle")
     assert share.max() < SMOOTH
 
-
-def test_no_foot_pulls_and_none_slips(run):
-    model = make_model(run.settings)
     least, most = np.inf, 0.0
-    for report in run.reports:
+    for report in reports:
         for name, force in report.solution.forces.items():
-            friction = run.settings.contacts[name].friction
             least = min(least, force[2])
-            most = max(most, np.hypot(force[0], force[1]) - friction * force[2])
+            most = max(most, np.hypot(force[0], force[1]) - settings.contacts[name].friction * force[2])
     print(f"least normal force {least:.2e} N, largest friction beyond its cone {most:.2e} N")
     assert least > -1e-6 * model.mass * 9.81
     assert most < 1e-6 * model.mass * 9.81

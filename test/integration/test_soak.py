@@ -23,14 +23,11 @@ def test_memory_is_flat_and_no_fault_occurs(tmp_path):
     assert result.rate > 50.0  # 500 on an idle machine
 
 
-def test_memory_that_grows_is_seen_and_noise_is_not():
+def test_growing_memory_and_own_faults_are_found():
     rng = np.random.default_rng(0)
     flat = (100_000 + rng.integers(0, 500, 60)).tolist()
     warm_up = [90_000 + 1000 * min(i, 20) for i in range(60)]
     result = SoakResult(60.0, {"flat": flat, "warm-up": warm_up, "leak": [100_000 + 100 * i for i in range(60)]})
     assert [name for name in result.memory if not result.flat(name)] == ["leak"]
-
-
-def test_a_fault_is_the_machines_only_if_it_was_late_by_half_of_what_the_fault_allows():
     faults = [("damping STALE_INPUT: …", 0.03, 0.05), ("damping FALLEN: …", 0.001, 0.05)]
     assert SoakResult(faults=faults).own_faults == ["damping FALLEN: …"]

@@ -104,7 +104,7 @@ def test_outgoing_messages_precede_their_cycle_with_its_time(record, tmp_path, l
     assert waiting == [cycles[-1][0]]
 
 
-def test_waiting_messages_are_limited(robot_of):
+def test_waiting_messages_are_limited_and_markers_recorded_without_subscription(robot_of, tmp_path):
     settings, _ = robot_of("go2")
     with recording(settings.model_copy(deep=True), None) as recorder:
         channel = recorder.channel("/a", "std_msgs/msg/String")
@@ -113,9 +113,6 @@ def test_waiting_messages_are_limited(robot_of):
                 keep(channel, b"x")
             assert 0 < len(recorder._messages) <= 20_000
             recorder._messages.clear()
-
-
-def test_a_whole_run_contains_markers_without_subscription(robot_of, tmp_path):
     settings, _ = robot_of("g1")
     (markers,) = (topic for topic in endpoints(CONTROLLER_TOPICS, "controller") if topic.key == "markers")
     for file, expected in ((tmp_path / "a.mcap", True), (None, False)):

@@ -69,7 +69,7 @@ def test_it_accelerates_as_the_controllers_model_does(base, follower, changes):
     assert worst < (SOFT if follower else 1e-9)
 
 
-def test_the_follower_stays_where_it_belongs():
+def test_actuators_saturate_and_followers_stay():
     _, model, plant = made()
     tau = np.zeros(model.na)
     tau[model.actuators.index("elbow")] = 6.0
@@ -82,6 +82,13 @@ def test_the_follower_stays_where_it_belongs():
         worst = max(worst, float(np.abs(plant.data.qpos[follower] - q[model.followers.q_index]).max()))
     assert abs(plant.state()[0][elbow] - start) > 0.3
     assert 0.0 < worst < 2e-3
+    _, model, plant = made()
+    tau = np.zeros(model.na)
+    tau[1] = 1000.0  # both: 70 N·m at most, twice that at the hip and at the knee
+    plant.apply(tau)
+    plant.forward()
+    torques = plant.data.qfrc_applied[plant._dof]
+    np.testing.assert_allclose(torques, [140.0, 0.0, 0.0, 140.0, 0.0, 0.0])
 
 
 def test_a_rotor_between_two_branches_is_refused():
@@ -99,16 +106,6 @@ def test_a_rotor_between_two_branches_is_refused():
         ConfigurationError, match=r"robot.transmission.across.rotor_inertia = 0.1: it couples .* branch"
     ):
         Plant(model, settings)
-
-
-def test_actuators_saturate_and_work_through_their_ratios():
-    _, model, plant = made()
-    tau = np.zeros(model.na)
-    tau[1] = 1000.0  # both: 70 N·m at most, twice that at the hip and at the knee
-    plant.apply(tau)
-    plant.forward()
-    torques = plant.data.qfrc_applied[plant._dof]
-    np.testing.assert_allclose(torques, [140.0, 0.0, 0.0, 140.0, 0.0, 0.0])
 
 
 def test_damping_never_drives_a_joint():
@@ -154,9 +151,6 @@ def test_the_audit_accounts_for_springs_transmissions_and_followers():
     assert len(energies) > 200
     assert max(energies) < 0.015
     assert max(torques) < 0.5
-
-
-def test_the_audit_measures_torques_against_what_can_be_given():
     efforts = joint_efforts(make_model(menagerie(), MENAGERIE))
     # Hip: 2 · 70; shoulder, elbow and rail: 60; knee: 2 · 70 + 3 · 50; the passive ankle: the median of them.
     np.testing.assert_allclose(efforts, [140.0, 60.0, 60.0, 290.0, 60.0, 60.0])

@@ -188,7 +188,8 @@ def test_a_grip_holds_the_hand_where_it_is_and_lets_it_go():
         plant.grip("left_foot", True)
 
 
-def test_what_holds_the_axes_of_a_mask():
+def test_points_that_hold_the_axes_of_masks_and_loops():
+    """Of a planar loop the axes out of its plane are held too."""
     assert points_of(masked(0, 1, 2, 3, 4, 5), "key") is None
     np.testing.assert_array_equal(points_of(masked(0, 1, 2), "key"), [[0, 0, 0]])
     np.testing.assert_array_equal(points_of(masked(0, 1, 2, 3, 5), "key"), [[0, 0, 0], [0, HINGE_LENGTH, 0]])
@@ -196,9 +197,6 @@ def test_what_holds_the_axes_of_a_mask():
     for mask in (masked(0, 1), masked(0, 1, 2, 3), masked(3, 4, 5), masked(1, 2, 3, 4, 5)):
         with pytest.raises(ConfigurationError, match=r"key = \[.*\]: not supported by the mock robot; valid: all six "):
             points_of(mask, "key")
-
-
-def test_of_a_planar_loop_the_axes_out_of_its_plane_are_held_too():
     rod = LINK.format("{}", 0, 1.0, 0.01, 0.01)
     joint = '<joint name="{0}_joint" type="revolute"><parent link="{1}"/><child link="{0}"/><origin xyz="{2} 0 0"/>'
     joint += '<axis xyz="0 1 0"/><limit lower="-4" upper="4" effort="20" velocity="20"/></joint>'

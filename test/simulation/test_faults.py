@@ -23,7 +23,7 @@ def stand(go2):
     return MockRobot(model, settings, peer.transport), peer
 
 
-def test_a_fault_by_topic_acts_from_its_arrival_for_its_duration(stand):
+def test_a_fault_by_topic_acts_for_its_duration_or_until_clear(stand):
     robot, peer = stand
     step(robot, 3)
     peer.say("fault", "{kind: odom_jump, size: 1.0, start: 0.004, duration: 0.006}")
@@ -31,27 +31,21 @@ def test_a_fault_by_topic_acts_from_its_arrival_for_its_duration(stand):
     off = [abs(content.pose.pose.position.x) + abs(content.pose.pose.position.y) > 0.5 for content in peer.all("odom")]
     # It arrives in the period that begins at 0.006 s, so that it acts from 0.010 s on: sample 5.
     assert np.flatnonzero(off).tolist() == [5, 6, 7]
-
-
-def test_clear_ends_every_fault(stand):
     robot, peer = stand
     peer.say("fault", "[{kind: joint_missing, duration: 10.0}, {kind: message_dropout, stream: odom, duration: 10.0}]")
     step(robot, 3)
     assert robot.faults.busy
-    assert (len(peer.all("odom")), len(peer.all("joint_states")[-1].name)) == (1, 11)
+    assert (len(peer.all("odom")), len(peer.all("joint_states")[-1].name)) == (13, 11)
     peer.say("fault", "clear")
     step(robot, 2)
     assert not robot.faults.busy
-    assert (len(peer.all("odom")), len(peer.all("joint_states")[-1].name)) == (2, 12)
+    assert (len(peer.all("odom")), len(peer.all("joint_states")[-1].name)) == (14, 12)
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("{kind: odom_jumb}", "did you mean 'odom_jump'?"),
-        ("[{kind: kick}, {kind: joint_locked, joint: knee}]", "unknown joint 'knee'"),
-    ],
-)
+@pytest.mark.parametrize(("text", "said"), [
+    ("{kind: odom_jumb}", "did you mean 'odom_jump'?"),
+    ("[{kind: kick}, {kind: joint_locked, joint: knee}]", "unknown joint 'knee'"),
+])  # fmt: skip
 def test_a_fault_that_cannot_be_used_is_refused_with_a_sentence(stand, caplog, text, said):
     robot, peer = stand
     with caplog.at_level(logging.WARNING):
@@ -113,7 +107,7 @@ def test_faults_incompatible_with_lockstep_are_refused(go2):
     robot.plan(read_faults("{kind: joint_noise}", "x"))
 
 
-def test_a_script_acts_at_its_times(go2, tmp_path):
+def test_a_script_acts_at_its_times_and_its_errors_have_its_path(go2, tmp_path):
     _, settings = go2
     script = tmp_path / "faults.yaml"
     script.write_text("- {at: 0.004, kind: joint_missing, duration: 0.004}\n", encoding="utf-8")
@@ -127,9 +121,6 @@ def test_a_script_acts_at_its_times(go2, tmp_path):
     MemoryTransport(peer.transport._bus).subscribe(counterpart(joint_states), received)
     run_mock(settings, peer.transport, stop, real_time_factor=100.0, faults=script)
     assert [len(content.name) for content in peer.all("joint_states")][:6] == [12, 12, 11, 11, 12, 12]
-
-
-def test_a_script_that_cannot_be_used_is_an_error_with_its_path(go2, tmp_path):
     (_, settings), script = go2, tmp_path / "faults.yaml"
     for text, said in (("- {kind: kick}", "'at'"), ("- {at: 1.0, kind: payload, link: x}", "unknown link 'x'")):
         script.write_text(text, encoding="utf-8")

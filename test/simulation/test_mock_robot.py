@@ -262,14 +262,11 @@ def test_lockstep_waits_for_the_answer_to_its_own_state(make, go2):
     np.testing.assert_array_equal(peer.all("joint_states")[-1].effort, np.ones(model.na))
 
 
-@pytest.mark.parametrize(
-    ("names", "tau", "said"),
-    [
-        (slice(1, None), [1.0] * 11, "FL_hip_joint are missing"),
-        (slice(None), [1.0] * 11, "got 11 efforts for 12 names"),
-        (slice(None), [np.inf] * 12, "not finite"),
-    ],
-)
+@pytest.mark.parametrize(("names", "tau", "said"), [
+    (slice(1, None), [1.0] * 11, "FL_hip_joint are missing"),
+    (slice(None), [1.0] * 11, "got 11 efforts for 12 names"),
+    (slice(None), [np.inf] * 12, "not finite"),
+])  # fmt: skip
 def test_lockstep_goes_on_damped_after_an_unusable_answer(make, go2, caplog, names, tau, said):
     model, _ = go2
     robot, peer = make(lockstep=True)
@@ -280,7 +277,7 @@ def test_lockstep_goes_on_damped_after_an_unusable_answer(make, go2, caplog, nam
     assert (np.abs(robot.plant.applied_torques) < 0.9).all()
 
 
-def test_real_time_keeps_absolute_deadlines(make):
+def test_real_time_keeps_absolute_deadlines_by_a_positive_factor(make):
     """On a simulated clock: the duration of a period is not waited for twice."""
     now, took = [0.0], itertools.cycle([0.0, 0.0004, 0.0007])
     robot, peer = make(clock=lambda: now[0], real_time_factor=2.0)
@@ -292,18 +289,18 @@ def test_real_time_keeps_absolute_deadlines(make):
     assert robot.rebased == 0
     assert len(peer.all("joint_states")) == 200
     assert robot.plant.time == pytest.approx(2.0 * now[0], abs=1e-9)
+    for factor in (0.0, -1.0, float("nan"), float("inf")):
+        with pytest.raises(ConfigurationError, match="real-time factor"):
+            make(real_time_factor=factor)
 
 
-def test_torques_are_let_in_while_it_computes(make):
+def test_lateness_is_given_up_and_torques_are_let_in_while_it_computes(make):
     """The switch interval is changed during the run and restored."""
     robot, peer = make(clock=lambda: 0.0)
     seen, before = [], sys.getswitchinterval()
     run_until(robot, peer, 1, lambda: seen.append(sys.getswitchinterval()))
     assert seen == [pytest.approx(1e-4)]
     assert sys.getswitchinterval() == before
-
-
-def test_lateness_is_given_up_and_counted(make):
     now = [0.0]
     robot, peer = make(clock=lambda: now[0])
     late_once = iter([0.15, 1.0])
@@ -380,12 +377,6 @@ def test_torques_are_taken_though_the_transport_s_thread_is_starved(make, go2):
         peer.effort(tau)
         step(robot)
         assert robot.plant.applied_torques == pytest.approx(tau)
-
-
-def test_a_real_time_factor_must_be_positive(make):
-    for factor in (0.0, -1.0, float("nan"), float("inf")):
-        with pytest.raises(ConfigurationError, match="real-time factor"):
-            make(real_time_factor=factor)
 
 
 def test_absolute_poses_come_at_their_rate_and_late(robot_of, changed):

@@ -181,18 +181,14 @@ def test_a_push_changes_the_momentum_by_its_impulse(load):
     np.testing.assert_allclose(angular - angular_free, expected, atol=0.01 * np.linalg.norm(expected))
 
 
-def test_joints_stop_at_their_limits(go2):
+def test_joints_stop_at_their_limits_and_damping_saturates(go2, plant):
     model, settings = go2
-    plant = in_the_air(model, settings)
-    plant.apply(0.5 * plant.effort_limits)
-    simulate(plant, 500)
-    q, _ = plant.state()
+    flying = in_the_air(model, settings)
+    flying.apply(0.5 * flying.effort_limits)
+    simulate(flying, 500)
+    q, _ = flying.state()
     assert (q[model.q_index] <= model.position_upper + 0.02).all()
     assert (q[model.q_index] > model.position_upper - 0.02).any()
-
-
-def test_damping_of_any_size_is_stable_and_saturates(go2, plant):
-    model, _ = go2
     q, v = plant.state()
     v[model.v_index] = 5.0
     plant.set_state(q, v)
@@ -293,18 +289,14 @@ def test_a_joint_moves_again_when_all_its_locks_are_gone(go2, plant):
     np.testing.assert_array_equal(plant.model.joint("FL_calf_joint").range, before)
 
 
-def test_time_is_counted_in_steps(go2):
+def test_time_is_counted_in_steps_and_unusable_values_change_nothing(go2, plant):
     model, settings = go2
-    plant = Plant(model, settings)
     simulate(plant, 7)
     assert plant.stamp == 7_000_000
     settings = settings.model_copy(update={"control": settings.control.model_copy(update={"rate": 300.0})})
-    plant = Plant(model, settings)
-    assert plant.steps_per_period == 4
-    assert plant.step_seconds == pytest.approx(1.0 / 1200.0)
-
-
-def test_unusable_values_are_refused_and_change_nothing(plant):
+    other = Plant(model, settings)
+    assert other.steps_per_period == 4
+    assert other.step_seconds == pytest.approx(1.0 / 1200.0)
     plant.apply(np.ones(12))
     for tau in ([0.0] * 11, [0.0] * 13, [[0.0] * 12], [math.nan] + [0.0] * 11, [math.inf] * 12):
         with pytest.raises(InputRefused, match="expected"):
@@ -426,7 +418,8 @@ def test_a_planar_joint_moves_in_its_plane_and_turns_about_its_axis(axis):
         np.testing.assert_allclose(moved.translation, [2.0, -1.0, 0.0], atol=1e-12)
 
 
-def test_a_flat_link_is_not_refused_for_rounding():
+def test_inertias_of_flat_links_and_of_no_body(caplog):
+    """Flat links are accepted; links for frames often have an invalid inertia, which MuJoCo refuses."""
     settings, rng = arm_settings(["shoulder", "elbow"], [0.0, 0.0]), np.random.default_rng(0)
     for _ in range(20):
         rotation = pin.exp3(rng.normal(size=3))
@@ -436,18 +429,11 @@ def test_a_flat_link_is_not_refused_for_rounding():
         inertia = " ".join(f'{name}="{float(tensor[place])!r}"' for name, place in places.items())
         urdf = ARM.replace('ixx="IXX" iyy="0.1" izz="0.01" ixy="0.001" ixz="0" iyz="0"', inertia)
         Plant(build_model(urdf, ["shoulder", "elbow"], [0.0, 0.0], floating_base=False), settings)
-
-
-def test_a_urdf_that_mujoco_refuses_is_a_configuration_error():
     settings = arm_settings(["shoulder"], [0.0])
     urdf = ARM.replace("IXX", "0.1").replace('<mass value="1"/>', '<mass value="0"/>')
     model = build_model(urdf, ["shoulder", "elbow"], [0.0, 0.0], floating_base=False)
     with pytest.raises(ConfigurationError, match=r"robot\.urdf: MuJoCo"):
         Plant(model, settings)
-
-
-def test_an_inertia_that_no_body_has_is_balanced_and_named(caplog):
-    """Links for frames often have an invalid inertia, which MuJoCo refuses."""
     joints = ["shoulder", "elbow"]
     settings = arm_settings(joints, [0.0, 0.0])
     with caplog.at_level("WARNING"):

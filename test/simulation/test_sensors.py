@@ -52,7 +52,7 @@ def test_noise_is_of_the_stated_density_and_biases_stay(standing, quality):
     assert np.abs(np.mean(errors["velocity"], axis=0)).max() < 0.1 * parts.velocity_noise
 
 
-def test_the_same_seed_measures_the_same_and_the_same_time_is_measured_once(standing):
+def test_the_same_seed_and_time_measure_the_same_and_each_motor_has_an_error(standing):
     model, look = standing
     first, second, other = (ImperfectSensors(PARTS["good"], model, PERIOD, seed) for seed in (5, 5, 6))
     seen = []
@@ -69,9 +69,6 @@ def test_the_same_seed_measures_the_same_and_the_same_time_is_measured_once(stan
     ImperfectSensors(PARTS["cheap"], model, PERIOD, 0).measure(later)
     steps = later.position / (2.0 * math.pi / 2**14)  # of the encoder
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
-
-
-def test_each_motor_has_an_error_of_its_own(standing):
     model, _ = standing
     tau = np.linspace(-20.0, 20.0, model.na)
     sent = ImperfectSensors(PARTS["cheap"], model, PERIOD, 0).torques(tau)

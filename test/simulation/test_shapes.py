@@ -39,12 +39,9 @@ def stands(robot: wbc.Simulation, push: list[float]) -> bool:
     return not robot.plant.fallen and max(moved) < 0.02
 
 
-def test_a_push_that_talos_stands_overturns_it_where_its_soles_are_not_as_large_as_configured():
+def test_a_push_that_talos_stands_overturns_it_on_smaller_soles_and_moves_it_on_less_friction():
     assert stands(wbc.Simulation(talos()), PUSH)
     assert not stands(wbc.Simulation(talos(half_length=0.3, half_width=0.2)), PUSH)
-
-
-def test_on_a_floor_with_less_friction_than_configured_a_push_makes_it_slide():
     assert not stands(wbc.Simulation(talos().replace({"mock.friction": 0.07})), PUSH)
 
 
@@ -71,14 +68,11 @@ def collision(shape: str, xyz: str = "0 0 0") -> str:
     return f'<collision><origin xyz="{xyz}"/><geometry>{shape}</geometry></collision>'
 
 
-@pytest.mark.parametrize(
-    ("shape", "height"),
-    [
-        ('<box size="0.3 0.2 0.1"/>', 0.05),
-        ('<sphere radius="0.07"/>', 0.07),
-        ('<cylinder radius="0.07" length="0.2"/>', 0.1),
-    ],
-)
+@pytest.mark.parametrize(("shape", "height"), [
+    ('<box size="0.3 0.2 0.1"/>', 0.05),
+    ('<sphere radius="0.07"/>', 0.07),
+    ('<cylinder radius="0.07" length="0.2"/>', 0.1),
+])  # fmt: skip
 def test_primitives_touch_as_they_are(shape, height):
     plant = made(collision(shape, "0.01 0.02 0.03"))
     assert plant.state()[0][2] == pytest.approx(height - 0.03, abs=1e-6)
@@ -124,16 +118,21 @@ def ball(n: int) -> np.ndarray:
     return np.array([0.1, 0.0, 0.0]) + 0.02 * np.column_stack([ring * np.cos(turn), ring * np.sin(turn), height])
 
 
-def test_a_round_tip_is_one_ball_and_an_edge_is_none():
+def test_a_round_tip_is_one_ball_and_a_flat_mesh_a_thin_box():
     balls, rest = shapes._split_tip(ball(300), np.array([0.0, 0.0, -1.0]))
     assert len(rest) == 0
     assert balls[0].size[0] == pytest.approx(0.02, abs=1e-6)
     np.testing.assert_allclose(balls[0].placement.translation, [0.1, 0.0, 0.0], atol=1e-6)
     box = np.array(np.meshgrid([0.0, 0.1], [0.0, 0.1], [0.0, 0.1])).reshape(3, -1).T
     assert shapes._split_tip(box, np.array([0.0, 0.0, -1.0]))[0] == []
+    plate = np.array([[0.0, 0.0, 0.0], [0.2, 0.0, 0.0], [0.2, 0.1, 0.0], [0.0, 0.1, 0.0]])
+    shape = shapes._mesh(plate)
+    assert shape.points is None
+    np.testing.assert_allclose(shape.placement.translation, [0.1, 0.05, 0.0])
+    np.testing.assert_allclose(shape.size[:2], [0.1, 0.05])
 
 
-def test_an_uneven_sole_is_its_outline_in_one_plane():
+def test_soles_are_parted_once_into_a_flat_outline():
     rng = np.random.default_rng(0)
     angle = np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False)
     sole = np.column_stack([0.1 * np.cos(angle), 0.05 * np.sin(angle), rng.uniform(0.0, 0.0015, 60)])
@@ -147,20 +146,9 @@ def test_an_uneven_sole_is_its_outline_in_one_plane():
     area = 0.5 * abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
     assert area > 0.94 * np.pi * 0.1 * 0.05  # twelve corners in an ellipse have 0.955 of it at best
     assert behind[:, 2].min() == pytest.approx(shapes.SOLE_DEPTH)
-
-
-def test_contacts_that_share_a_sole_part_it_once():
     down, tilted = np.array([0.0, 0.0, -1.0]), np.array([0.0, np.sin(0.03), -np.cos(0.03)])
     side = np.array([0.0, 1.0, 0.0])
     assert [normal.tolist() for normal in shapes._distinct_normals([down, tilted, side])] == [
         down.tolist(),
         side.tolist(),
     ]
-
-
-def test_a_flat_mesh_is_a_thin_box():
-    plate = np.array([[0.0, 0.0, 0.0], [0.2, 0.0, 0.0], [0.2, 0.1, 0.0], [0.0, 0.1, 0.0]])
-    shape = shapes._mesh(plate)
-    assert shape.points is None
-    np.testing.assert_allclose(shape.placement.translation, [0.1, 0.05, 0.0])
-    np.testing.assert_allclose(shape.size[:2], [0.1, 0.05])

@@ -28,7 +28,7 @@ def upper_height(block, x, y):
     return top[2] - (normal[:2] @ (np.array([x, y]) - top[:2])) / normal[2]
 
 
-def test_a_block_begins_at_its_edge():
+def test_a_block_begins_at_its_edge_and_cells_cover_it_at_heights_in_their_range():
     for rpy, x, y, rise in (
         ([0.0, -TILT, 0.0], 2.0, 1.0, 2.0 * np.tan(TILT)),  # ascends along x from the edge
         ([0.0, TILT, 0.0], 2.0, 1.0, -2.0 * np.tan(TILT)),
@@ -37,9 +37,6 @@ def test_a_block_begins_at_its_edge():
         block = {"position": [0.0, 0.0, 0.3], "size": [3.0, 3.0, 0.2], "rpy": rpy}
         assert upper_height(block, 0.0, 0.0) == pytest.approx(0.3, abs=1e-12)
         assert upper_height(block, x, y) == pytest.approx(0.3 + rise, abs=1e-12)
-
-
-def test_cells_cover_the_block_at_heights_in_their_range():
     terrain = TerrainSettings(position=[1.0, 2.0, 0.1], size=[3.0, 1.2, 0.1], unevenness=0.02, cell=0.3, seed=4)
     found = blocks(terrain)
     assert len(found) == 40
@@ -53,13 +50,18 @@ def test_cells_cover_the_block_at_heights_in_their_range():
     assert not np.allclose([placement.translation[2] for placement, _ in other], tops - 0.05)
 
 
-def test_a_robot_starts_with_its_lowest_foot_on_a_slope(load):
+def test_a_robot_starts_on_a_slope_and_a_block_has_its_own_friction(load):
     plant = plant_on(load, position=[-2.0, 0.0, 0.0], size=[4.0, 4.0, 0.1], rpy=[0.0, -TILT, 0.0])
     touch = plant.contact_forces
     assert touch.distance(plant.data, touch.on_the_floor) == pytest.approx(0.0, abs=1e-6)
     balls = [g for g in touch.on_the_floor if plant.model.geom_type[g] == mujoco.mjtGeom.mjGEOM_SPHERE]
     heights = plant.data.geom_xpos[balls, 2] - (2.0 + plant.data.geom_xpos[balls, 0]) * np.tan(TILT)
     assert (heights - plant.model.geom_size[balls, 0] / np.cos(TILT)).min() == pytest.approx(0.0, abs=1e-5)
+    plant = plant_on(load, **FLAT, friction=0.3)
+    plant.step()
+    touching = [plant.data.contact[index] for index in range(plant.data.ncon)]
+    assert touching
+    assert {touch.friction[0] for touch in touching} == {0.3}
 
 
 def test_a_robot_starts_on_a_block_and_a_fall_is_relative_to_the_feet(load):
@@ -97,26 +99,12 @@ def test_soft_ground_yields_by_its_stiffness():
     assert depth == pytest.approx(weight / (corners * stiffness), rel=0.02)
 
 
-def test_a_block_has_its_own_friction(load):
-    plant = plant_on(load, **FLAT, friction=0.3)
-    plant.step()
-    touching = [plant.data.contact[index] for index in range(plant.data.ncon)]
-    assert touching
-    assert {touch.friction[0] for touch in touching} == {0.3}
-
-
-@pytest.mark.parametrize(
-    ("block", "message"),
-    [
-        ({"size": [1, 1, 1]}, "mock.terrain.step.position: missing key (Middle of the upper edge at -x"),
-        ({**FLAT, "size": [1, 1, 0]}, "mock.terrain.step.size.2 = 0: input should be greater than 0 (Along x"),
-        ({**FLAT, "colour": 1}, "mock.terrain.step.colour: unknown key; Valid: cell, damping, friction"),
-        (
-            {**FLAT, "unevenness": 0.02, "cell": 0.01},
-            "cell = 0.01: the block has 90000 cells; at most 2000",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("block", "message"), [
+    ({"size": [1, 1, 1]}, "mock.terrain.step.position: missing key (Middle of the upper edge at -x"),
+    ({**FLAT, "size": [1, 1, 0]}, "mock.terrain.step.size.2 = 0: input should be greater than 0 (Along x"),
+    ({**FLAT, "colour": 1}, "mock.terrain.step.colour: unknown key; Valid: cell, damping, friction"),
+    ({**FLAT, "unevenness": 0.02, "cell": 0.01}, "cell = 0.01: the block has 90000 cells; at most 2000"),
+])  # fmt: skip
 def test_an_invalid_block_is_refused(block, message):
     with pytest.raises(ConfigurationError) as error:
         load_config("g1").replace({"mock.terrain": {"step": block}})

@@ -97,8 +97,8 @@ def test_feasible_speeds_of_g1(g1, way, low, high, quantity):
     assert re.search(quantity, found.quantity)
 
 
-def test_one_leg_bears_the_weight(g1):
-    """The stance leg's torques and wrench balance weight and acceleration; both legs of G1 have equal loads."""
+def test_loads_of_the_stance_leg(g1):
+    """Torques and wrench balance weight and acceleration; turning loads the friction."""
     limits, _ = g1
     loads = limits.single_support()
     assert loads["left_foot"].share == pytest.approx(loads["right_foot"].share, rel=0.02)
@@ -106,9 +106,6 @@ def test_one_leg_bears_the_weight(g1):
     weak = limits_of(wbc.load("g1").replace({"robot.effort_limit_scale": 0.2}).settings)[0].single_support()
     strong = [load for load in limits.support_loads(limits.legs[0], Velocity()) if load.text.startswith("torque")]
     assert weak["left_foot"].share == pytest.approx(5.0 * max(load.share for load in strong), rel=0.02)
-
-
-def test_turning_loads_the_friction(g1):
     limits, _ = g1
     loads = [max(limits.support_loads(limits.legs[0], Velocity(turning=rate)), key=lambda load: load.share)
              for rate in (0.5, 1.0, 2.0)]  # fmt: skip

@@ -33,19 +33,13 @@ def integrated(dcm, pressure, duration, steps=4000):
     return dcm
 
 
-def test_natural_frequency():
+def test_dcm_with_constant_and_moving_centre_of_pressure():
     assert natural_frequency(9.81, 9.81) == 1.0
     assert natural_frequency(0.5, 9.81) == pytest.approx(4.4294469)
-
-
-def test_constant_centre_of_pressure():
     dcm, pressure = 0.1 + 0.05j, 0.02 - 0.03j
     assert later(dcm, pressure, OMEGA, 0.4) == pytest.approx(integrated(dcm, lambda t: pressure, 0.4), abs=1e-9)
     ended = later(dcm, pressure, OMEGA, 0.4) + 0.01j
     assert before(ended, pressure, OMEGA, 0.4, 0.01j) == pytest.approx(dcm, abs=1e-12)
-
-
-def test_moving_centre_of_pressure():
     dcm, start, end = 0.1 + 0.05j, -0.02j, 0.3 + 0.2j
     found = transferred(dcm, start, end, 0.2, OMEGA, 0.15)
     assert found == pytest.approx(integrated(dcm, lambda t: start + (end - start) * t / 0.2, 0.15), abs=1e-9)

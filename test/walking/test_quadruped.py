@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import wbc_controller as wbc
-from wbc_controller.errors import ConfigurationError, InputRefused
-from wbc_controller.recording.json_records import from_json, to_json
+from wbc_controller.errors import InputRefused
 from wbc_controller.validation.accuracy.walks import mean_velocity
 from wbc_controller.walking.gait import Phase
 from wbc_controller.walking.terrain import Ground
@@ -28,32 +27,23 @@ def test_the_dcm_moves_along_the_line_with_the_body_and_across_it_like_a_pendulu
     for _ in range(n):
         dcm += (OMEGA * ((dcm - a) / across).real * across + (velocity / along).real * along) * time / n
     assert later_on_line(start, a, b, velocity, OMEGA, time) == pytest.approx(dcm, abs=1e-4)
-
-
-def test_the_line_does_not_depend_on_the_order_of_its_feet():
     results = [later_on_line(0.1j, *feet, 0.5, OMEGA, 0.1) for feet in (FEET, FEET[::-1])]
     assert results[0] == pytest.approx(results[1])
 
 
-def test_a_pendulum_repeats_the_step_from_the_placed_feet():
+def test_a_pendulum_repeats_the_step_and_a_faster_body_steps_further():
     velocity, duration = 0.7 - 0.2j, 0.25
     place = middle_of_pair(0.0, velocity, OMEGA, duration)
     end = place + (0.0 - place) * math.exp(OMEGA * duration)
     assert middle_of_pair(end, velocity, OMEGA, duration) - place == pytest.approx(velocity * duration)
-
-
-def test_a_faster_body_steps_further():
     places = [middle_of_pair(velocity / OMEGA, 0.5, OMEGA, 0.25).real for velocity in (0.5, 0.6)]
     assert places[1] - places[0] == pytest.approx(0.1 / OMEGA)
 
 
-def test_the_ground_is_the_plane_below_the_feet():
+def test_the_ground_is_the_plane_of_smallest_squares_below_the_feet():
     places = [(0.2, 0.1), (0.2, -0.1), (-0.2, 0.1), (-0.3, 0.0)]
     points = np.array([(x, y, 0.3 + 0.1 * x - 0.05 * y) for x, y in places])
     assert Ground.below(points).height_at(1.0 + 2.0j) == pytest.approx(0.3 + 0.1 - 0.1)
-
-
-def test_the_ground_below_four_feet_has_the_smallest_squares():
     points = np.array([(0.2, 0.1, 0.01), (0.2, -0.1, 0.0), (-0.2, 0.1, 0.0), (-0.2, -0.1, 0.01)])
     assert Ground.below(points).height_at(0.2 + 0.1j) == pytest.approx(0.005)
 
@@ -73,12 +63,7 @@ def way_of(simulation, seconds):
 
 @pytest.mark.parametrize(
     ("changes", "command", "together"),
-    [
-        ({}, (0.8, 0.0, 0.0), 2),
-        ({}, (-0.15, 0.25, 0.0), 2),
-        ({}, (0.0, 0.0, 1.5), 2),
-        (WALK, (0.08, 0.0, 0.1), 1),
-    ],
+    [({}, (0.8, 0.0, 0.0), 2), ({}, (-0.1, 0.15, 0.6), 2), (WALK, (0.08, 0.0, 0.1), 1)],
 )
 def test_a_quadruped_walks_in_groups_as_commanded_and_stops_within_three_steps(changes, command, together):
     """A swing beyond `limits.acceleration` would move the base in place of the foot."""
@@ -91,7 +76,7 @@ def test_a_quadruped_walks_in_groups_as_commanded_and_stops_within_three_steps(c
     assert speed == pytest.approx(np.array(command), abs=0.03)
     steps = walker.steps
     controller.stand()
-    _, last = way_of(simulation, 2.2 if not changes else 3.8)
+    _, last = way_of(simulation, 2.0 if not changes else 3.6)
     assert walker.phase is Phase.STAND
     assert walker.steps - steps <= 3
     assert np.abs(simulation.plant.state()[1]).max() < 0.02
@@ -119,7 +104,7 @@ def test_a_quadruped_stops_at_a_goal_and_reports_its_plan():
     simulation = wbc.Simulation("go2")
     controller, walker, plans = simulation.controller, simulation.controller.walker, []
     controller.walk_to(0.4, 0.1, 0.3)
-    simulation.run(5.0, lambda now: plans.append(walker.plan()))
+    simulation.run(4.6, lambda now: plans.append(walker.plan()))
     assert walker.phase is Phase.STAND
     assert walker.goal is None
     q, _ = simulation.plant.state()
@@ -145,23 +130,6 @@ def test_a_jammed_contact_sensor_of_a_quadruped_changes_nothing():
     assert all(np.array_equal(a, b) for a, b in zip(torques({}), jammed, strict=True))
 
 
-def test_a_trot_continues_exactly_from_a_saved_state():
-    simulation = wbc.Simulation("go2")
-    controller = simulation.controller
-    controller.walk(0.4, 0.1, 0.5)
-    simulation.run(1.0)
-    while controller.walker.phase is not Phase.SINGLE:
-        simulation.run(0.002)
-    saved = from_json(to_json(controller.memory()))
-    states = []
-    results = simulation.run(0.4, lambda now: states.append((now.result.state, now.result.time)))
-    other = wbc.Controller(controller.config)
-    other.reset(states[0][0].q, states[0][0].v, states[0][1])
-    other.recall(saved, controller.config.settings)
-    for result, (state, time) in zip(results, states, strict=True):
-        assert np.array_equal(other.step(state.q, state.v, time).tau, result.tau)
-
-
 def test_a_trot_starts_in_the_heading_of_its_feet():
     simulation = wbc.Simulation("go2")
     controller, walker = simulation.controller, simulation.controller.walker
@@ -175,17 +143,3 @@ def test_a_trot_starts_in_the_heading_of_its_feet():
     controller.step(q, v, 0.0)
     controller.step(q, v, 0.002)
     assert walker._heading == pytest.approx(turn, abs=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("robot", "changes", "message"),
-    [
-        ("g1", {"walking.gait": "trot"}, "walking.gait = 'trot' takes four point contacts and no surface contact"),
-        ("go2", {"walking.width": 0.2}, "walking.width: a robot with four point contacts has no such key"),
-        ("go2", {"contacts.rear_left_foot": None}, "takes four point contacts and no surface contact"),
-        ("go2", {"tasks.walking_com": {"type": "com"}}, "tasks.walking_com: the walker has a task of this name"),
-    ],
-)
-def test_invalid_settings_of_the_gait_are_refused(robot, changes, message):
-    with pytest.raises(ConfigurationError, match=message):
-        wbc.Controller(wbc.load(robot).replace(changes))

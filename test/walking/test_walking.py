@@ -20,12 +20,7 @@ from wbc_controller.walking.goal import Goal
 from wbc_controller.walking.touchdown import LATEST
 
 #: Command forward, sideways and turning, m/s and rad/s.
-COMMANDS = [
-    ("g1", (0.4, 0.0, 0.0)),
-    ("g1", (-0.15, 0.1, 0.3)),
-    ("talos", (0.3, 0.0, 0.0)),
-    ("go2", (0.4, 0.2, 0.4)),
-]
+COMMANDS = [("g1", (-0.15, 0.1, 0.3)), ("talos", (0.3, 0.0, 0.0)), ("go2", (0.4, 0.2, 0.4))]
 
 
 def heading(q):
@@ -78,10 +73,11 @@ def test_a_second_walk_is_as_high_as_the_first(robot, lowering):
     nominal, heights = simulation.controller.dynamics.com[2], []
     for _ in range(2):
         simulation.controller.walk(0.0)
-        simulation.run(1.0)
+        simulation.run(0.9)
         simulation.controller.stand()
-        simulation.run(2.2)
-        assert simulation.controller.walker.phase is Phase.STAND
+        while simulation.controller.walker.phase is not Phase.STAND:
+            simulation.run(0.1)
+        simulation.run(0.4)
         heights.append(simulation.controller.dynamics.com[2])
     np.testing.assert_allclose(heights, nominal - lowering, atol=0.006)
 
@@ -99,18 +95,23 @@ def test_the_height_remains_during_fast_motion(robot, forward, kick, most):
     assert np.abs(np.array(heights) - before).max() < most
 
 
-def test_a_fast_robot_stops_within_three_steps():
+def test_a_fast_robot_stops_within_three_steps_before_it_is_deactivated_and_refuses_commands_to_walk():
     """Asked just before a touchdown, which counts as the first step."""
     simulation = wbc.Simulation(wbc.load("g1").replace({"walking.max_speed": 0.8}))
-    walker = simulation.controller.walker
-    simulation.controller.walk(0.8)
+    controller, walker, phases = simulation.controller, simulation.controller.walker, []
+    controller.walk(0.8)
     simulation.run(3.8)
     while walker.phase is not Phase.SINGLE or simulation.time - walker._since < walker._step.landing.time - 0.06:
         simulation.run(0.002)
     before = walker.steps
-    simulation.controller.stand()
-    simulation.run(3.0)
-    assert walker.phase is Phase.STAND
+    controller.request("deactivate")
+    controller.walk(0.2)
+    results = simulation.run(0.01)
+    assert any("refused" in sentence for result in results for sentence in result.refused)
+    with pytest.raises(NoSolution, match="inactive"):  # the simulation ends with the active mode
+        simulation.run(8.0, lambda now: phases.append((walker.phase, now.result.mode)))
+    assert {mode for _, mode in phases} == {wbc.Mode.ACTIVE}
+    assert (phases[-1][0], walker.phase) == (Phase.STOP, Phase.STAND)
     assert walker.steps - before <= 3
     assert not simulation.plant.fallen
 
@@ -126,10 +127,10 @@ def stepping_g1(elapsed):
     return simulation, walker
 
 
-@pytest.mark.parametrize(("kick", "elapsed"), [(-0.5j, 0.1), (0.5j, 0.0), (0.7j, 0.1)])
-def test_a_stepping_robot_survives_a_change_of_its_velocity(kick, elapsed):
+@pytest.mark.parametrize("kick", [-0.5j, 0.7j])
+def test_a_stepping_robot_survives_a_change_of_its_velocity(kick):
     """The right foot cannot follow an outward change, to the left."""
-    simulation, walker = stepping_g1(elapsed)
+    simulation, walker = stepping_g1(0.1)
     simulation.plant.data.qvel[:2] += [complex(kick).real, complex(kick).imag]
     simulation.run(2.0)
     start, _ = simulation.plant.state()
@@ -229,9 +230,9 @@ def test_a_late_foot_has_landed_at_any_height(monkeypatch):
     assert walker._since - begun - planned == pytest.approx(LATEST, abs=0.005)
 
 
-def tracking_errors(*, reaction=1.0, lag=1.0, **changes):
+def tracking_errors(filtered, *, reaction=1.0, lag=1.0):
     """Return mean distances of DCM and swing foot to their references in single support, m, at 0.4 m/s."""
-    simulation = wbc.Simulation(wbc.load("g1").replace(changes))
+    simulation = wbc.Simulation(wbc.load("g1").replace({"estimation.torque_filter": filtered}))
     controller, walker, errors = simulation.controller, simulation.controller.walker, []
     walker.gait = replace(walker.gait, reaction=reaction * walker.gait.reaction)
     walker._lag *= lag
@@ -247,13 +248,12 @@ def tracking_errors(*, reaction=1.0, lag=1.0, **changes):
     return np.mean(errors, axis=0)
 
 
-def test_the_dcm_follows_its_reference_with_the_reaction_of_the_swing_foot():
-    assert tracking_errors()[0] < 0.6 * tracking_errors(reaction=0.0)[0]
-
-
-def test_the_swing_foot_follows_its_reference_with_filtered_torques():
-    filtered = {"estimation.torque_filter": "always"}
-    assert tracking_errors(**filtered)[1] < 0.6 * tracking_errors(lag=0.0, **filtered)[1]
+@pytest.mark.parametrize(
+    ("filtered", "without", "quantity"), [("never", {"reaction": 0.0}, 0), ("always", {"lag": 0.0}, 1)]
+)
+def test_dcm_and_swing_foot_follow_their_references(filtered, without, quantity):
+    """The references contain the reaction of the swing foot and the lag of filtered torques."""
+    assert tracking_errors(filtered)[quantity] < 0.6 * tracking_errors(filtered, **without)[quantity]
 
 
 def test_the_planned_touchdown_is_frozen_before_the_foot_lands():
@@ -262,7 +262,7 @@ def test_the_planned_touchdown_is_frozen_before_the_foot_lands():
     walker = simulation.controller.walker
     simulation.controller.walk(0.3)
     frozen = {}
-    for _ in range(1500):
+    for _ in range(1300):
         simulation.run(0.002)
         step = walker._step
         if walker.phase is Phase.SINGLE and step.landing.time - (simulation.time - walker._since) < 0.045:
@@ -274,23 +274,21 @@ def test_the_planned_touchdown_is_frozen_before_the_foot_lands():
         assert all(landing is landings[0] for landing in landings)
 
 
-@pytest.mark.parametrize(
-    "ask",
-    [
-        lambda controller: controller.walk_to(1.0, 0.2, 0.3),
-        lambda controller: controller.walk_footsteps([[0.1, 0.1, 0.0], [0.2, -0.1, 0.0], [0.3, 0.1, 0.0]]),
-    ],
-)
-def test_a_walk_continues_exactly_from_a_saved_state(ask):
-    """Walks by a velocity: `test_walking_replay.py`."""
-    simulation = wbc.Simulation("g1")
-    controller = simulation.controller
+@pytest.mark.parametrize(("robot", "ask"), [
+    ("g1", lambda controller: controller.walk_to(1.0, 0.2, 0.3)),
+    ("g1", lambda controller: controller.walk_footsteps([[0.1, 0.1, 0.0], [0.2, -0.1, 0.0], [0.3, 0.1, 0.0]])),
+    ("go2", lambda controller: controller.walk(0.4, 0.1, 0.5)),
+])  # fmt: skip
+def test_a_walk_continues_exactly_from_a_saved_state(robot, ask):
+    """Walks of G1 by a velocity: `test_walking_replay.py`."""
+    simulation = wbc.Simulation(robot)
+    controller, states = simulation.controller, []
     ask(controller)
-    simulation.run(1.6)
-    assert controller.walker.phase is Phase.SINGLE
+    simulation.run(0.8)
+    while controller.walker.phase is not Phase.SINGLE:
+        simulation.run(0.002)
     saved = from_json(to_json(controller.memory()))
-    states = []
-    results = simulation.run(0.6, lambda now: states.append((now.result.state, now.result.time)))
+    results = simulation.run(0.65, lambda now: states.append((now.result.state, now.result.time)))
     assert controller.walker.steps >= 1
     other = wbc.Controller(controller.config)
     other.reset(states[0][0].q, states[0][0].v, states[0][1])
@@ -332,13 +330,14 @@ def test_a_contact_sensor_tells_the_touchdown():
     assert min(shares) > 0.95
     jammed, _ = walk_with_sensors(lambda walker, share: {"left_foot": True, "right_foot": True}, 1.7)
     assert all(np.array_equal(a, b) for a, b in zip(torques, jammed, strict=True))
-    _, shares = walk_with_sensors(early, 2.2)
+    _, shares = walk_with_sensors(early, 2.1)
     assert len(shares) >= 2
     assert 0.9 <= min(shares) <= max(shares) < 0.91
 
 
-def test_force_sensors_of_the_robot_reach_the_walker():
-    trial = EstimationTrial("g1", {"estimation.base_state": "imu", "mock.sensors": "good"}, force_sensors=True)
+def test_force_sensors_of_the_robot_reach_the_walker(short_rest):
+    changes = {**short_rest, "estimation.base_state": "imu", "mock.sensors": "good"}
+    trial = EstimationTrial("g1", changes, force_sensors=True)
     trial.settle()
     assert trial.report.inputs.touching == {"left_foot": True, "right_foot": True}
 
@@ -363,19 +362,18 @@ def test_a_walk_survives_short_holding_in_single_support():
         for _ in range(plant.steps_per_period):
             plant.step()
     controller.qp.solve = solve
-    simulation.run(1.8)
+    simulation.run(1.2)
     assert controller.walker.phase in (Phase.SINGLE, Phase.DOUBLE)
 
 
 def test_a_streamed_command_ends_after_its_timeout():
-    simulation = wbc.Simulation("g1")
+    simulation = wbc.Simulation("go2")
     controller = simulation.controller
-    simulation.run(0.1)
     for _ in range(3):
         controller._command(Walk(np.array([0.2, 0.0, 0.0]), streamed=True))
         simulation.run(0.4)
     assert controller.walker.phase in (Phase.SINGLE, Phase.DOUBLE)
-    simulation.run(3.4)
+    simulation.run(1.6)
     assert controller.walker.phase is Phase.STAND
     assert controller.mode is wbc.Mode.ACTIVE
 
@@ -429,24 +427,6 @@ def test_only_robots_that_walk_have_the_topic_of_the_velocity(robot_of):
         assert {endpoint.key for endpoint in endpoints} & set(WALKING_KEYS) == keys
 
 
-def test_a_walking_robot_stops_before_it_is_deactivated_and_refuses_commands_to_walk():
-    simulation = wbc.Simulation("g1")
-    controller = simulation.controller
-    controller.walk(0.3)
-    simulation.run(1.6)
-    controller.request("deactivate")
-    controller.walk(0.2)
-    results = simulation.run(0.01)
-    assert any("refused" in sentence for result in results for sentence in result.refused)
-    phases = []
-    with pytest.raises(NoSolution, match="inactive"):  # the simulation ends with the active mode
-        simulation.run(8.0, lambda now: phases.append((controller.walker.phase, now.result.mode)))
-    assert {mode for _, mode in phases} == {wbc.Mode.ACTIVE}
-    assert phases[-1][0] is Phase.STOP
-    assert controller.walker.phase is Phase.STAND
-    assert not simulation.plant.fallen
-
-
 @pytest.mark.parametrize(("word", "mode"), [("damp", wbc.Mode.DAMPING), ("estop", wbc.Mode.FAULT)])
 def test_damp_and_estop_do_not_wait_for_the_gait(word, mode):
     controller = wbc.Controller("g1")
@@ -461,30 +441,36 @@ def test_damp_and_estop_do_not_wait_for_the_gait(word, mode):
     assert not controller.walker.moves
 
 
-@pytest.mark.parametrize(
-    ("robot", "changes", "value", "message"),
-    [
-        ("go2", {"walking": None}, 0.1, "no section 'walking'"),
-        ("g1", {}, np.nan, "walking velocity"),
-        ("g1", {}, np.inf, "walking velocity"),
-    ],
-)
-def test_a_robot_without_the_section_and_a_velocity_that_is_not_finite_are_refused(robot, changes, value, message):
-    controller = wbc.Controller(wbc.load(robot).replace(changes))
+@pytest.mark.parametrize(("call", "message"), [
+    (lambda controller: controller.walk(np.nan), "walking velocity"),
+    (lambda controller: controller.walk(np.inf), "walking velocity"),
+    (lambda controller: controller.walk_to(np.nan, 0.0, 0.0), "the goal is not finite"),
+    (lambda controller: controller.walk_footsteps([[1.0, 2.0]]), "the footsteps have the shape"),
+])  # fmt: skip
+def test_invalid_commands_and_robots_without_the_section_are_refused(call, message):
+    controller = wbc.Controller("g1")
     controller.reset(controller.stance(), np.zeros(controller.model.nv))
     with pytest.raises(InputRefused, match=message):
-        controller.walk(value)
+        call(controller)
+    standing = wbc.Controller(wbc.load("go2").replace({"walking": None}))
+    standing.reset(standing.stance(), np.zeros(standing.model.nv))
+    with pytest.raises(InputRefused, match="no section 'walking'"):
+        standing.walk(0.1)
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"walking.left": "hand"}, "walking.left = 'hand' is not a surface contact; valid: left_foot, right_foot"),
-        ({"walking.right": None}, "walking.left = 'left_foot', walking.right = None: walking takes two surface"),
-        ({"walking.right": "left_foot"}, "two surface contacts"),
-        ({"tasks.walking_dcm": {"type": "capture_point"}}, "tasks.walking_dcm: the walker has a task of this name"),
-    ],
-)
-def test_invalid_settings_are_refused(changes, message):
+LEFT = "walking.left = 'left_foot'"
+
+
+@pytest.mark.parametrize(("robot", "changes", "message"), [
+    ("g1", {"walking.left": "hand"}, "'hand' is not a surface contact; valid: left_foot, right_foot"),
+    ("g1", {"walking.right": None}, f"{LEFT}, walking.right = None: walking takes two surface"),
+    ("g1", {"walking.right": "left_foot"}, "two surface contacts"),
+    ("g1", {"tasks.walking_dcm": {"type": "capture_point"}}, "tasks.walking_dcm: the walker has a task of this name"),
+    ("g1", {"walking.gait": "trot"}, "walking.gait = 'trot' takes four point contacts and no surface contact"),
+    ("go2", {"walking.width": 0.2}, "walking.width: a robot with four point contacts has no such key"),
+    ("go2", {"contacts.rear_left_foot": None}, "takes four point contacts and no surface contact"),
+    ("go2", {"tasks.walking_com": {"type": "com"}}, "tasks.walking_com: the walker has a task of this name"),
+])  # fmt: skip
+def test_invalid_settings_are_refused(robot, changes, message):
     with pytest.raises(ConfigurationError, match=message):
-        wbc.Controller(wbc.load("g1").replace(changes))
+        wbc.Controller(wbc.load(robot).replace(changes))

@@ -38,6 +38,7 @@ class Walk(Lockstep):
         changes = {
             "estimation.base_state": "imu", "mock.sensors": "good", "safety.activation_ramp": 0.0,
             "safety.bring_up_time": 0.0, "control.markers_rate": 0.0, "recorder.folder": str(file.parent / "faults"),
+            "estimation.settling": 0.1,
         }  # fmt: skip
         settings = load("g1").replace(changes).settings
         self.recorder = Recorder(settings, file, patient=True, name="g1")
@@ -53,15 +54,15 @@ class Walk(Lockstep):
                 return
 
     def step(self):
-        """Stand, walk, and stop in the middle of the second step."""
+        """Stand, walk, and stop in the middle of the first step."""
         self.go(self.settings.estimation.settling + 0.1)
         self.user.send_text("command", "activate")
-        self.go(0.3)
+        self.go(0.25)
         self.mock.plant.hold(False, ramp=0.0)
-        self.go(0.5)
+        self.go(0.1)
         walker = self.controller.walker
         self.velocity = make_velocity(0.2)
-        self.go(4.0, lambda: walker.steps == 1 and walker.phase is Phase.SINGLE)
+        self.go(4.0, lambda: walker.phase is Phase.SINGLE)
         self.go(0.2)
         assert walker.phase is Phase.SINGLE
 

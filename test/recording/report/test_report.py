@@ -54,7 +54,7 @@ def without_scripts(page):
     return re.sub(r"<script.*?</script>", "", page, flags=re.S)
 
 
-def test_the_page_loads_nothing(page):
+def test_the_page_loads_nothing_and_holds_the_results(page, run):
     markup = without_scripts(page)
     assert not re.search(r"(?:src|href)\s*=|@import|url\(|<link|<iframe|<img", markup, re.I)
     assert re.search(r"default-src 'none'", markup)
@@ -65,9 +65,6 @@ def test_the_page_loads_nothing(page):
         assert not re.search(r"https?:|fetch\(|XMLHttpRequest|import\(|WebSocket|sendBeacon", code), name
     assert "{{" not in markup
     assert len(page.encode()) < 8e6
-
-
-def test_the_page_holds_the_results(run, page):
     for result in run[0].results:
         assert result.name in page
         assert result.measured in page
@@ -75,7 +72,7 @@ def test_the_page_holds_the_results(run, page):
     assert "never &lt;in it&gt;" in page
 
 
-def test_the_verdict_names_missed_targets(short, tmp_path):
+def test_verdict_of_missed_targets_and_of_a_bare_recording(short, tmp_path):
     recording, model = short
     failed = Result("Stays <up>", "yes", "no", False)
     spoiled = dataclasses.replace(recording, results=(*recording.results, failed))
@@ -83,6 +80,14 @@ def test_the_verdict_names_missed_targets(short, tmp_path):
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "1 of 3 targets missed: Stays &lt;up&gt;." in page
     assert 'class="pill fail"' in page
+    recording, model = short
+    nothing = {name: {} for name in ("task_errors", "contact_wrenches", "true_wrenches", "stage_seconds", "supports")}
+    bare = dataclasses.replace(
+        recording, **nothing, cycle_seconds=np.zeros(0), phases=(), results=(), modes=(),
+        com_reference=np.full_like(recording.com, np.nan),
+    )  # fmt: skip
+    write_run_report(bare, model, tmp_path / "page.html", kind="a run")
+    assert "No targets were checked" in (tmp_path / "page.html").read_text(encoding="utf-8")
 
 
 def test_poses_of_the_page_equal_pinocchio(run, page):
@@ -104,16 +109,13 @@ def test_poses_of_the_page_equal_pinocchio(run, page):
             assert np.linalg.norm(where.act(arm) - kinematics.oMi[i + 1].act(arm)) < 1e-3
 
 
-def test_quaternions_do_not_jump_to_their_negatives(run):
+def test_packed_poses_are_exact_at_rest_and_quaternions_do_not_jump(run):
     _, model = run
     q = np.tile(pin.neutral(model.pinocchio), (200, 1))
     for i, angle in enumerate(np.linspace(0.0, 4.0 * np.pi, 200)):
         q[i, 3:7] = pin.SE3ToXYZQUAT(pin.SE3(pin.rpy.rpyToMatrix(0.3, 0.0, angle), np.zeros(3)))[3:]
     poses = joint_poses(q, model, [1, 5])
     assert np.abs(np.diff(poses[:, :, 3:], axis=0)).max() < 0.1
-
-
-def test_packed_poses_at_rest_are_exact():
     poses = np.tile(np.array([1.5, -2.0, 0.3, 0.0, 0.0, 0.0, 1.0]), (4, 2, 1))
     np.testing.assert_allclose(decode_poses(encode_poses(poses)), poses, atol=1e-12)
 
@@ -128,15 +130,25 @@ def test_forces_stand_in_the_page_in_world_axes(run, page):
     assert data["weight"] == pytest.approx(model.mass * model.gravity)
 
 
-def test_long_runs_stay_small():
+def test_long_runs_stay_small_and_keep_peaks_and_gaps():
     frames = frame_indices(np.arange(0.0, 1000.0, 0.002))
     assert len(frames) == MAX_FRAMES
     assert frames[0] == 0
     assert frames[-1] == 499999
     assert list(frame_indices(np.array([3.0]))) == [0]
+    time = np.arange(50000.0)
+    values = np.sin(time / 3000.0)
+    values[31234] = 7.0
+    values[40000:41000] = np.nan
+    x, y = thin_out(time, values)
+    assert len(x) <= POINTS
+    assert np.all(np.diff(x) > 0)
+    assert np.nanmax(y) == 7.0
+    assert np.isnan(y).any()
+    assert not np.isfinite(y[(x >= 40000) & (x < 41000)]).any()
 
 
-def test_every_plot_has_titles_and_units(run):
+def test_every_plot_has_titles_and_units_and_phases_fill_the_run(run):
     plots = run_plots(run[0])
     assert [plot.key for plot in plots] == ["com", "torques", "forces", "friction", "errors", "cycles", "stages"]
     for plot in plots:
@@ -144,17 +156,10 @@ def test_every_plot_has_titles_and_units(run):
         assert all(plot.key == "stages" or "[" in axis.title.text for axis in plot.figure.select_yaxes())
         assert any("[" in (axis.title.text or "") for axis in plot.figure.select_xaxes())
         assert all(trace.type in ("scatter", "bar") for trace in plot.figure.data)  # SVG, not WebGL
-
-
-def test_a_bare_recording_makes_a_page(short, tmp_path):
-    recording, model = short
-    nothing = {name: {} for name in ("task_errors", "contact_wrenches", "true_wrenches", "stage_seconds", "supports")}
-    bare = dataclasses.replace(
-        recording, **nothing, cycle_seconds=np.zeros(0), phases=(), results=(), modes=(),
-        com_reference=np.full_like(recording.com, np.nan),
-    )  # fmt: skip
-    write_run_report(bare, model, tmp_path / "page.html", kind="a run")
-    assert "No targets were checked" in (tmp_path / "page.html").read_text(encoding="utf-8")
+    spans = run[0].spans
+    assert spans[0][0] == 0.0
+    assert spans[-1][1] == run[0].time[-1]
+    assert all(a[1] == b[0] for a, b in pairwise(spans))
 
 
 def test_an_invalid_run_is_refused(short, tmp_path):
@@ -169,30 +174,15 @@ def test_an_invalid_run_is_refused(short, tmp_path):
     assert not (tmp_path / "x").exists()
 
 
-def test_thinning_keeps_peaks_and_gaps():
-    time = np.arange(50000.0)
-    values = np.sin(time / 3000.0)
-    values[31234] = 7.0
-    values[40000:41000] = np.nan
-    x, y = thin_out(time, values)
-    assert len(x) <= POINTS
-    assert np.all(np.diff(x) > 0)
-    assert np.nanmax(y) == 7.0
-    assert np.isnan(y).any()
-    assert not np.isfinite(y[(x >= 40000) & (x < 41000)]).any()
-
-
-def test_friction_use():
+def test_friction_use_and_supports_of_contacts():
     wrench = np.array([[30.0, 40.0, 100.0], [0.0, 0.0, 1.0], [np.nan] * 3])
     np.testing.assert_allclose(friction_use(wrench, 0.5), [1.0, np.nan, np.nan])
     assert np.isnan(friction_use(np.full((3, 6), np.nan), 0.5)).all()
-
-
-def test_phases_fill_the_run(run):
-    spans = run[0].spans
-    assert spans[0][0] == 0.0
-    assert spans[-1][1] == run[0].time[-1]
-    assert all(a[1] == b[0] for a, b in pairwise(spans))
+    foot = collect_supports(load_settings(find_configuration("g1")).contacts)["left_foot"]
+    np.testing.assert_allclose(foot.placement, [0.035, 0.0, -0.035, 0.0, 0.0, 0.0, 1.0])
+    np.testing.assert_allclose(np.ptp(foot.corners, axis=0), [0.17, 0.05, 0.0])
+    paw = collect_supports(load_settings(find_configuration("go2")).contacts)["front_left_foot"]
+    np.testing.assert_array_equal(paw.corners, [[0.0, 0.0, 0.0]])
 
 
 def test_mathematics_of_the_replay(tmp_path):
@@ -227,11 +217,3 @@ def test_mathematics_of_the_replay(tmp_path):
     assert answer["numbers"] == [1, -2]
     assert answer["area"] == pytest.approx(0.5)
     assert answer["longest"] <= 0.3
-
-
-def test_supports_of_surfaces_and_points():
-    foot = collect_supports(load_settings(find_configuration("g1")).contacts)["left_foot"]
-    np.testing.assert_allclose(foot.placement, [0.035, 0.0, -0.035, 0.0, 0.0, 0.0, 1.0])
-    np.testing.assert_allclose(np.ptp(foot.corners, axis=0), [0.17, 0.05, 0.0])
-    paw = collect_supports(load_settings(find_configuration("go2")).contacts)["front_left_foot"]
-    np.testing.assert_array_equal(paw.corners, [[0.0, 0.0, 0.0]])

@@ -79,15 +79,12 @@ def test_it_reads_what_the_mock_robot_reads(robot_of):
         np.testing.assert_allclose(ours, theirs, atol=1e-12)
 
 
-def test_a_joint_or_a_free_joint_that_is_missing_is_named(scene):
+def test_missing_joints_and_values_of_other_types_are_refused(scene):
     with pytest.raises(wbc.ConfigurationError, match="the MuJoCo model has no joint 'left_hip_pitch_joint'"):
         wbc.MujocoInterface(wbc.Controller("g1", preflight=False).model, scene.mujoco)
     bolted = mujoco.MjSpec.from_string(scene.model.urdf).compile()
     with pytest.raises(wbc.ConfigurationError, match=r"has no free joint; give it one, or set robot\.base: fixed"):
         wbc.MujocoInterface(scene.model, bolted)
-
-
-def test_values_of_other_types_are_refused(scene):
     with pytest.raises(wbc.ConfigurationError, match="not RobotModel and NoneType"):
         wbc.MujocoInterface(scene.model, None)
     interface = wbc.MujocoInterface(scene.model, scene.mujoco)

@@ -13,42 +13,44 @@ from wbc_controller.validation.campaign.trial import ALL_KINDS
 PAGE = (Path(__file__).parents[3] / "docs" / "faults.md").read_text(encoding="utf-8")
 
 
-def test_there_are_at_least_45_kinds_and_each_has_a_place_and_a_sentence():
+def test_there_are_at_least_45_kinds_and_the_page_describes_each():
     assert len(KINDS) >= 45
     for name, kind in KINDS.items():
         assert kind.place, name
         assert kind.__doc__.strip().endswith("."), name
+    for place, kinds in by_place(ALL_KINDS.values()).items():
+        assert faults_table(kinds) in PAGE, place
 
 
-def test_one_fault_or_a_list_is_read():
+def test_one_fault_or_a_list_is_read_and_an_entry_of_a_script_needs_its_time():
     (one,) = read_faults("{kind: joint_noise, sigma: 0.01, start: 0.5, duration: 2.0, seed: 7}", "x")
     assert (one.kind(), one.sigma, one.start, one.duration, one.seed) == ("joint_noise", 0.01, 0.5, 2.0, 7)
     both = read_faults("[{kind: kick}, {kind: odom_frozen}]", "x")
     assert [fault.kind() for fault in both] == ["kick", "odom_frozen"]
     (fault,) = read_faults("- {at: 12.5, kind: kick}", "x", script=True)
     assert fault.start == 12.5
+    for text in ("[{kind: kick}]", "[{kind: kick, at: 1.0, start: 2.0}]", "[{kind: kick, start: 1.0}]"):
+        with pytest.raises(ConfigurationError, match="'at'"):
+            read_faults(text, "here", script=True)
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("{kind: joint_noize}", ["unknown kind 'joint_noize'", "did you mean 'joint_noise'?", "Valid: "]),
-        ("{sigma: 1}", ["unknown kind None"]),
-        ("{kind: [1]}", ["unknown kind"]),
-        ("{kind: joint_noise, sigma: 3.0}", ["joint_noise.sigma = 3.0", "1e-05 to 0.05 rad", "standard deviation"]),
-        ("{kind: joint_noise, sigma: .nan}", ["joint_noise.sigma = nan"]),
-        ("{kind: joint_noise, sigmma: 0.01}", ["unknown key 'sigmma'", "did you mean 'sigma'?"]),
-        ("{kind: message_loss, stream: odometry}", ["stream = 'odometry'", "joint_states, odom, imu, both"]),
-        ("{kind: kick, duration: -1}", ["kick.duration = -1"]),
-        ("{kind: kick, seed: -1}", ["kick.seed = -1"]),
-        ("{kind: kick, at: 1.0}", ["unknown key 'at'"]),
-        ("[{kind: kick}, 5]", ["fault 2: expected a mapping, got 5", "{kind: joint_noise"]),
-        ("[{kind: kick}, {kind: kick, link: 3}]", ["fault 2", "kick.link = 3"]),
-        ("", ["expected a mapping, got None"]),
-        ("{kind: kick", ["not valid YAML"]),
-        (f"[{', '.join(['{kind: kick}'] * 101)}]", ["101 faults", "at most 100"]),
-    ],
-)
+@pytest.mark.parametrize(("text", "said"), [
+    ("{kind: joint_noize}", ["unknown kind 'joint_noize'", "did you mean 'joint_noise'?", "Valid: "]),
+    ("{sigma: 1}", ["unknown kind None"]),
+    ("{kind: [1]}", ["unknown kind"]),
+    ("{kind: joint_noise, sigma: 3.0}", ["joint_noise.sigma = 3.0", "1e-05 to 0.05 rad", "standard deviation"]),
+    ("{kind: joint_noise, sigma: .nan}", ["joint_noise.sigma = nan"]),
+    ("{kind: joint_noise, sigmma: 0.01}", ["unknown key 'sigmma'", "did you mean 'sigma'?"]),
+    ("{kind: message_loss, stream: odometry}", ["stream = 'odometry'", "joint_states, odom, imu, both"]),
+    ("{kind: kick, duration: -1}", ["kick.duration = -1"]),
+    ("{kind: kick, seed: -1}", ["kick.seed = -1"]),
+    ("{kind: kick, at: 1.0}", ["unknown key 'at'"]),
+    ("[{kind: kick}, 5]", ["fault 2: expected a mapping, got 5", "{kind: joint_noise"]),
+    ("[{kind: kick}, {kind: kick, link: 3}]", ["fault 2", "kick.link = 3"]),
+    ("", ["expected a mapping, got None"]),
+    ("{kind: kick", ["not valid YAML"]),
+    (f"[{', '.join(['{kind: kick}'] * 101)}]", ["101 faults", "at most 100"]),
+])  # fmt: skip
 def test_a_mistake_is_named_with_the_value_and_the_valid_ones(text, said):
     with pytest.raises(ConfigurationError) as error:
         read_faults(text, "here")
@@ -57,21 +59,12 @@ def test_a_mistake_is_named_with_the_value_and_the_valid_ones(text, said):
         assert part in str(error.value)
 
 
-def test_an_entry_of_a_script_needs_its_time():
-    for text in ("[{kind: kick}]", "[{kind: kick, at: 1.0, start: 2.0}]", "[{kind: kick, start: 1.0}]"):
-        with pytest.raises(ConfigurationError, match="'at'"):
-            read_faults(text, "here", script=True)
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("{kind: joint_bias, joint: FL_knee}", "unknown joint 'FL_knee'.*Valid: FL_calf_joint"),
-        ("{kind: actuator_dead, actuator: x}", "unknown actuator 'x'; Valid"),
-        ("{kind: payload, link: trunk}", "unknown link 'trunk'"),
-        ("{kind: floor_hole, contact: left}", "unknown contact 'left'.*front_left_foot"),
-    ],
-)
+@pytest.mark.parametrize(("text", "said"), [
+    ("{kind: joint_bias, joint: FL_knee}", "unknown joint 'FL_knee'.*Valid: FL_calf_joint"),
+    ("{kind: actuator_dead, actuator: x}", "unknown actuator 'x'; Valid"),
+    ("{kind: payload, link: trunk}", "unknown link 'trunk'"),
+    ("{kind: floor_hole, contact: left}", "unknown contact 'left'.*front_left_foot"),
+])  # fmt: skip
 def test_unknown_names_are_refused_with_the_whole_list(bench, text, said):
     faults = [*read_faults("{kind: kick}", "x"), *read_faults(text, "x")]
     with pytest.raises(InputRefused, match=said):
@@ -104,8 +97,3 @@ def test_wide_ranges_are_drawn_by_their_logarithm():
     assert 1e-5 <= min(sigmas) < 1.2e-5
     assert 4e-2 < max(sigmas) <= 5e-2
     assert 3e-4 < np.median(sigmas) < 2e-3  # of a uniform draw it would be 2.5e-2
-
-
-def test_the_page_has_the_table_of_every_place():
-    for place, kinds in by_place(ALL_KINDS.values()).items():
-        assert faults_table(kinds) in PAGE, place

@@ -110,12 +110,17 @@ def test_consistency_is_the_share_of_time_within_the_bounds(factor, share):
     assert np.isnan(consistency([], 5)).all()
 
 
-def test_chatter_is_the_torque_above_8_hz():
+def test_chatter_is_the_torque_above_8_hz_and_mean_velocities_have_heading_axes():
     time = np.arange(0.0, 4.0, 0.002)
     slow, fast = 10.0 * np.sin(2.0 * np.pi * 3.0 * time), 2.0 * np.sin(2.0 * np.pi * 30.0 * time)
     torques = np.column_stack([slow, slow + fast])
     assert chatter(torques[:, :1], 500.0, np.array([100.0])) == pytest.approx(0.0, abs=1e-4)
     assert chatter(torques, 500.0, np.array([100.0, 100.0])) == pytest.approx(0.02 / np.sqrt(2.0), rel=0.02)
+    times = np.linspace(0.0, 6.0, 601)
+    heading = 0.5 * times
+    way = np.cumsum(0.01 * (0.3 + 0.1j) * np.exp(1j * heading))
+    table = np.column_stack([times, way.real, way.imag, heading])
+    np.testing.assert_allclose(mean_velocity(table, 1.0, 5.0), [0.3, 0.1, 0.5], atol=1e-3)
 
 
 class Motions:
@@ -169,7 +174,7 @@ def test_flaw_errors_are_the_largest_distances(monkeypatch):
     assert np.isnan(cost.squat)
 
 
-def test_table_of_standing(monkeypatch):
+def test_tables_of_standing_and_flaws(monkeypatch):
     def made_up(robot, sensors, seed, seconds):
         tilt, drift = (0.001, 0.001, 0.002)[seed], 0.02 if robot == "g1" else 0.004
         return StandingErrors(seed, tilt, 0.002, 0.003, drift, np.full(9, 5.0), np.full(9, 4.0))
@@ -181,12 +186,10 @@ def test_table_of_standing(monkeypatch):
     assert run.exit_code == 0
     assert CliRunner().invoke(standing, ["g1", "--seeds", "1", "--jobs", "1"]).exit_code == 1  # excessive drift
 
-
-def test_table_of_flaws(monkeypatch):
-    def made_up(robot, name, *settings):
+    def made_up_flaw(robot, name, *settings):
         return FlawErrors(0.001, 0.002, 0.003, "FALLEN: it fell" if robot == "g1" else "")
 
-    monkeypatch.setattr("wbc_controller.validation.accuracy.flaws.measure_flaw", made_up)
+    monkeypatch.setattr("wbc_controller.validation.accuracy.flaws.measure_flaw", made_up_flaw)
     run = CliRunner().invoke(accuracy.commands["flaws"], ["go2", "g1", "--flaw", "slope", "--jobs", "1"])
     assert "| slope 10°, force sensors | 1.0, 2.0; 0.3 % | ends: FALLEN |" in run.output
     assert run.exit_code == 1
@@ -209,7 +212,7 @@ def test_mishap_with_force_sensors(monkeypatch):
 def test_slipping_foot_is_detected_and_the_robot_keeps_standing(monkeypatch, robot, name):
     """Before the friction of the foot was reduced, Go2 fell and G1 was damped."""
     monkeypatch.setattr("wbc_controller.validation.accuracy.mishaps._DURATION", 1.2)
-    found = run_mishap(robot, name, changes={"safety.activation_ramp": 0.0})
+    found = run_mishap(robot, name, changes={"safety.activation_ramp": 0.0, "estimation.settling": 0.1})
     assert found.left_out == (next(iter(load(robot).settings.contacts)),)
     assert (found.fault_texts, found.ended, found.fell) == ((), False, False)
     assert found.error < 0.06
@@ -264,11 +267,3 @@ def test_a_fast_robot_walks_and_turns_on_its_estimate_and_stops(monkeypatch):
     assert (found.ended, found.relaxed) == ("", 0)
     np.testing.assert_allclose(found.speed, [0.8, 0.0, 0.3], atol=0.08)
     assert found.drift < 0.02 * found.distance
-
-
-def test_mean_velocities_have_heading_axes():
-    times = np.linspace(0.0, 6.0, 601)
-    heading = 0.5 * times
-    way = np.cumsum(0.01 * (0.3 + 0.1j) * np.exp(1j * heading))
-    table = np.column_stack([times, way.real, way.imag, heading])
-    np.testing.assert_allclose(mean_velocity(table, 1.0, 5.0), [0.3, 0.1, 0.5], atol=1e-3)

@@ -66,21 +66,16 @@ def metered(trial):
     return meter.figures()
 
 
-def test_the_torque_rate_counts_at_touchdown_only():
+def test_figures_of_a_walk():
+    """The torque rate counts at touchdown only; a slip counts after the foot has settled."""
     taus = [0.0, 1.9, 1.9, 2.9, 2.9, 2.9, 2.9, 2.9, 4.8]  # 2 N·m in a cycle is the limit
     phases = [Phase.SINGLE] * 3 + [Phase.DOUBLE] * 6
     found = metered(Cycles(taus, phases, [0.0] * 9))
     assert found.rate == pytest.approx(0.5)
     assert found.torque == pytest.approx(0.48)
-
-
-def test_a_slip_counts_after_the_foot_has_settled():
     places = np.concatenate([np.linspace(0.0, 0.01, 25), np.full(20, 0.01), np.full(5, 0.014)])
     found = metered(Cycles([0.0] * 50, [Phase.SINGLE] * 50, places))
     assert found.slip == pytest.approx(0.004, abs=5e-4)
-
-
-def test_a_force_outside_its_cone_is_found():
     assert metered(Cycles([0.0], [Phase.STAND], [0.0])).outside == 0.0
     assert metered(Cycles([0.0], [Phase.STAND], [0.0], (60.0, 0.0, 100.0))).outside == pytest.approx(10.0)
 
@@ -94,6 +89,7 @@ def test_the_bisection_finds_the_largest_impulse(monkeypatch):
 def test_a_robot_that_steps_survives_a_push_and_falls_at_a_large_one(monkeypatch):
     monkeypatch.setattr("wbc_controller.validation.accuracy.estimation_trial._REST_TIME", 0.4)
     monkeypatch.setattr(walk_pushes, "AFTER", 0.8)
+    monkeypatch.setattr(walk_pushes, "_STEPS", 1)
     assert ends("g1", Push(0.0, 0.25), 0.2, "ideal", 0)[0] == ""
     fell, mass = ends("g1", Push(0.0, None), LARGEST, "ideal", 0)
     assert re.search("FALLEN|FALLING|fell|NO_SOLUTION", fell)

@@ -30,7 +30,7 @@ OUTCOMES = [
 ]  # fmt: skip
 
 
-def test_row_counts_the_trials_of_a_kind_on_a_robot():
+def test_rows_summary_and_table_count_the_trials():
     dropout_g1, dropout, kick = rows_of(OUTCOMES)
     assert (dropout_g1.robot, dropout.robot, kick.kind) == ("g1", "go2", "kick")
     assert (kick.trials, kick.survived, kick.reasons, kick.must_be_detected) == (10, 7, {"FALLEN": 3}, 0)
@@ -40,9 +40,6 @@ def test_row_counts_the_trials_of_a_kind_on_a_robot():
     assert (dropout.must_be_detected, dropout.detected_median_s, dropout.detected_max_s) == (4, 0.02, 0.05)
     assert dropout.deadline_max_s == 0.054
     assert dropout.violations == {"undetected": 1}
-
-
-def test_summary_counts_all_trials_and_the_worst_has_a_command_for_repetition():
     assert summary(OUTCOMES).startswith(
         "15 trials, 2 kinds of fault, 2 robots: 8 survived, 7 damped; 3 of 5 faults with a deadline were detected "
         "in time; 2 trials with violations"
@@ -50,9 +47,6 @@ def test_summary_counts_all_trials_and_the_worst_has_a_command_for_repetition():
     assert worst_trial(OUTCOMES) is OUTCOMES[-1]
     assert worst_trial(OUTCOMES[:-2]) is None
     assert repeat_command(OUTCOMES[-1]) == "wbc faults g1 --kinds message_dropout --seed 7 --out repeated"
-
-
-def test_table_shows_complete_rows():
     console = Console(width=150, file=io.StringIO())
     console.print(terminal_table(OUTCOMES))
     text = console.file.getvalue()

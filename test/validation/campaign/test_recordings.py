@@ -30,8 +30,9 @@ def test_each_place_of_faults_is_tested_during_a_step():
 
 
 @pytest.mark.parametrize("kind", WALKING.values())
-def test_a_fault_during_a_step_leaves_a_recording_that_names_it(kind, tmp_path):
-    outcome = run_trial("g1", kind, 0, True, recordings=tmp_path)
+def test_a_fault_during_a_step_leaves_a_recording_that_names_it(kind, tmp_path, monkeypatch):
+    monkeypatch.setattr("wbc_controller.validation.campaign.trial._STEPS", 0)
+    outcome = run_trial("g1", kind, 0, True, parameters={"start": 0.1}, recordings=tmp_path)
     assert (outcome.result, dict(outcome.violations), outcome.walking) == ("damped", {}, True)
     assert outcome.moved > 0.02
     (path,) = tmp_path.iterdir()
@@ -43,37 +44,23 @@ def test_a_robot_that_cannot_walk_is_refused():
         run_trial("examples/a1.yaml", "estop", 0, True)
 
 
-@pytest.fixture(scope="module")
-def left(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("recordings")
-    outcome = run_trial("go2", "joint_absurd", 0, parameters={"start": 0.02}, recordings=folder)
+def test_recordings_without_the_fault_and_different_replays_are_detected(tmp_path, monkeypatch):
+    outcome = run_trial("go2", "joint_absurd", 0, parameters={"start": 0.02}, recordings=tmp_path)
     assert not outcome.violations
-    return TrialRecordings(folder, "go2-joint_absurd-0"), outcome
-
-
-def test_recordings_of_other_faults_are_rejected(left):
-    place, outcome = left
-    assert place.error_of_fault(outcome.code, outcome.sentence) == ""
-    assert place.error_of_fault("FALLEN", outcome.sentence).endswith("does not name FALLEN")
-    assert "does not name" in place.error_of_fault(outcome.code, "another reason")
-    assert TrialRecordings(place.folder, "g1-joint_absurd-0").error_of_fault("FALLEN", "") == "no recording of FALLEN"
-
-
-def test_different_replays_are_detected(left, monkeypatch):
-    place, outcome = left
-    monkeypatch.setattr("wbc_controller.recording.replay.cycle_replay.ReplayedCycle.is_identical", False)
-    assert re.search(r"replay of (\d+) of \1 cycles differs", place.error_of_fault(outcome.code, outcome.sentence))
-
-
-def test_damaged_recording_is_detected(left):
-    place, outcome = left
-    (path,) = place.folder.iterdir()
+    place, code, sentence = TrialRecordings(tmp_path, "go2-joint_absurd-0"), outcome.code, outcome.sentence
+    assert place.error_of_fault("FALLEN", sentence).endswith("does not name FALLEN")
+    assert "does not name" in place.error_of_fault(code, "another reason")
+    assert TrialRecordings(tmp_path, "g1-joint_absurd-0").error_of_fault("FALLEN", "") == "no recording of FALLEN"
+    with monkeypatch.context() as patch:
+        patch.setattr("wbc_controller.recording.replay.cycle_replay.ReplayedCycle.is_identical", False)
+        assert re.search(r"replay of (\d+) of \1 cycles differs", place.error_of_fault(code, sentence))
+    (path,) = tmp_path.iterdir()
     path.write_bytes(path.read_bytes()[:40])
-    assert str(path) in place.error_of_fault(outcome.code, outcome.sentence)
+    assert str(path) in place.error_of_fault(code, sentence)
 
 
 def test_errors_of_recordings_are_violations(tmp_path, monkeypatch):
     monkeypatch.setattr(TrialRecordings, "error_of_fault", lambda place, code, sentence: f"no {code}")
-    outcome = run_trial("go2", "joint_absurd", 0, parameters={"start": 0.02}, recordings=tmp_path)
+    outcome = run_trial("go2", "estop", 0, parameters={"start": 0.02, "duration": 0.06}, recordings=tmp_path)
     assert outcome.result == "violation"
     assert outcome.violations["recording"].endswith(f"no {outcome.code}")

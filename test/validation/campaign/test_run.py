@@ -11,7 +11,7 @@ from rich.console import Console
 from wbc_controller.cli import main
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.validation.campaign import run as run_module
-from wbc_controller.validation.campaign.results import FILE, TrialKey
+from wbc_controller.validation.campaign.results import FILE, Results, TrialKey
 from wbc_controller.validation.campaign.run import run_campaign
 
 
@@ -111,15 +111,6 @@ def test_unknown_names_and_missing_packages_are_refused(bench, tmp_path, monkeyp
     assert not bench.keys
 
 
-def test_command_runs_trials_in_processes(tmp_path):
-    words = ["faults", "go2", "--kinds", "estop,odom_absurd", "--seed", "4", "--jobs", "2", "--out", str(tmp_path)]
-    result = CliRunner().invoke(main, words)
-    assert result.exit_code == 0, result.output
-    assert "2 of 2 faults with a deadline were detected in time; 0 trials with violations" in " ".join(
-        result.output.split()
-    )
-
-
 def stalled(seconds):
     return {"result": "violation", "violations": {"stall": f"{1e3 * seconds:.1f} ms"}, "longest": seconds}
 
@@ -147,6 +138,16 @@ def test_stall_counts_only_after_a_repetition(bench, tmp_path, monkeypatch, agai
     assert len((tmp_path / FILE).read_text(encoding="utf-8").splitlines()) == 5
 
 
-def test_trial_is_the_same_in_a_new_process():
+def test_trial_is_the_same_in_a_new_process_and_in_one_of_the_command(tmp_path):
     key = TrialKey("go2", "estop", 4)
-    assert repeatable(run_module._in_new_process(key, run_module.run_trial)) == repeatable(run_module.run_trial(*key))
+    here = repeatable(run_module.run_trial(*key))
+    assert repeatable(run_module._in_new_process(key, run_module.run_trial)) == here
+    words = ["faults", "go2", "--kinds", "estop,kick", "--seed", "4", "--jobs", "2", "--out", str(tmp_path)]
+    result = CliRunner().invoke(main, words)
+    assert result.exit_code == 0, result.output
+    assert "1 of 1 faults with a deadline were detected in time; 0 trials with violations" in " ".join(
+        result.output.split()
+    )
+    results = Results(tmp_path)
+    results.close()
+    assert repeatable(results.outcomes[key]) == here

@@ -33,7 +33,15 @@ def test_seed_and_number_determine_the_trial(go2, monkeypatch):
     assert -0.8 < first.excess < 0.02
 
 
-def test_exit_status_after_a_violated_limit(monkeypatch):
+def test_trials_continue_for_the_given_time_and_a_violated_limit_is_a_status(monkeypatch):
+    monkeypatch.setattr(setpoints, "DURATION", 0.2)
+    trials = list(fuzz_setpoints(["go2"], 0.008, 0, 2))
+    assert [trial.number for trial in trials] == list(range(2, 2 + len(trials)))
+    assert len(trials) == 3
+    assert sum(trial.seconds for trial in trials) >= 0.48 > sum(trial.seconds for trial in trials[:-1])
+    worst = max(trials, key=lambda trial: trial.excess)
+    (line,) = summary(trials)
+    assert f"({worst.joint}, trial {worst.number}, {worst.kind})" in line
     monkeypatch.setattr(setpoints, "MAX_EXCESS", -10.0)
     monkeypatch.setattr(setpoints, "DURATION", 0.2)
     result = CliRunner().invoke(main, ["fuzz", "setpoints", "go2", "--minutes", "0.001"])
@@ -95,14 +103,3 @@ class Kneeling(Bent):
 def test_excess_counts_with_a_link_on_the_floor(robot):
     trial = run_trial(robot(load("go2")), "go2", 0, 0)
     assert (trial.joint, trial.failed) == ("RL_calf_joint", True), trial
-
-
-def test_trials_continue_for_the_given_time(monkeypatch):
-    monkeypatch.setattr(setpoints, "DURATION", 0.2)
-    trials = list(fuzz_setpoints(["go2"], 0.008, 0, 2))
-    assert [trial.number for trial in trials] == list(range(2, 2 + len(trials)))
-    assert len(trials) == 3
-    assert sum(trial.seconds for trial in trials) >= 0.48 > sum(trial.seconds for trial in trials[:-1])
-    worst = max(trials, key=lambda trial: trial.excess)
-    (line,) = summary(trials)
-    assert f"({worst.joint}, trial {worst.number}, {worst.kind})" in line

@@ -82,7 +82,13 @@ def test_other_processes_avoid_the_controller_s_processors(robot_of, monkeypatch
     assert after == RealtimeSettings(scheduling="fifo", priority=50, affinity=others)
 
 
-def test_invalid_duration_rate_and_system_are_refused(tmp_path, monkeypatch):
+def test_invalid_options_and_an_ended_controller_are_reported(tmp_path, monkeypatch):
+    bench = object.__new__(latency._Bench)
+    bench._processes = SimpleNamespace(
+        processes={"controller": SimpleNamespace(poll=lambda: 2)}, log=lambda name: f"{name}: no processor 1000"
+    )
+    with pytest.raises(WbcError, match="ended with exit status 2:\ncontroller: no processor 1000"):
+        bench._until(lambda: False, "the activation", lambda: None)
     for seconds in (0.0, -1.0, float("nan"), float("inf")):
         with pytest.raises(ConfigurationError, match=r"seconds = .*; valid: positive and finite"):
             measure_latency("go2", tmp_path, seconds=seconds)
@@ -92,15 +98,6 @@ def test_invalid_duration_rate_and_system_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(latency.sys, "platform", "darwin")
     with pytest.raises(ConfigurationError, match=r"requires /proc .Linux., got darwin"):
         measure_latency("go2", tmp_path)
-
-
-def test_ended_controller_is_reported_with_its_error():
-    bench = object.__new__(latency._Bench)
-    bench._processes = SimpleNamespace(
-        processes={"controller": SimpleNamespace(poll=lambda: 2)}, log=lambda name: f"{name}: no processor 1000"
-    )
-    with pytest.raises(WbcError, match="ended with exit status 2:\ncontroller: no processor 1000"):
-        bench._until(lambda: False, "the activation", lambda: None)
 
 
 @pytest.mark.live

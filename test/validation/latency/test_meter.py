@@ -31,40 +31,31 @@ def trips(sent, efforts, commands, period=PERIOD):
 THREE = [(0, 1), (2, 2), (4, 3)]
 
 
-@pytest.mark.parametrize(
-    ("sent", "efforts", "commands", "seconds", "late"),
-    [
-        pytest.param(THREE, [0.9, 2.8, 4.7], [(1.0, 1), (2.9, 2), (4.8, 3)], [0.9, 0.8, 0.7], 0, id="in time"),
-        # The torques of the first state arrive after the second state.
-        pytest.param(THREE, [2.5, 5.0], [(2.6, 1), (5.1, 2)], [2.5, 3.0, np.inf], 3, id="longer than the period"),
-        pytest.param(THREE, [1.0, 5.0], [(1.1, 1), (5.1, 3)], [1.0, np.inf, 1.0], 1, id="a state is left out"),
-        pytest.param(THREE[:2], [1.0], [(1.1, 1), (3.3, 2)], [1.0, 1.3], 0, id="lost torques: the command counts"),
-        pytest.param(THREE[:2], [1.0, 2.2, 3.0], [(1.1, 1), (3.1, 2)], [1.0, 1.0], 0, id="torques of another node"),
-        pytest.param(THREE, [1.1, 3.1, 5.1], [(1.0, 1), (3.0, 2), (5.0, 3)], [1.0] * 3, 0, id="a command comes first"),
-        pytest.param(THREE[:1], [1.0, 60.0], [(1.1, 1), (60.1, 1)], [1.0], 0, id="two commands with one stamp"),
-        pytest.param(THREE[1:2], [0.5, 3.0], [(0.6, 1), (3.1, 2)], [1.0], 0, id="a command for an older state"),
-    ],
-)
+@pytest.mark.parametrize(("sent", "efforts", "commands", "seconds", "late"), [
+    pytest.param(THREE, [0.9, 2.8, 4.7], [(1.0, 1), (2.9, 2), (4.8, 3)], [0.9, 0.8, 0.7], 0, id="in time"),
+    # The torques of the first state arrive after the second state.
+    pytest.param(THREE, [2.5, 5.0], [(2.6, 1), (5.1, 2)], [2.5, 3.0, np.inf], 3, id="longer than the period"),
+    pytest.param(THREE, [1.0, 5.0], [(1.1, 1), (5.1, 3)], [1.0, np.inf, 1.0], 1, id="a state is left out"),
+    pytest.param(THREE[:2], [1.0], [(1.1, 1), (3.3, 2)], [1.0, 1.3], 0, id="lost torques: the command counts"),
+    pytest.param(THREE[:2], [1.0, 2.2, 3.0], [(1.1, 1), (3.1, 2)], [1.0, 1.0], 0, id="torques of another node"),
+    pytest.param(THREE, [1.1, 3.1, 5.1], [(1.0, 1), (3.0, 2), (5.0, 3)], [1.0] * 3, 0, id="a command comes first"),
+    pytest.param(THREE[:1], [1.0, 60.0], [(1.1, 1), (60.1, 1)], [1.0], 0, id="two commands with one stamp"),
+    pytest.param(THREE[1:2], [0.5, 3.0], [(0.6, 1), (3.1, 2)], [1.0], 0, id="a command for an older state"),
+])  # fmt: skip
 def test_following_command_assigns_torques_to_a_state(sent, efforts, commands, seconds, late):
     found = trips(sent, efforts, commands)
     np.testing.assert_allclose(found.seconds, np.array(seconds) * 1e-3)
     assert (found.late, found.unanswered) == (late, seconds.count(np.inf))
 
 
-def test_late_states_and_quantiles_of_answered_ones():
+def test_delays_and_quantiles_of_joined_blocks():
     for seconds, late in ((PERIOD, 0), (np.nextafter(PERIOD, 1.0), 1), (np.inf, 1), (np.nan, 1)):
         assert RoundTrips(np.array([0.001, seconds]), np.zeros(1), PERIOD).late == late
     found = RoundTrips(np.array([np.inf, *np.arange(1.0, 1001.0)]), np.zeros(1000), PERIOD)
     assert found.quantiles == (501.0, 991.0, 1000.0)
     assert np.isnan(RoundTrips(np.array([np.inf]), np.zeros(0), PERIOD).quantiles).all()
-
-
-def test_delays_between_states():
     found = trips([(0, 1), (2, 2), (7, 3), (8, 4)], [], [])
     np.testing.assert_allclose(found.delays, [0.0, 3.0e-3, 0.0], atol=1e-12)
-
-
-def test_joined_blocks_omit_the_time_between_them():
     first = trips([(0, 1), (2, 2)], [1.0], [(1.1, 1)])
     second = trips([(1000, 3), (1003, 4)], [1001.0], [(1001.1, 3)])
     both = joined([first, second])
