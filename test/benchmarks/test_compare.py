@@ -187,11 +187,12 @@ def test_files_of_a_commit_are_importable(commit):
 def test_older_code_and_services_are_timed(capsys, monkeypatch, commit):
     """The older code is this folder, with its compiled kernels."""
     monkeypatch.setattr(contestants, "code_of", lambda of: contextlib.nullcontext(contestants.ROOT))
+    monkeypatch.setattr(scenes, "SERVICES", ("go2",))
     monkeypatch.setattr(compare, "WARM", 30)
     monkeypatch.setattr(compare, "FILLING", 10)
     monkeypatch.setattr(compare, "COLD", 5)
     allowed = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else None
-    compare.main(["--against", commit, "--cases", "go2-four", "g1-service", "--rivals", "none", "--blocks", "1"])
+    compare.main(["--against", commit, "--cases", "go2-four", "go2-service", "--rivals", "none", "--blocks", "1"])
     assert allowed is None or os.sched_getaffinity(0) == allowed
     said = capsys.readouterr().out
     older = f"at {commit}"
@@ -201,14 +202,14 @@ def test_older_code_and_services_are_timed(capsys, monkeypatch, commit):
         assert cells is not None
         assert int(cells[1]) <= int(cells[2]) <= int(cells[3])
     assert re.search(rf"^{older} .*\(\d", said, flags=re.MULTILINE)
-    services = said[said.index("g1 as supplied, messages to messages") :]
+    services = said[said.index("go2 as supplied, messages to messages") :]
     assert "read" in services
     assert "processor" in services
     assert f"largest difference of {older} from ours: τ " in services
-    assert "supervise" in said[: said.index("g1 as supplied")]
+    assert "supervise" in said[: said.index("go2 as supplied")]
     shares = said[said.index("our share, warm/cold") :]
     assert re.search(r"^go2-four +\d+\.\d\d/\d+\.\d\d +\d+\.\d\d/\d+\.\d\d$", shares, flags=re.MULTILINE)
-    assert re.search(r"^g1-service +\d+\.\d\d/\d+\.\d\d$", shares, flags=re.MULTILINE)
+    assert re.search(r"^go2-service +\d+\.\d\d/\d+\.\d\d$", shares, flags=re.MULTILINE)
 
 
 def test_older_code_is_not_the_installed_package(scene, tmp_path, capfd):
