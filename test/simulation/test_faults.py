@@ -31,7 +31,6 @@ def test_a_fault_by_topic_acts_for_its_duration_or_until_clear(stand):
     off = [abs(content.pose.pose.position.x) + abs(content.pose.pose.position.y) > 0.5 for content in peer.all("odom")]
     # It arrives in the period that begins at 0.006 s, so that it acts from 0.010 s on: sample 5.
     assert np.flatnonzero(off).tolist() == [5, 6, 7]
-    robot, peer = stand
     peer.say("fault", "[{kind: joint_missing, duration: 10.0}, {kind: message_dropout, stream: odom, duration: 10.0}]")
     step(robot, 3)
     assert robot.faults.busy

@@ -106,7 +106,6 @@ def test_loads_of_the_stance_leg(g1):
     weak = limits_of(wbc.load("g1").replace({"robot.effort_limit_scale": 0.2}).settings)[0].single_support()
     strong = [load for load in limits.support_loads(limits.legs[0], Velocity()) if load.text.startswith("torque")]
     assert weak["left_foot"].share == pytest.approx(5.0 * max(load.share for load in strong), rel=0.02)
-    limits, _ = g1
     loads = [max(limits.support_loads(limits.legs[0], Velocity(turning=rate)), key=lambda load: load.share)
              for rate in (0.5, 1.0, 2.0)]  # fmt: skip
     shares = [load.share for load in loads]

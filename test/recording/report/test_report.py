@@ -80,7 +80,6 @@ def test_verdict_of_missed_targets_and_of_a_bare_recording(short, tmp_path):
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "1 of 3 targets missed: Stays &lt;up&gt;." in page
     assert 'class="pill fail"' in page
-    recording, model = short
     nothing = {name: {} for name in ("task_errors", "contact_wrenches", "true_wrenches", "stage_seconds", "supports")}
     bare = dataclasses.replace(
         recording, **nothing, cycle_seconds=np.zeros(0), phases=(), results=(), modes=(),

@@ -27,16 +27,14 @@ def _short_rest(monkeypatch):
     monkeypatch.setattr("wbc_controller.validation.accuracy.estimation_trial._REST_TIME", 0.4)
 
 
-def test_errors_of_a_standing_robot_agree_with_the_truth():
+def test_errors_of_standing_robots_agree_with_the_truth():
+    """Talos is tall with light ankles, and has cheap sensors."""
     found = stand("go2", "good", 0, 0.5)
     assert (found.ended, len(found.observable_nees), len(found.drifting_nees)) == ("", 5, 4)
     assert 0.0 < found.tilt < np.deg2rad(0.4)
     assert found.height < 0.003
     assert 0.0 < found.velocity < 0.02
     assert (found.observable_nees > 0.0).all()
-
-
-def test_tall_robot_with_light_ankles_and_cheap_sensors():
     found = stand("talos", "cheap", 7, 0.3)
     assert found.ended == ""
     assert found.velocity < 0.005

@@ -54,7 +54,7 @@ def test_rows_summary_and_table_count_the_trials():
         assert part in text
 
 
-def test_files_agree(tmp_path):
+def test_files_agree_also_of_one_trial(tmp_path):
     write_report(OUTCOMES, tmp_path)
     page = (tmp_path / "faults.md").read_text(encoding="utf-8")
     assert summary(OUTCOMES) in page
@@ -70,9 +70,6 @@ def test_files_agree(tmp_path):
     assert float(rows[1]["detected_max_s"]) == pytest.approx(0.05)
     headings = re.findall("<h2[^>]*>([^<]*)<", (tmp_path / "faults.html").read_text(encoding="utf-8"))
     assert headings == ["Trials", "Outcomes of the trials", "Time until detection", "Motion of the robot"]
-
-
-def test_empty_report(tmp_path):
     write_report([outcome()], tmp_path)
     write_report([outcome("message_dropout", after=0.05, **DETECTED)], tmp_path)
     assert "Time until detection" in (tmp_path / "faults.html").read_text(encoding="utf-8")
