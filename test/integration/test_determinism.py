@@ -1,4 +1,4 @@
-"""Lockstep runs are reproducible bit for bit, here without odometry and with sensor noise."""
+"""Lockstep runs are reproducible bit for bit, here without odometry and with sensor noise; a demo meets its targets."""
 
 import os
 import subprocess
@@ -8,6 +8,8 @@ from unittest.mock import patch
 
 import numpy as np
 
+from wbc_controller.apps.demo import run, scenario
+from wbc_controller.recording.recording_file import Recording
 from wbc_controller.validation.accuracy import estimation_trial
 from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 
@@ -53,3 +55,18 @@ def test_two_processes_send_the_same_torques_bit_for_bit(tmp_path):
     with np.load(tmp_path / "other.npz") as second:
         for name in ("stamp", "mode", "tau"):
             assert first[name].tobytes() == second[name].tobytes(), name
+
+
+def test_demo_of_a_quadruped_that_sways_and_is_shoved(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("wbc_controller.apps.demo.director._SETTLING_TIME", 0.6)
+    monkeypatch.setattr(run, "write_run_report", lambda *arguments, **options: None)
+    move = scenario.Move("sway", ((0.3, (0.0, 0.02, 0.0)), (0.6, (0.0, 0.0, 0.0))), 0.005)
+    shove = scenario.Shove("shove left", (0.0, 5.0, 0.0))
+    short = scenario.Scenario(stand=0.2, moves=(move,), shoves=(shove,), recovery=0.3)
+    monkeypatch.setitem(scenario.SCENARIOS, "go2", short)
+    run.run_demo("go2", tmp_path, lockstep=True, sensors="good")
+    output = capsys.readouterr().out
+    rows = [line.split() for line in output.splitlines() if line.rstrip().endswith(("met", "missed"))]
+    assert len(rows) >= 6
+    assert [" ".join(row) for row in rows if row[-1] == "missed"] == []
+    assert len(Recording(tmp_path / "go2.mcap").arrays()["tau"]) > 2000
