@@ -296,15 +296,6 @@ def test_declared_parameters_can_be_dumped_and_read_again(make_node, given):
     )
 
 
-def test_an_update_changes_the_parameters(bring_up):
-    node, user, _ = bring_up()
-    publish = user.create_publisher(String, "/wbc_controller/update", 10)
-    until(lambda: publish.get_subscription_count() == 1, patience=10)
-    publish.publish(String(data="{tasks: {com: {stiffness: 33.0}}}"))
-    until(lambda: node.get_parameter("tasks.com.stiffness").value == 33.0, patience=10)
-    assert not node.has_parameter("robot.joints")  # together with robot
-
-
 def test_a_command_sent_before_activation_is_not_obeyed_later(bring_up, log):
     node, user, executor = bring_up(transitions=["configure"])
     said = []
@@ -323,7 +314,7 @@ def test_a_command_sent_before_activation_is_not_obeyed_later(bring_up, log):
     assert said == ["inactive", "fault ESTOP: emergency stop by command"]
 
 
-def test_services_return_the_outcome(bring_up):
+def test_services_return_the_outcome_and_a_fault_outlives_the_loop(bring_up):
     node, user, executor = bring_up(transitions=())
     activate, stop, reset = (caller(user, name) for name in ("activate", "stop", "reset"))
     success, text = activate()
@@ -334,30 +325,31 @@ def test_services_return_the_outcome(bring_up):
     success, text = activate()
     assert not success
     assert "joint_states" in text
+
+    publish = user.create_publisher(String, "/wbc_controller/update", 10)
+    until(lambda: publish.get_subscription_count() == 1, patience=10)
+    publish.publish(String(data="{tasks: {com: {stiffness: 33.0}}}"))
+    until(lambda: node.get_parameter("tasks.com.stiffness").value == 33.0, patience=10)
+    assert not node.has_parameter("robot.joints")  # together with robot
+
     assert stop() == (True, "fault ESTOP: emergency stop by command")
     assert activate() == (False, "command 'activate' is refused in fault (ESTOP); send 'reset' first")
+    for transition in (node.trigger_deactivate, node.trigger_activate):
+        assert on_executor(executor, transition) == SUCCESS
+    supervisor = node._loop.controller.supervisor
+    assert supervisor.fault.code == "ESTOP"
+    assert supervisor.mode is not Mode.INACTIVE
     assert reset() == (True, "inactive")
 
 
-def test_the_last_seconds_are_recorded_on_request(bring_up, robot, tmp_path):
+def test_the_last_seconds_are_recorded_on_request_and_deactivating_in_mid_run_is_no_fault(bring_up, robot, tmp_path):
     node, user, executor = bring_up(robot, transitions=(), recorder__folder=str(tmp_path), **PATIENT)
     call = caller(user, "record")
     assert call() == (False, "the node is not active; check its state with ros2 lifecycle get")
     for transition in (node.trigger_configure, node.trigger_activate):
         assert on_executor(executor, transition) == SUCCESS
-    time.sleep(0.2)  # of cycles
-    assert list(tmp_path.iterdir()) == []
-    assert call() == (True, f"the last seconds are written to {tmp_path}")
-    until(lambda: list(tmp_path.glob("*REQUEST*.mcap")), patience=20)
-    assert on_executor(executor, node.trigger_deactivate) == SUCCESS
-    (file,) = tmp_path.glob("*.mcap")
-    assert Recording(file).count > 0
-
-
-def test_deactivating_in_mid_run_is_no_fault(bring_up, robot):
-    node, _, executor = bring_up(robot, **PATIENT)
     loop = node._loop
-    for _ in range(3):
+    for _ in range(2):
         tries = itertools.count()
 
         def active():
@@ -369,6 +361,13 @@ def test_deactivating_in_mid_run_is_no_fault(bring_up, robot):
         assert on_executor(executor, node.trigger_deactivate) == SUCCESS
         assert (loop.controller.supervisor.mode, loop.controller.supervisor.fault) == (Mode.STOPPED, None)
         assert on_executor(executor, node.trigger_activate) == SUCCESS
+    time.sleep(0.2)  # of cycles
+    assert list(tmp_path.iterdir()) == []
+    assert call() == (True, f"the last seconds are written to {tmp_path}")
+    until(lambda: list(tmp_path.glob("*REQUEST*.mcap")), patience=20)
+    assert on_executor(executor, node.trigger_deactivate) == SUCCESS
+    (file,) = tmp_path.glob("*.mcap")
+    assert Recording(file).count > 0
 
 
 def test_a_service_waits_without_keeping_joint_states_from_the_loop(bring_up, robot):
@@ -407,17 +406,6 @@ def test_simulated_time_is_honoured(bring_up, robot):
     until(lambda: node._loop.controller.supervisor.mode is Mode.DAMPING, patience=10)
     assert re.search(r"joint_states is (80|85) ms old", node._loop.controller.supervisor.fault.sentence)
     until(lambda: node.get_clock().now().nanoseconds == end, patience=10)
-
-
-def test_a_fault_outlives_the_end_of_the_loop(bring_up):
-    node, _, executor = bring_up()
-    node._gate.command("estop")
-    supervisor = node._loop.controller.supervisor
-    until(lambda: supervisor.mode is Mode.FAULT, patience=10)
-    for transition in (node.trigger_deactivate, node.trigger_activate):
-        assert on_executor(executor, transition) == SUCCESS
-    assert supervisor.fault.code == "ESTOP"
-    assert supervisor.mode is not Mode.INACTIVE
 
 
 def test_a_loop_that_fails_sends_zeros_and_ends_in_error_processing(bring_up, log):
