@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from busy import pytest_runtest_protocol
+from forked import forks
 
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.robot import make_model
@@ -26,7 +27,7 @@ from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.settings.nesting import merged
 
-__all__ = ["pytest_runtest_protocol"]
+__all__ = ["forks", "pytest_runtest_protocol"]
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -11,7 +11,7 @@ import page
 pytestmark = pytest.mark.live
 
 
-def test_loop_is_measured_with_and_without_the_page(monkeypatch, tmp_path, capsys):
+def test_loop_is_measured_with_and_without_the_page(forks, monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(page, "LOADING", 0.3)
     monkeypatch.setattr(page, "BLOCK", 1.2)
     monkeypatch.setattr(page, "BROWSERS", os.SCHED_OTHER)  # a busy computer has no idle time: the page drops them

@@ -6,7 +6,6 @@ import os
 import re
 import signal
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -18,8 +17,9 @@ import pinocchio as pin
 import pytest
 from busy import slowness
 from domains import own_domain
+from forked import SHORT_LEASE, Forked, fork_node, fork_wbc
 from launching import patient
-from participants import is_omitted
+from participants import Ros2Participants, is_omitted
 
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.middleware.codec import decode, encode, message, nanoseconds
@@ -28,7 +28,6 @@ from wbc_controller.middleware.stamps import header_time
 from wbc_controller.middleware.states import OdometryReader
 from wbc_controller.middleware.topics import MOCK_NODE, MOCK_TOPICS, Direction, Endpoint, counterpart, endpoints
 from wbc_controller.middleware.transports.memory import MemoryTransport
-from wbc_controller.nodes.processes import end_with_parent
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.validation.lockstep import Lockstep
@@ -195,22 +194,21 @@ class Processes:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._environment = {**os.environ, "ROS_DOMAIN_ID": str(DOMAIN), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-        self._started: list[subprocess.Popen[bytes]] = []
+        own = {"ROS_DOMAIN_ID": str(DOMAIN), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        self._environment = {**os.environ, **SHORT_LEASE, **own}
+        self._started: list[Forked] = []
 
-    def start(self, *words: str) -> subprocess.Popen[bytes]:
-        with (self._folder / f"{len(self._started)}-{words[0]}.log").open("wb") as log:
-            process = subprocess.Popen(
-                [sys.executable, "-m", "wbc_controller", *words],
-                env=self._environment,
-                stdout=log,
-                stderr=log,
-                preexec_fn=end_with_parent,
-            )
-        self._started.append(process)
-        return process
+    def start(self, *words: str) -> Forked:
+        self._started.append(fork_wbc(self._environment, self._log(words[0]), *words))
+        return self._started[-1]
 
-    def stop(self, process: subprocess.Popen[bytes]) -> int:
+    def start_node(self, main: str, *parameters: str) -> None:
+        self._started.append(fork_node(self._environment, self._log(main), main, *parameters))
+
+    def _log(self, name: str) -> Path:
+        return self._folder / f"{len(self._started):02}-{name}.log"
+
+    def stop(self, process: Forked) -> int:
         if process.poll() is None:
             process.send_signal(signal.SIGINT)
         try:
@@ -220,6 +218,8 @@ class Processes:
             return process.wait(timeout=5)
 
     def stop_all(self) -> None:
+        for process in self._started:
+            process.send_signal(signal.SIGINT)
         for process in self._started:
             self.stop(process)
 
@@ -278,52 +278,19 @@ def _on_dds(request: pytest.FixtureRequest) -> Iterator[User]:
 @contextlib.contextmanager
 def _on_ros2(request: pytest.FixtureRequest) -> Iterator[User]:
     """The two executables of ROS 2, and this process as the user, on rclpy too."""
-    try:
-        import rclpy
-        from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor, ShutdownException
-    except ImportError as error:
-        print(f"skipped: rclpy is not importable: {error}")
-        pytest.skip(f"rclpy is not importable: {error}")
-    from wbc_controller.middleware.transports.ros2 import Ros2Transport
-
     request.getfixturevalue("monkeypatch").setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=DOMAIN)
-    executor = MultiThreadedExecutor(2, context=context)
-    node = rclpy.create_node("test_user", context=context)
-    executor.add_node(node)
-    transport = Ros2Transport(node)
-
-    def spin() -> None:
-        with contextlib.suppress(ExternalShutdownException, ShutdownException):
-            executor.spin()
-
-    user = User(transport, lambda: None, is_omitted)
+    participants = Ros2Participants(DOMAIN)
+    user = User(participants.transport("test_user"), lambda: None, is_omitted)
     user.advance = lambda: _wait(user)
-    thread = threading.Thread(target=spin)
-    thread.start()
-    environment, robot = {**os.environ, "ROS_DOMAIN_ID": str(DOMAIN)}, request.getfixturevalue("patient_robot")
-    # Slow motion for rclpy, which receives thousands of messages per second.
-    services = [
-        subprocess.Popen(
-            [sys.executable, "-c", f"from wbc_controller.node import {main}; {main}()", "--ros-args", "-p",
-             f"robot:={robot}", *words],
-            env=environment, preexec_fn=end_with_parent,
-        )
-        for main, words in (("mock_main", ["-p", "real_time_factor:=0.4"]), ("main", ["-p", "use_sim_time:=true"]))
-    ]  # fmt: skip
+    processes, robot = request.getfixturevalue("processes"), request.getfixturevalue("patient_robot")
+    for main, parameter in (("mock_main", "patient:=true"), ("main", "use_sim_time:=true")):
+        processes.start_node(main, f"robot:={robot}", parameter)
     try:
         yield user
     finally:
-        for service in services:
-            service.send_signal(signal.SIGINT)
-        for service in services:
-            service.wait(timeout=20 * slowness())
-        transport.close()
-        executor.shutdown()
-        context.shutdown()
-        thread.join(10 * slowness())
-        node.destroy_node()
+        processes.stop_all()
+        user.transport.close()
+        participants.close()
 
 
 _STAGES = {"memory": _on_memory, "dds": _on_dds, "ros2": _on_ros2}

@@ -18,7 +18,7 @@ NAMED = {"activate", "update", "large"}
 
 
 @pytest.mark.live
-def test_a_stop_passes_every_flood_within_two_cycles_and_the_loop_goes_on(tmp_path):
+def test_a_stop_passes_every_flood_within_two_cycles_and_the_loop_goes_on(forks, tmp_path):
     trials = list(flood_trials("go2", tmp_path, TRIALS, kinds=KINDS, domain=own_domain()))
     assert [trial.flood for trial in trials] == [kind for kind in KINDS for _ in range(TRIALS)]
     for trial in trials:

@@ -9,7 +9,7 @@ from wbc_controller.validation.fuzz.kills import METHODS, SLACK, KillTrial, kill
 
 
 @pytest.mark.live
-def test_no_torques_stay_whatever_is_killed_and_everything_starts_again(tmp_path):
+def test_no_torques_stay_whatever_is_killed_and_everything_starts_again(forks, tmp_path):
     trials = list(kill_trials("go2", tmp_path, 1, domain=own_domain()))  # `wbc fuzz kills` does 50 of each
     assert [(trial.victim, trial.method) for trial in trials] == [
         (victim, method) for victim in ("controller", "mock") for method in METHODS

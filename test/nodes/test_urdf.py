@@ -3,8 +3,6 @@
 import itertools
 import logging
 import os
-import subprocess
-import sys
 import threading
 import time
 
@@ -12,6 +10,7 @@ import pytest
 from busy import patience
 from chains import joint, robot
 from domains import own_domain
+from forked import fork_wbc
 
 from wbc_controller import load
 from wbc_controller.inverse_dynamics.robot.urdf import LARGEST_URDF
@@ -112,7 +111,7 @@ def test_the_warning_names_the_probable_cause(caplog, monkeypatch, publisher, ca
 def test_a_urdf_from_the_network_that_pinocchio_would_not_survive_ends_in_a_sentence(command, tmp_path):
     from wbc_controller.middleware.transports.dds import DdsTransport
 
-    domain, path = own_domain(), tmp_path / "go2.yaml"
+    domain, path, log = own_domain(), tmp_path / "go2.yaml", tmp_path / "log"
     path.write_text(load("go2").replace({"robot.urdf": ""}).to_yaml())
     names = [f"l{i}" for i in range(4000)]
     joints = (joint(f"j{i}", *pair, kind="fixed") for i, pair in enumerate(itertools.pairwise(names)))
@@ -121,14 +120,11 @@ def test_a_urdf_from_the_network_that_pinocchio_would_not_survive_ends_in_a_sent
         name, kind = "/robot_description", "std_msgs/msg/String"
         publish = transport.advertise(Endpoint("robot_description", "", name, kind, Direction.OUT, LATCHED))
         publish(text(robot(*(f'<link name="{name}"/>' for name in names), *joints)))
-        ended = subprocess.run(
-            [sys.executable, "-m", "wbc_controller", command, str(path)],
-            env=os.environ | {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"},
-            capture_output=True, text=True, timeout=patience(60.0),
-        )  # fmt: skip
+        environment = os.environ | {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        status = fork_wbc(environment, log, command, str(path)).wait(patience(60.0))
     finally:
         transport.close()
-    assert ended.returncode == 2
-    assert ended.stderr == (
+    assert status == 2
+    assert log.read_text() == (
         f"error: {path}: robot.urdf: link 'l1000' is number 1001 in a chain of links; the maximum is 1000\n"
     )

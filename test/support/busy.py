@@ -1,7 +1,11 @@
 """Busy computers: the time that a step may take, and the repetition of live tests that failed there."""
 
+import contextlib
 import os
+import subprocess
+import sys
 import warnings
+from collections.abc import Iterator
 
 import pytest
 from _pytest.runner import runtestprotocol
@@ -18,6 +22,18 @@ def slowness() -> float:
 def patience(seconds: float) -> float:
     """The wall time that a step may take now, s, from that on a computer without other work."""
     return seconds * slowness()
+
+
+@contextlib.contextmanager
+def spinning(count: int) -> Iterator[list[subprocess.Popen[bytes]]]:
+    """Run busy processes."""
+    processes = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
+    try:
+        yield processes
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -1,6 +1,5 @@
 """Launch files and nodes, started as a user does."""
 
-import os
 import subprocess
 from pathlib import Path
 
@@ -25,11 +24,3 @@ def launch(environment, *arguments, file="wbc.launch.py"):
         ["ros2", "launch", "wbc_controller", file, *arguments],
         env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
     )  # fmt: skip
-
-
-def start_node(environment, executable, *parameters, **options):
-    """Start an executable of the installation, without ros2 run or launch, which the wheels of PyPI do not have."""
-    prefix = environment["AMENT_PREFIX_PATH"].split(os.pathsep)[0]
-    given = [word for parameter in parameters for word in ("-p", parameter)]
-    command = [f"{prefix}/lib/wbc_controller/{executable}", "--ros-args", *given]
-    return subprocess.Popen(command, env=environment, **options)

@@ -2,7 +2,6 @@
 
 import threading
 import time
-from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -88,21 +87,3 @@ class Rig:
 
     def said(self):
         return [request.summary for _, request in self.sent]
-
-
-@contextmanager
-def repeated(action):
-    """Repeat an action every millisecond in a thread."""
-    ended = threading.Event()
-
-    def repeat():
-        while not ended.wait(1e-3):
-            action()
-
-    thread = threading.Thread(target=repeat, daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        thread.join()

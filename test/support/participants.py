@@ -55,14 +55,17 @@ class Ros2Participants:
         self._thread = threading.Thread(target=self._spin)
         self._thread.start()
 
-    def transport(self, node: str, namespace: str = "/") -> Transport:
+    def node(self, name: str, namespace: str = "/") -> Any:
         import rclpy
 
+        self._nodes.append(rclpy.create_node(name, namespace=namespace, context=self._context))
+        self._executor.add_node(self._nodes[-1])
+        return self._nodes[-1]
+
+    def transport(self, node: str, namespace: str = "/") -> Transport:
         from wbc_controller.middleware.transports.ros2 import Ros2Transport
 
-        self._nodes.append(rclpy.create_node(node, namespace=namespace, context=self._context))
-        self._executor.add_node(self._nodes[-1])
-        return Ros2Transport(self._nodes[-1])
+        return Ros2Transport(self.node(node, namespace))
 
     def close(self) -> None:
         self._ended.set()

@@ -1,7 +1,9 @@
 """Waiting for a condition in another thread or process."""
 
+import contextlib
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 from busy import slowness
 
@@ -25,3 +27,21 @@ def until(
             due = now + 0.5
         assert now - began < patience * slowness(), f"waited {now - began:.0f} s in vain for {what}"
         time.sleep(0.01)
+
+
+@contextlib.contextmanager
+def repeated(action: Callable[[], object], period: float = 1e-3) -> Iterator[None]:
+    """Repeat an action in a thread."""
+    ended = threading.Event()
+
+    def repeat() -> None:
+        while not ended.wait(period):
+            action()
+
+    thread = threading.Thread(target=repeat, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()

@@ -12,7 +12,8 @@ import pytest
 pytest.importorskip("viser", reason="the page requires viser: pip install 'wbc_controller[view]'")
 
 from browser import Browser
-from page_rig import Rig, repeated, status
+from page_rig import Rig, status
+from waiting import repeated
 
 from wbc_controller.apps.page.page import RATE
 

@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("viser", reason="the page requires viser: pip install 'wbc_controller[view]'")
 
 from browser import Browser
-from page_rig import repeated
+from waiting import repeated
 
 from wbc_controller.apps.page.playback import Playback, TimeLine, marks_html
 from wbc_controller.apps.page.server import Gate, open_server

@@ -4,13 +4,12 @@ import contextlib
 import os
 import pty
 import signal
-import subprocess
-import sys
 import termios
 
 import pytest
 from click.testing import CliRunner
 from domains import own_domain
+from forked import fork_wbc
 from waiting import until
 
 from wbc_controller.apps.terminal.keyboard import Drive
@@ -82,18 +81,11 @@ def controller_double():
         transport.close()
 
 
-def take_terminal(inside):
-    """Make a terminal the controlling one of this process; end at Ctrl-C, which background jobs ignore."""
-    os.close(os.open(os.ttyname(inside), os.O_RDWR))
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-
-
 @pytest.mark.live
 @pytest.mark.parametrize("ending", ["Ctrl-C", signal.SIGTERM, "closed terminal"])
 def test_driving_in_a_terminal(ending):
     outside, inside = pty.openpty()
     before = termios.tcgetattr(inside)
-    words = [sys.executable, "-m", "wbc_controller", "drive", "g1", "--wait", "30"]
     surroundings = {**os.environ, "ROS_DOMAIN_ID": str(DOMAIN), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     shown = b""
     os.set_blocking(outside, False)
@@ -105,10 +97,7 @@ def test_driving_in_a_terminal(ending):
         return shown.decode()
 
     with controller_double() as (received, diagnose):
-        process = subprocess.Popen(
-            words, stdin=inside, stdout=inside, stderr=inside, env=surroundings, start_new_session=True,
-            preexec_fn=lambda: take_terminal(inside),
-        )  # fmt: skip
+        process = fork_wbc(surroundings, os.ttyname(inside), "drive", "g1", "--wait", "30")
 
         def shows(condition):
             def met():

@@ -7,28 +7,18 @@ import time
 
 import numpy as np
 import pytest
+from echo import STRING, endpoint, text
 from participants import is_omitted
 
 from wbc_controller.errors import TransportError
 from wbc_controller.middleware import topics
 from wbc_controller.middleware.codec import decode, encode, header, message, nanoseconds, time_fields
-from wbc_controller.middleware.topics import Direction, Endpoint, counterpart, endpoints
+from wbc_controller.middleware.topics import Direction, counterpart, endpoints
 from wbc_controller.nodes.clock import SimulatedClock
 
 pytestmark = pytest.mark.live
 
-STRING = "std_msgs/msg/String"
-
-
-def endpoint(name, qos=topics.REQUEST, type_name=STRING, direction=Direction.IN):
-    return Endpoint("test", "", name, type_name, direction, qos)
-
-
 ODOM = endpoint("/odom", topics.STATE_IN)
-
-
-def text(content):
-    return encode(message(STRING, data=content))
 
 
 def texts(payloads):
@@ -78,13 +68,6 @@ def test_latched_topic_replays_its_last_message_to_a_late_subscriber_and_others_
     assert texts(received) == [large]
     eventually(lambda: others, lambda: other(text("late")))
     assert set(texts(others)) == {"late"}
-
-
-def test_best_effort_reader_matches_reliable_writer(join, eventually):
-    publish = join("writer").advertise(endpoint("/joint_states", topics.COMMAND_OUT))
-    received = []
-    join("reader").subscribe(endpoint("/joint_states", topics.STATE_IN), received.append)
-    eventually(lambda: received, lambda: publish(text("x")))
 
 
 def test_burst_of_ten_requests_arrives_whole_and_in_order(join, eventually):
@@ -285,7 +268,7 @@ def test_a_time_published_before_a_state_arrives_with_it(clock_and_writer, event
     late = []
 
     def simulate():
-        for number in range(2, 1000):
+        for number in range(2, 400):
             send(number * period)
             time.sleep(0.001)
 

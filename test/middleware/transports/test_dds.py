@@ -9,12 +9,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from busy import patience
+from echo import STRING, echo, endpoint, text
+from forked import Forked, fork_wbc
 from participants import DOMAIN
 
 from wbc_controller.errors import TransportError
 from wbc_controller.middleware import topics
-from wbc_controller.middleware.codec import decode, encode, message
-from wbc_controller.middleware.topics import Direction, Endpoint
+from wbc_controller.middleware.codec import decode, encode
 
 pytest.importorskip("cyclonedds")
 
@@ -35,11 +37,8 @@ from wbc_controller.middleware.transports.dds_types import dds_type_name, idl_ty
 
 pytestmark = pytest.mark.live
 
-STRING = "std_msgs/msg/String"
 LOOPBACK = "<General><Interfaces><NetworkInterface address='127.0.0.1'/></Interfaces></General>"
 INFO = "rmw_dds_common/msg/ParticipantEntitiesInfo"
-#: Environment of other processes that import this file.
-SEES_THIS_FILE = {"PYTHONPATH": os.pathsep.join([os.path.dirname(__file__), *sys.path])}
 
 TABLE_TYPES = sorted(
     {
@@ -50,14 +49,6 @@ TABLE_TYPES = sorted(
     | {type_name for columns in topics.TASK_TYPES.values() for type_name in columns.values()}
     | {INFO}
 )
-
-
-def endpoint(name, qos=topics.REQUEST, type_name=STRING):
-    return Endpoint("test", "", name, type_name, Direction.IN, qos)
-
-
-def text(content):
-    return encode(message(STRING, data=content))
 
 
 @pytest.fixture
@@ -181,6 +172,7 @@ def test_bad_configuration_of_the_user_is_named(monkeypatch):
 @pytest.mark.parametrize(
     "uri",
     [
+        "",
         LOOPBACK,
         "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='lo' priority='1'/></Interfaces></General>"
         "</Domain></CycloneDDS>",
@@ -188,18 +180,23 @@ def test_bad_configuration_of_the_user_is_named(monkeypatch):
         "<Tracing><Verbosity>severe</Verbosity><OutputFile>stderr</OutputFile></Tracing>,file://{file}",
     ],
 )
-def test_a_loopback_that_the_user_configures_too_is_named_once(uri, monkeypatch, tmp_path, eventually):
+def test_two_processes_exchange_over_a_loopback_that_the_user_may_configure_too(uri, monkeypatch, tmp_path, eventually):
     (tmp_path / "loopback.xml").write_text(f"<CycloneDDS><Domain>{LOOPBACK}</Domain></CycloneDDS>")
     monkeypatch.setenv("CYCLONEDDS_URI", uri.format(file=tmp_path / "loopback.xml"))
     here = DdsTransport("here", domain_id=DOMAIN, discovery_range="LOCALHOST")
-    code = "import os; os.environ.pop('CYCLONEDDS_URI')\n" + _ECHO
-    pongs = []
+    monkeypatch.delenv("CYCLONEDDS_URI")
+    urdf, pongs, urdfs = text("x" * 2_000_000), [], []
     here.subscribe(endpoint("/pong"), pongs.append)
+    here.subscribe(endpoint("/urdf_back", topics.LATCHED), urdfs.append)
+    here.advertise(endpoint("/urdf", topics.LATCHED))(urdf)
     ping, stop = here.advertise(endpoint("/ping")), here.advertise(endpoint("/stop"))
-    with subprocess.Popen([sys.executable, "-c", code, str(DOMAIN)], env=os.environ | SEES_THIS_FILE) as echo:
-        eventually(lambda: pongs, lambda: ping(text("hello")))  # a process without that configuration receives it
-        eventually(lambda: echo.poll() is not None, lambda: stop(text("")))
+    other = Forked(os.environ, tmp_path / "log", echo, DOMAIN)  # without that configuration
+    eventually(lambda: pongs, lambda: ping(text("hello")))
+    eventually(lambda: urdfs)
+    eventually(lambda: other.poll() is not None, lambda: stop(text("")))
     assert decode(pongs[0], STRING).data == "hello"
+    assert decode(urdfs[0], STRING) == decode(urdf, STRING)
+    assert other.returncode == 0
     here.close()
 
 
@@ -207,17 +204,11 @@ ENFORCED = {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"}
 
 
 @pytest.mark.parametrize("command", ["run", "mock", "guard"])
-def test_the_commands_refuse_enforced_security(command):
-    ended = subprocess.run(
-        [sys.executable, "-m", "wbc_controller", command, "go2"],
-        env=os.environ | ENFORCED | {"ROS_DOMAIN_ID": str(DOMAIN)},
-        capture_output=True, text=True, timeout=30,
-    )  # fmt: skip
-    assert ended.returncode == 2
-    assert ended.stderr.startswith(
-        "error: ROS_SECURITY_ENABLE is true and ROS_SECURITY_STRATEGY is Enforce, but the em"
-    )
-    assert len(ended.stderr.splitlines()) == 1
+def test_the_commands_refuse_enforced_security(command, tmp_path):
+    environment = os.environ | ENFORCED | {"ROS_DOMAIN_ID": str(DOMAIN)}
+    assert fork_wbc(environment, tmp_path / "log", command, "go2").wait(patience(30.0)) == 2
+    (line,) = (tmp_path / "log").read_text().splitlines()
+    assert line.startswith("error: ROS_SECURITY_ENABLE is true and ROS_SECURITY_STRATEGY is Enforce, but the em")
 
 
 @pytest.mark.parametrize("environment", [{"ROS_SECURITY_ENABLE": "true"}, ENFORCED | {"ROS_SECURITY_ENABLE": "false"}])
@@ -228,36 +219,19 @@ def test_permissive_security_is_a_warning(environment, caplog):
     )
 
 
-_ASK = """
-import sys, time
-from test_dds import DdsTransport, endpoint, text
-heard = []
-transport = DdsTransport("ask", domain_id=7)
-transport.subscribe(endpoint("/pong"), heard.append)
-ping, stop = transport.advertise(endpoint("/ping")), transport.advertise(endpoint("/stop"))
-end = time.monotonic() + float(sys.argv[1])
-while time.monotonic() < end and not heard:
-    ping(text("hello"))
-    time.sleep(0.05)
-print(len(heard) > 0)
-transport.close()
-"""
-
-
 def test_other_hosts_are_discovered_only_with_subnet(network):
     unset = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "CYCLONEDDS_URI")
     environment = {name: value for name, value in os.environ.items() if name not in unset}
-    environment |= SEES_THIS_FILE
+    environment["PYTHONPATH"] = os.pathsep.join(sys.path)
     subnet = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
-    code = _ECHO.replace(', discovery_range="LOCALHOST"', "")
-    for own, patience, heard in (({}, 3.0, "False"), (subnet, 20.0, "True")):
-        words = network.words("robot", sys.executable, "-c", code, "7")
-        with subprocess.Popen(words, env=environment | own) as echo:
+    for own, seconds, heard in (({}, 3.0, "False"), (subnet, 20.0, "True")):
+        words = network.words("robot", sys.executable, "-c", "import echo; echo.echo(7, None)")
+        with subprocess.Popen(words, env=environment | own) as other:
             asked = subprocess.run(
-                network.words("controller", sys.executable, "-c", _ASK, str(patience)),
+                network.words("controller", sys.executable, "-c", f"import echo; echo.ask(7, {seconds})"),
                 env=environment | subnet, capture_output=True, text=True, timeout=60,
             )  # fmt: skip
-            echo.kill()
+            other.kill()
         assert asked.stdout.strip() == heard, asked.stderr
 
 
@@ -300,37 +274,6 @@ def test_node_and_its_endpoints_are_announced(eventually):
     assert len({gid[:12] for gid in gids}) == 1  # endpoints share their participant's prefix
     for entity in (reader, observer):
         dds_raw.delete(entity)
-    transport.close()
-
-
-_ECHO = """
-import sys, threading
-from test_dds import DdsTransport, endpoint, topics
-done = threading.Event()
-transport = DdsTransport("echo", domain_id=int(sys.argv[1]), discovery_range="LOCALHOST")
-transport.subscribe(endpoint("/ping"), transport.advertise(endpoint("/pong")))
-transport.subscribe(endpoint("/urdf", topics.LATCHED), transport.advertise(endpoint("/urdf_back", topics.LATCHED)))
-transport.subscribe(endpoint("/stop"), lambda payload: done.set())
-done.wait(15)
-transport.close()
-"""
-
-
-def test_two_processes_exchange_over_the_loopback(eventually):
-    transport = DdsTransport("here", domain_id=DOMAIN, discovery_range="LOCALHOST")
-    ping, stop = transport.advertise(endpoint("/ping")), transport.advertise(endpoint("/stop"))
-    urdf = text("x" * 2_000_000)
-    transport.advertise(endpoint("/urdf", topics.LATCHED))(urdf)
-    pongs, urdfs = [], []
-    transport.subscribe(endpoint("/pong"), pongs.append)
-    transport.subscribe(endpoint("/urdf_back", topics.LATCHED), urdfs.append)
-    with subprocess.Popen([sys.executable, "-c", _ECHO, str(DOMAIN)], env=os.environ | SEES_THIS_FILE) as echo:
-        eventually(lambda: pongs, lambda: ping(text("hello")))
-        eventually(lambda: urdfs)
-        eventually(lambda: echo.poll() is not None, lambda: stop(text("")))
-    assert decode(pongs[0], STRING).data == "hello"
-    assert decode(urdfs[0], STRING) == decode(urdf, STRING)
-    assert echo.returncode == 0
     transport.close()
 
 

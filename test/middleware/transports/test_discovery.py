@@ -1,32 +1,30 @@
 """Discovery between ROS 2 nodes and the embedded DDS, by ROS 2's table of discovery ranges."""
 
+import contextlib
+import itertools
 import os
 import subprocess
 import sys
 import textwrap
-import threading
 import time
 
 import pytest
 from domains import own_domain
+from echo import STRING, endpoint, text
 from participants import Ros2Participants
+from waiting import repeated
 
 from wbc_controller.apps.terminal.session import Session
-from wbc_controller.middleware.codec import decode, diagnostics, encode, message
-from wbc_controller.middleware.topics import LATCHED, REQUEST, Direction, Endpoint
+from wbc_controller.middleware.codec import decode, diagnostics, encode
+from wbc_controller.middleware.topics import LATCHED
 from wbc_controller.middleware.transports.dds import DdsTransport
 from wbc_controller.settings.config import load
 
 pytestmark = pytest.mark.live
 
-STRING = "std_msgs/msg/String"
 RANGES = ("", "LOCALHOST", "SUBNET")
 #: Shell variables that would affect the test.
 _SHELL = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "CYCLONEDDS_URI")
-
-
-def topic(name, qos=REQUEST, type_name=STRING):
-    return Endpoint("test", "", name, type_name, Direction.IN, qos)
 
 
 @pytest.fixture
@@ -36,46 +34,43 @@ def set_range(monkeypatch):
     return lambda value: monkeypatch.setenv(_SHELL[0], value)
 
 
-def exchange(wbc, ros, name, eventually):
-    """Send messages in both directions until both arrive."""
-    heard_by_ros, heard_by_wbc = [], []
-    ros.subscribe(topic(f"{name}/to_ros"), heard_by_ros.append)
-    wbc.subscribe(topic(f"{name}/to_wbc"), heard_by_wbc.append)
-    to_ros, to_wbc = wbc.advertise(topic(f"{name}/to_ros")), ros.advertise(topic(f"{name}/to_wbc"))
+def exchange(pairs, name, eventually):
+    """Send messages in both directions of each pair of an embedded and a ROS 2 transport until all have arrived."""
+    heard, publish = {}, []
+    for ranges, (wbc, ros) in pairs.items():
+        for reader, writer, side in ((ros, wbc, "to_ros"), (wbc, ros, "to_wbc")):
+            reader.subscribe(endpoint(f"{name}/{side}"), heard.setdefault((ranges, side), []).append)
+            publish.append((writer.advertise(endpoint(f"{name}/{side}")), text(side)))
 
-    def speak():
-        to_ros(encode(message(STRING, data="wbc")))
-        to_wbc(encode(message(STRING, data="ros")))
-
-    eventually(lambda: heard_by_ros and heard_by_wbc, speak, seconds=20)
-    assert decode(heard_by_ros[0], STRING).data == "wbc"
-    assert decode(heard_by_wbc[0], STRING).data == "ros"
+    eventually(lambda: all(heard.values()), lambda: [send(payload) for send, payload in publish], seconds=20)
+    for (ranges, side), payloads in heard.items():
+        assert decode(payloads[0], STRING).data == side, ranges
 
 
-@pytest.mark.parametrize("wbc_range", RANGES, ids=lambda value: f"wbc_{value or 'unset'}")
-@pytest.mark.parametrize("ros_range", RANGES, ids=lambda value: f"ros_{value or 'unset'}")
-def test_all_ranges_but_off_discover_each_other_on_one_host(ros_range, wbc_range, set_range, eventually):
+def test_all_ranges_but_off_discover_each_other_on_one_host(set_range, eventually):
     """One embedded participant starts before the ROS 2 node, one after it; messages pass in both directions."""
-    domain = own_domain()
-    opened = []
+    domains = {ranges: own_domain() for ranges in itertools.product(RANGES, RANGES)}
+    with contextlib.ExitStack() as stack:
 
-    def embedded(node):
-        set_range(wbc_range)
-        opened.append(DdsTransport(node, domain_id=domain))
-        return opened[-1]
+        def embedded(node):
+            made = {}
+            for (wbc_range, ros_range), domain in domains.items():
+                set_range(wbc_range)
+                made[wbc_range, ros_range] = stack.enter_context(
+                    contextlib.closing(DdsTransport(node, domain_id=domain))
+                )
+            return made
 
-    before = embedded("before")
-    time.sleep(0.5)  # until Cyclone has sent the announcements of its first 0.1 s
-    set_range(ros_range)
-    ros = Ros2Participants(domain)
-    try:
-        opened.append(ros.transport("ros"))
-        exchange(before, opened[1], "/first", eventually)
-        exchange(embedded("after"), opened[1], "/second", eventually)
-    finally:
-        for transport in opened:
-            transport.close()
-        ros.close()
+        before = embedded("before")
+        time.sleep(0.5)  # until Cyclone has sent the announcements of its first 0.1 s
+        ros = {}
+        for ranges, domain in domains.items():
+            set_range(ranges[1])
+            participants = stack.enter_context(contextlib.closing(Ros2Participants(domain)))
+            ros[ranges] = stack.enter_context(contextlib.closing(participants.transport("ros")))
+        exchange({ranges: (before[ranges], ros[ranges]) for ranges in domains}, "/first", eventually)
+        after = embedded("after")
+        exchange({ranges: (after[ranges], ros[ranges]) for ranges in domains}, "/second", eventually)
 
 
 def test_a_session_hears_a_running_ros2_controller_within_its_patience(set_range, monkeypatch):
@@ -83,31 +78,18 @@ def test_a_session_hears_a_running_ros2_controller_within_its_patience(set_range
     set_range("LOCALHOST")
     domain = own_domain()
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-    ros = Ros2Participants(domain)
-    try:
-        controller = ros.transport("wbc_controller")
-        state = controller.advertise(topic("/wbc_controller/state", LATCHED))
-        status = controller.advertise(topic("/diagnostics", type_name="diagnostic_msgs/msg/DiagnosticArray"))
-        state(encode(message(STRING, data="inactive")))
-        ended = threading.Event()
-
-        def diagnose():
-            while not ended.wait(0.1):
-                status(encode(diagnostics(1, 0, "wbc_controller: control loop", "inactive", "go2", {})))
-
-        thread = threading.Thread(target=diagnose)
-        thread.start()
-        try:
-            with Session(load("go2").settings) as session:
-                session.wait_for_controller()
-                assert session.mode() == "inactive"
-                assert next(session.statuses()).message == "inactive"
-        finally:
-            ended.set()
-            thread.join()
-            controller.close()
-    finally:
-        ros.close()
+    with (
+        contextlib.closing(Ros2Participants(domain)) as ros,
+        contextlib.closing(ros.transport("wbc_controller")) as controller,
+    ):
+        state = controller.advertise(endpoint("/wbc_controller/state", LATCHED))
+        status = controller.advertise(endpoint("/diagnostics", type_name="diagnostic_msgs/msg/DiagnosticArray"))
+        state(text("inactive"))
+        report = encode(diagnostics(1, 0, "wbc_controller: control loop", "inactive", "go2", {}))
+        with repeated(lambda: status(report), 0.1), Session(load("go2").settings) as session:
+            session.wait_for_controller()
+            assert session.mode() == "inactive"
+            assert next(session.statuses()).message == "inactive"
 
 
 _ROS_LISTENER = textwrap.dedent("""
@@ -123,11 +105,11 @@ _ROS_LISTENER = textwrap.dedent("""
     print(len(heard) > 0)
 """)
 _WBC_SPEAKER = textwrap.dedent("""
-    import time
-    from test_discovery import DdsTransport, STRING, encode, message, topic
-    publish = DdsTransport("speaker").advertise(topic("/said"))
+    import sys, time
+    from echo import DdsTransport, endpoint, text
+    publish = DdsTransport("speaker").advertise(endpoint(sys.argv[1]))
     while True:
-        publish(encode(message(STRING, data="hello")))
+        publish(text("hello"))
         time.sleep(0.05)
 """)
 
@@ -137,29 +119,31 @@ def test_ros2_nodes_of_another_host_hear_only_subnet(network):
     pytest.importorskip("rclpy")
     environment = {name: value for name, value in os.environ.items() if name not in _SHELL}
     environment |= {
-        "PYTHONPATH": os.pathsep.join([os.path.dirname(__file__), *filter(None, sys.path)]),
+        "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
         "ROS_DOMAIN_ID": "7",
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET",
     }
 
-    def start(side, code, *arguments, **changes):
-        words = network.words(side, sys.executable, "-c", code, *arguments)
-        return subprocess.Popen(words, env=environment | changes, stdout=subprocess.PIPE, text=True)
+    started = []
 
-    def hears(side, patience):
-        return start(side, _ROS_LISTENER, str(patience), "/said").communicate(timeout=90)[0].strip() == "True"
+    def start(side, code, *words, discovery_range="SUBNET"):
+        command = network.words(side, sys.executable, "-c", code, *words)
+        changes = {"ROS_AUTOMATIC_DISCOVERY_RANGE": discovery_range}
+        started.append(subprocess.Popen(command, env=environment | changes, stdout=subprocess.PIPE, text=True))
+        return started[-1]
 
-    started = [start("robot", _ROS_LISTENER, "200", "/silence")]
     try:
-        started.append(start("robot", _WBC_SPEAKER, ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST"))
-        assert hears("robot", 40)
-        assert not hears("controller", 5)
-        started.pop().kill()
-        started.append(start("robot", _WBC_SPEAKER))
-        assert hears("controller", 40)
+        start("robot", _ROS_LISTENER, "200", "/silence")
+        start("robot", _WBC_SPEAKER, "/local", discovery_range="LOCALHOST")
+        start("robot", _WBC_SPEAKER, "/subnet")
+        cases = [("robot", "/local"), ("controller", "/subnet"), ("controller", "/local")]
+        *others, last = [start(side, _ROS_LISTENER, "60", name) for side, name in cases]
+        assert [listener.communicate(timeout=90)[0].strip() for listener in others] == ["True", "True"]
+        time.sleep(2.0)
+        assert last.poll() is None  # still listening in vain
     finally:
         for process in started:
             process.kill()
+            process.communicate()
 
 
 def test_subnet_without_a_network_card_uses_the_loopback(network):

@@ -11,6 +11,11 @@ from wbc_controller.middleware.topics import Direction, Endpoint, endpoints
 
 pytestmark = pytest.mark.live
 
+TABLES = {
+    "controller": topics.CONTROLLER_TOPICS, "mock": topics.MOCK_TOPICS, "guard": topics.GUARD_TOPICS,
+    "estimator": topics.ESTIMATOR_TOPICS,
+}  # fmt: skip
+
 
 @pytest.fixture
 def pair(monkeypatch):
@@ -25,36 +30,34 @@ def pair(monkeypatch):
 
 
 @pytest.mark.parametrize("to_dds", [True, False])
-@pytest.mark.parametrize(
-    "table",
-    [topics.CONTROLLER_TOPICS, topics.MOCK_TOPICS, topics.GUARD_TOPICS, topics.ESTIMATOR_TOPICS],
-    ids=["controller", "mock", "guard", "estimator"],
-)
-def test_every_row_crosses(pair, eventually, example, table, to_dds):
+def test_every_row_crosses(pair, eventually, example, to_dds):
     writer, reader = pair if to_dds else reversed(pair)
-    rows = endpoints(
-        table, "node", task_kinds={kind: kind for kind in topics.TASK_TYPES}, contacts=("left",), frames=("pelvis",)
-    )
     opened = []  # all topics are discovered at the same time
-    for row in (row for row in rows if not is_omitted(row)):
-        received, payload = [], encode(example(row.type))
-        reader.subscribe(row, received.append)
-        publish = writer.advertise(dataclasses.replace(row, qos=dataclasses.replace(row.qos, reliable=True)))
-        opened.append((row, received, payload, publish))
+    for node, table in TABLES.items():
+        kinds = {kind: kind for kind in topics.TASK_TYPES}
+        for row in endpoints(table, node, task_kinds=kinds, contacts=("left",), frames=("pelvis",)):
+            if is_omitted(row):
+                continue
+            row = dataclasses.replace(row, name=f"/{node}{row.name}")  # some are in several tables
+            received, payload = [], encode(example(row.type))
+            reader.subscribe(row, received.append)
+            publish = writer.advertise(dataclasses.replace(row, qos=dataclasses.replace(row.qos, reliable=True)))
+            opened.append((row, received, payload, publish))
     for row, received, payload, publish in opened:
         eventually(lambda: received, lambda: publish(payload))  # noqa: B023  # called in this round only
         assert encode(decode(received[0], row.type)) == payload, row
 
 
-@pytest.mark.parametrize("to_dds", [True, False])
-def test_latched_message_reaches_a_late_subscriber(pair, eventually, to_dds):
-    writer, reader = pair if to_dds else reversed(pair)
-    topic = Endpoint("state", "", "/state", "std_msgs/msg/String", Direction.IN, topics.LATCHED)
-    writer.advertise(topic)(encode(message(topic.type, data="x" * 100_000)))
-    received = []
-    reader.subscribe(topic, received.append)
-    eventually(lambda: received)
-    assert decode(received[0], topic.type).data == "x" * 100_000
+def test_latched_message_reaches_a_late_subscriber(pair, eventually):
+    heard = []
+    for (writer, reader), name in zip((pair, pair[::-1]), ("/to_dds", "/to_ros2"), strict=True):
+        topic = Endpoint("state", "", name, "std_msgs/msg/String", Direction.IN, topics.LATCHED)
+        writer.advertise(topic)(encode(message(topic.type, data=name + "x" * 100_000)))
+        heard.append([])
+        reader.subscribe(topic, heard[-1].append)
+    eventually(lambda: all(heard))
+    assert [decode(said[0], topic.type).data.rstrip("x") for said in heard] == ["/to_dds", "/to_ros2"]
+    assert [len(said[0]) > 100_000 for said in heard] == [True, True]
 
 
 @pytest.mark.parametrize("to_dds", [True, False])

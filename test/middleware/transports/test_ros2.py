@@ -7,11 +7,11 @@ import time
 from types import SimpleNamespace
 
 import pytest
+from echo import STRING, endpoint, text
 from participants import DOMAIN, DdsParticipants, Ros2Participants
 
 from wbc_controller.middleware import topics
 from wbc_controller.middleware.codec import encode, message
-from wbc_controller.middleware.topics import Direction, Endpoint
 
 try:
     import rclpy
@@ -29,12 +29,7 @@ from wbc_controller.nodes.ros2.process import spinning
 
 pytestmark = pytest.mark.live
 
-STRING = "std_msgs/msg/String"
-TEXT = encode(message(STRING, data="text"))
-
-
-def endpoint(name, qos, type_name=STRING):
-    return Endpoint("test", "", name, type_name, Direction.IN, qos)
+TEXT = text("text")
 
 
 class Counter(Waitable):

@@ -1,14 +1,15 @@
 """Fixtures of tests on a real graph: an installation of this checkout, and a node that commands and listens."""
 
+import contextlib
 import os
 import shutil
 import sys
-import time
 
 import pytest
-from busy import patience
 from domains import own_domain
 from launching import PATIENCE, ROOT
+from participants import Ros2Participants
+from waiting import until
 
 
 @pytest.fixture
@@ -43,22 +44,5 @@ def environment(tmp_path):
 def user(environment, monkeypatch):
     """Node that commands and listens."""
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    import rclpy
-    from rclpy.executors import SingleThreadedExecutor
-
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=int(environment["ROS_DOMAIN_ID"]))
-    node = rclpy.create_node("user", context=context)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-
-    def until(condition, seconds=PATIENCE):
-        began = time.monotonic()
-        while not condition():
-            assert time.monotonic() - began < patience(seconds), f"not within {time.monotonic() - began:.0f} s"
-            executor.spin_once(timeout_sec=0.05)
-
-    yield node, until
-    executor.shutdown()
-    node.destroy_node()
-    context.try_shutdown()
+    with contextlib.closing(Ros2Participants(int(environment["ROS_DOMAIN_ID"]))) as participants:
+        yield participants.node("user"), lambda condition, seconds=PATIENCE: until(condition, patience=seconds)

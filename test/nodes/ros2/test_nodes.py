@@ -3,9 +3,6 @@
 import contextlib
 import os
 import signal
-import subprocess
-import sys
-import threading
 from functools import partial
 from importlib.util import find_spec
 from xml.etree import ElementTree
@@ -13,11 +10,11 @@ from xml.etree import ElementTree
 import pytest
 from busy import slowness
 from domains import own_domain
+from forked import fork_node
+from participants import Ros2Participants
 from waiting import until as wait_until
 
 try:
-    import rclpy
-    from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
     from rclpy.node import NodeNameNonExistentError
     from rclpy.qos import DurabilityPolicy, QoSProfile
     from std_msgs.msg import Float64MultiArray, String
@@ -38,46 +35,28 @@ until = partial(wait_until, patience=120.0)
 def graph(monkeypatch):
     """Node that queries and listens, spun on a thread."""
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=DOMAIN)
-    node = rclpy.create_node("looker", context=context)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-
-    def spin():
-        with contextlib.suppress(ExternalShutdownException, ShutdownException):
-            executor.spin()
-
-    thread = threading.Thread(target=spin)
-    thread.start()
-    yield node
-    executor.shutdown()
-    context.try_shutdown()
-    thread.join(10 * slowness())
-    node.destroy_node()
+    with contextlib.closing(Ros2Participants(DOMAIN)) as participants:
+        yield participants.node("looker")
 
 
 @pytest.fixture
-def start(graph):
+def start(graph, tmp_path):
     """Start an executable on Go2 with timeouts for a busy computer."""
     started = []
+    values = ("robot:=go2", "guard.patience:=0.2", "mock.command_timeout:=1.0", "safety.state_timeout:=1.0")
 
-    def make(name, *words):
-        process = subprocess.Popen(
-            [sys.executable, "-c", f"from wbc_controller.node import {NODES[name]} as main; main()", "--ros-args",
-             "-p", "robot:=go2", "-p", "guard.patience:=0.2", "-p", "mock.command_timeout:=1.0",
-             "-p", "safety.state_timeout:=1.0", *words],
-            env=os.environ | {"ROS_DOMAIN_ID": str(DOMAIN)},
-        )  # fmt: skip
-        started.append(process)
-        return process
+    def make(name, *more):
+        environment = os.environ | {"ROS_DOMAIN_ID": str(DOMAIN)}
+        started.append(fork_node(environment, tmp_path / f"{name}.log", NODES[name], *values, *more))
+        return started[-1]
 
     yield make
     for process in started:
-        if process.poll() is None:
-            process.send_signal(signal.SIGINT)
+        process.send_signal(signal.SIGINT)
     for process in started:
         process.wait(20 * slowness())
+    for log in tmp_path.glob("*.log"):
+        print(log.read_text())  # shown after a failure
 
 
 def topics_of(look, name):
@@ -94,9 +73,9 @@ def test_they_open_what_the_policy_allows_and_the_guard_follows_a_killed_control
     for name in said:
         graph.create_subscription(String, f"/{name}/state", lambda m, name=name: said.update({name: m.data}), latched)
     graph.create_subscription(Float64MultiArray, "/effort_controller/commands", lambda m: torques.append(m.data), 10)
-    start("mock_robot", "-p", "real_time_factor:=0.3")  # fast enough on a busy computer
+    start("mock_robot", "real_time_factor:=0.3")  # fast enough on a busy computer
     start("guard")
-    controller = start("wbc_controller", "-p", "activate:=true")
+    controller = start("wbc_controller", "activate:=true")
     until(lambda: said["wbc_controller"] == "active" and said["guard"] == "watching", "an active controller")
 
     # The policy of this configuration, with markers_rate.
@@ -136,5 +115,5 @@ def test_they_open_what_the_policy_allows_and_the_guard_follows_a_killed_control
     until(lambda: said["guard"].startswith("damping COMMANDS_STOPPED: "), "the guard's damping")
     count = len(torques)
     until(lambda: len(torques) > count + 20, "the guard's torques")
-    start("wbc_controller", "-p", "activate:=true")
+    start("wbc_controller", "activate:=true")
     until(lambda: said["guard"] == "watching", "the guard to watch another controller")

@@ -2,12 +2,11 @@
 
 import re
 import signal
-import subprocess
-import sys
 
 import pytest
 from busy import patience
-from launching import PATIENCE, patient, start_node
+from forked import fork_node, fork_wbc
+from launching import PATIENCE, patient
 
 try:
     from nav_msgs.msg import Odometry
@@ -27,11 +26,7 @@ pytestmark = pytest.mark.live
 def page(environment, tmp_path):
     """A browser on the page of Go2 with permission to command."""
     log = tmp_path / "view.log"
-    with log.open("wb") as output:
-        view = subprocess.Popen(
-            [sys.executable, "-u", "-m", "wbc_controller", "view", "go2", "--command", "--port", "0"],
-            env=environment, stdout=output, stderr=subprocess.STDOUT,
-        )  # fmt: skip
+    view = fork_wbc(environment, log, "view", "go2", "--command", "--port", "0")
     browsers = []
 
     def opened(until):
@@ -56,8 +51,8 @@ def test_it_shows_and_commands_nodes_of_ros2(environment, user, page, tmp_path):
     node.create_subscription(Bool, "/mock_robot/hold", lambda m: holds.append(m.data), 10)
     config = f"config:={patient('go2', tmp_path)}"
     nodes = [
-        start_node(environment, "mock_robot", config, "real_time_factor:=0.5"),
-        start_node(environment, "wbc_controller", config, "activate:=true", "use_sim_time:=true"),
+        fork_node(environment, tmp_path / "mock.log", "mock_main", config, "real_time_factor:=0.5"),
+        fork_node(environment, tmp_path / "run.log", "main", config, "activate:=true", "use_sim_time:=true"),
     ]
     try:
         until(lambda: states[-1:] == ["active"])

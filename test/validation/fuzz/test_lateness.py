@@ -1,32 +1,26 @@
 """Lateness of the machine, as measured in live trials."""
 
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from busy import spinning
 
 from wbc_controller.nodes.processes import until
 from wbc_controller.validation.fuzz.lateness import Lateness
-
-SPIN = [sys.executable, "-c", "while True: pass"]
 
 
 @pytest.mark.live
 def test_waiting_processes_are_late():
     lateness = Lateness()
-    many = [subprocess.Popen(SPIN) for _ in range(3 * len(os.sched_getaffinity(0)))]
     try:
-        for process in many:
-            lateness.watch(process.pid)
-        lateness.reset()
-        # Three processes share each processor: each waits for about 33 ms of the 50 ms window.
-        until(lambda: lateness.worst > 0.015, "lateness")
+        with spinning(3 * len(os.sched_getaffinity(0))) as many:
+            for process in many:
+                lateness.watch(process.pid)
+            lateness.reset()
+            # Three processes share each processor: each waits for about 33 ms of the 50 ms window.
+            until(lambda: lateness.worst > 0.015, "lateness")
     finally:
-        for process in many:
-            process.kill()
-            process.wait()
         lateness.end()
 
 
