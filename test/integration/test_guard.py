@@ -1,10 +1,5 @@
-"""Real processes: the controller is stopped or killed, and the guard damps the robot until another takes over.
+"""Real processes: the controller is killed, and the guard damps the robot until another one takes over."""
 
-A busy machine only adds delays, so that the fastest of several repetitions counts.
-"""
-
-import re
-import signal
 import time
 
 import numpy as np
@@ -14,11 +9,6 @@ from wbc_controller.middleware.codec import decode
 from wbc_controller.middleware.topics import GUARD_NODE, GUARD_TOPICS, endpoints
 
 pytestmark = pytest.mark.live
-
-#: Number of stops of the controller.
-STOPS = 4
-#: Patiences from the last command to damping torque, in the fastest case: 1.2 on an idle machine, up to 2.6 at load 15.
-AT_MOST = 4.0
 
 
 @pytest.fixture
@@ -56,42 +46,9 @@ def torques(user, key):
     return [when for when, _ in kept], np.array([getattr(decode(payload, kind), field) for _, payload in kept])
 
 
-def takeover_after(user, last):
-    """Return the time from the last command to the guard's first torque, s, observed by this process.
-
-    The controller may have been stopped between the torques of a cycle and its command.
-    """
-    soon = 0.5 * user.settings.guard.patience
-    commanded = {row.tobytes() for row in torques(user, "joint_commands")[1]}
-    when, tau = torques(user, "effort")
-    return (
-        next(at for at, row in zip(when, tau, strict=True) if at > last + soon and row.tobytes() not in commanded)
-        - last
-    )
-
-
-def test_a_controller_that_stands_still_or_dies_is_followed_by_damping(user, processes, record_property):
-    patience = user.settings.guard.patience
+def test_a_controller_that_dies_is_followed_by_damping_until_another_takes_over(user, processes):
     user.activate_again()
-    user.run(1.3)
-    delays, said = [], []
-    for _ in range(STOPS):
-        user.until(lambda: guard_says(user) == "watching", "the guard to watch")
-        user.controller.send_signal(signal.SIGSTOP)
-        stopped = time.monotonic()
-        user.until(lambda: guard_says(user).startswith("damping COMMANDS_STOPPED: "), "the guard's damping")
-        user.run(0.1)
-        delays.append(
-            takeover_after(user, max(at for at in torques(user, "joint_commands")[0] if at < stopped + patience))
-        )
-        said += [text for when, text in guard_states(user) if when > stopped and text.startswith("damping")]
-        user.controller.send_signal(signal.SIGCONT)
-    silences = [1e-3 * int(re.search(r"the last command came (\d+) ms ago", text)[1]) for text in said]
-    record_property("damping_after_last_command_ms", [round(1e3 * delay, 1) for delay in delays])
-    print(f"the guard's record: {silences} s; damping torque on the topic after {np.round(delays, 4)} s")
-    assert patience <= min(silences) <= AT_MOST * patience
-    assert min(delays) <= AT_MOST * patience
-
+    user.run(1.0)
     user.until(lambda: guard_says(user) == "watching", "the guard to watch")
     user.controller.kill()
     user.until(lambda: guard_says(user).startswith("damping COMMANDS_STOPPED: "), "the guard's damping")
@@ -111,7 +68,7 @@ def test_a_controller_that_stands_still_or_dies_is_followed_by_damping(user, pro
     assert guard_says(user).startswith(("damping", "zero", "released"))
     activated = time.monotonic()
     user.activate()
-    user.run(1.3)
+    user.run(1.0)
     user.until(lambda: guard_says(user) == "watching", "the guard to watch again")
     since = time.monotonic()
     user.run(0.3)
