@@ -228,3 +228,14 @@ def test_whatever_happens(history, config):
     sent = [tau for tau in rig.sent if tau is not None]
     if sent and rig.guard.mode is GuardMode.RELEASED:
         assert not sent[-1].any()
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.floats(-20.0, 20.0), min_size=3, max_size=3))
+def test_damping_takes_energy_and_leaves_little_for_whoever_takes_over(velocity):
+    rig = Rig()
+    rig.run(0.02, commands=True)
+    tau = rig.run(0.1, velocity=velocity)[-1]
+    assert (tau * np.array(velocity) <= 0.0).all()
+    assert (np.abs(tau) <= 0.2 * EFFORT + 1e-12).all()
+    assert (np.abs(tau) >= np.minimum(2.0 * np.abs(velocity), 0.2 * EFFORT) - 1e-12).all()
