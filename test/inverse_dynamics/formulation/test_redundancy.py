@@ -2,11 +2,13 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
 import pytest
 from own_classes import Grip
+from scipy.linalg import null_space
 
 from wbc_controller import Simulation
 from wbc_controller.apps.new.draft import new_configuration
@@ -128,6 +130,18 @@ def test_mobilities_do_not_depend_on_the_coordinates():
     values, _ = mobilities(J, np.ones(len(J)), robot.qp.dynamics)
     np.testing.assert_allclose(values, there, atol=1e-9 * there.max())
     assert values[1] < LEAST_MOBILITY < values[2]
+
+
+def test_mimic_joints_reduce_the_mobility():
+    """Velocities that C allows are N y: the mobility of J is that of J N with the mass matrix NᵀM N."""
+    rng = np.random.default_rng(4)
+    root, J, C = rng.normal(size=(7, 7)), rng.normal(size=(4, 7)), rng.normal(size=(2, 7))
+    M, metric, N = root @ root.T + np.eye(7), np.array([1.0, 4.0, 1.0, 9.0]), null_space(C)
+    model = SimpleNamespace(mass=3.0, actuation=SimpleNamespace(C=C))
+    values, directions = mobilities(J, metric, SimpleNamespace(M=M, model=model))
+    rows = J @ N / np.sqrt(metric)[:, None]
+    expected = 3.0 * rows @ np.linalg.solve(N.T @ M @ N, rows.T)
+    np.testing.assert_allclose(directions @ np.diag(values) @ directions.T, expected, atol=1e-12)
 
 
 def test_solution_is_continuous_as_a_direction_becomes_a_constraint():
