@@ -10,8 +10,10 @@ from hypothesis import strategies as st
 
 from wbc_controller.errors import InputRefused
 from wbc_controller.middleware.codec import decode, encode
+from wbc_controller.recording.mcap_file import Topic
 from wbc_controller.validation.fuzz.examples import valid_message
 from wbc_controller.validation.fuzz.fuzz_commands import fuzz
+from wbc_controller.validation.fuzz.hostile_recordings import hostile_messages
 from wbc_controller.validation.fuzz.strategies import (
     draw_by_key,
     encoded,
@@ -93,3 +95,14 @@ def test_a_signal_during_a_draw_ends_the_command(number, tmp_path, monkeypatch):
             draw_by_key(st.builds(interrupted), 0)
     finally:
         signal.signal(number, before)
+
+
+def test_an_event_that_is_no_text_any_more_is_changed_again():
+    events, broken = (
+        Topic(1, "/recording/events", "std_msgs/msg/String", "string data"),
+        b"\x00\x01\x00\x00\x02\x00\x00\x00\x80\x00",
+    )
+    with pytest.raises(InputRefused, match="utf-8"):
+        decode(broken, events.type)
+    drawn = [draw_by_key(hostile_messages([(events, 0, broken)]), number) for number in range(20)]
+    assert any(payload != broken for messages in drawn for _, _, payload in messages)

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from hypothesis.strategies import DrawFn, SearchStrategy
 
 from wbc_controller.controller.cycle import ControlCycle
+from wbc_controller.errors import InputRefused
 from wbc_controller.middleware.codec import decode, encode, message
 from wbc_controller.recording.mcap_file import McapMessages, Topic
 from wbc_controller.recording.recorder import Recorder
@@ -100,7 +101,10 @@ def _hostile_payload(draw: DrawFn, topic: Topic, payload: bytes) -> bytes:
     if draw(st.integers(0, 9)) == 0:
         return draw(mutated_bytes(payload))
     if topic.type == _STRING:
-        text = str(decode(payload, _STRING).data)
+        try:
+            text = str(decode(payload, _STRING).data)
+        except InputRefused:  # changed before
+            return draw(mutated_bytes(payload))
         return encode(message(_STRING, data=draw(_hostile_text(text))))
     if len(payload) < 12:
         return draw(mutated_bytes(payload))
