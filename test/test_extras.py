@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import click
 import pytest
@@ -51,31 +52,37 @@ wbc_controller:
     robot: {urdf: robot.urdf, base: fixed, joints: [shoulder], posture: [0.0]}
     tasks: {posture: {type: posture}}
 """
-#: Runs commands with the libraries of some extras missing, each set in a fork, and prints status and output of each.
+#: Runs the commands with the libraries of some extras missing, and prints status and output of each.
 RUN = """
-import importlib.metadata, json, os, sys
+import importlib.metadata, json, sys
 from click.testing import CliRunner
-import wbc_controller.controller.controller
+commands, libraries, packages = json.loads(sys.argv[1])
+sys.modules.update(dict.fromkeys(libraries))
 found = importlib.metadata.distribution
-for commands, libraries, packages in json.loads(sys.argv[1]):
-    sys.stdout.flush()
-    if os.fork():
-        assert os.wait()[1] == 0
-        continue
-    sys.modules.update(dict.fromkeys(libraries))
-    def distribution(name):
-        if name in packages:
-            raise importlib.metadata.PackageNotFoundError(name)
-        return found(name)
-    importlib.metadata.distribution = distribution
-    from wbc_controller.cli import main
-    results = {}
-    for command in commands:
-        result = CliRunner().invoke(main, command.split())
-        results[command] = result.exit_code, result.output
-    print(json.dumps(results))
-    break
+def distribution(name):
+    if name in packages:
+        raise importlib.metadata.PackageNotFoundError(name)
+    return found(name)
+importlib.metadata.distribution = distribution
+from wbc_controller.cli import main
+results = {}
+for command in commands:
+    result = CliRunner().invoke(main, command.split())
+    results[command] = result.exit_code, result.output
+print(json.dumps(results))
 """
+
+
+def results_without(extras, commands, folder: Path) -> dict[str, tuple[int, str]]:
+    libraries = [name for name, extra in EXTRAS.items() if extra in extras]
+    packages = ["example-robot-data"] if "robots" in extras else []
+    words = [sys.executable, "-c", RUN, json.dumps([list(commands), libraries, packages])]
+    (folder / "run.mcap").touch()
+    (folder / "robot.urdf").write_text(ARM, encoding="utf-8")
+    (folder / "robot.yaml").write_text(CONFIGURATION, encoding="utf-8")
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.splitlines()[-1])
 
 
 def names_of(command: click.Command, path: str = "") -> set[str]:
@@ -92,26 +99,16 @@ def test_every_command_is_listed():
     assert listed == names_of(main)
 
 
-def test_commands_without_an_extra_report_the_line_that_installs_it(tmp_path):
-    sets, words = [("mock", "plots", "view"), ("campaign", "dds", "fuzz", "robots")], []
-    for missing in sets:
-        commands = [command for command, extras in NEEDED.items() if not set(missing).isdisjoint(extras.split())]
-        libraries = [name for name, extra in EXTRAS.items() if extra in missing]
-        words.append((commands, libraries, ["example-robot-data"] if "robots" in missing else []))
-    for name, content in (("run.mcap", ""), ("robot.urdf", ARM), ("robot.yaml", CONFIGURATION)):
-        (tmp_path / name).write_text(content, encoding="utf-8")
-    call = [sys.executable, "-c", RUN, json.dumps(words)]
-    done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, done.stderr
-    results = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
-    for missing, found in zip(sets, results, strict=True):
-        for command, (status, output) in found.items():
-            line = re.search(r"pip install 'wbc_controller\[(.*)\]'\n", output)
-            assert status == 2, f"{command}: {output}"
-            assert line is not None, f"{command}: {output}"
-            assert set(line.group(1).split(",")) <= {*missing} & {*NEEDED[command].split()}
-            if command.startswith(("demo", "play")) and "mock" in missing:
-                assert "," in line.group(1)  # all missing ones, in one line
+@pytest.mark.parametrize("missing", [("mock", "plots", "view"), ("campaign", "dds", "fuzz", "robots")])
+def test_commands_without_an_extra_report_the_line_that_installs_it(missing, tmp_path):
+    commands = [command for command, extras in NEEDED.items() if not set(missing).isdisjoint(extras.split())]
+    for command, (status, output) in results_without(missing, commands, tmp_path).items():
+        line = re.search(r"pip install 'wbc_controller\[(.*)\]'\n", output)
+        assert status == 2, f"{command}: {output}"
+        assert line is not None, f"{command}: {output}"
+        assert set(line.group(1).split(",")) <= {*missing} & {*NEEDED[command].split()}
+        if command.startswith(("demo", "play")) and "mock" in missing:
+            assert "," in line.group(1)  # all missing ones, in one line
     assert {path.name for path in tmp_path.iterdir() if path.is_file()} == {"run.mcap", "robot.urdf", "robot.yaml"}
 
 

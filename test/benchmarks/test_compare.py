@@ -3,10 +3,8 @@
 import contextlib
 import os
 import re
-import runpy
 import subprocess
 import sys
-import traceback
 from types import SimpleNamespace
 
 import compare
@@ -59,38 +57,6 @@ def test_worker_process_and_local_cycle_agree_bitwise(scene):
         assert (answers.seconds > 0.0).all()
 
 
-class ForkedWorker:
-    """Worker in a fork of this process, without imports; other tests start new processes."""
-
-    def __init__(self, command, **pipes):
-        (taken, given), (read, written) = os.pipe(), os.pipe()
-        self._child = os.fork()
-        if not self._child:
-            try:
-                for old, new in ((taken, 0), (written, 1)):
-                    os.dup2(old, new)
-                os.close(given)
-                sys.stdin, sys.stdout, sys.argv = open(0), open(1, "w"), command[1:]  # noqa: SIM115
-                runpy.run_path(command[1], run_name="__main__")
-            except BaseException:
-                traceback.print_exc()
-                sys.stderr.flush()
-            os._exit(0)
-        os.close(taken)
-        os.close(written)
-        self.stdin, self.stdout = os.fdopen(given, "wb"), os.fdopen(read, "rb")
-
-    def communicate(self):
-        self.stdin.close()
-        os.waitpid(self._child, 0)
-
-
-@pytest.fixture
-def forks(monkeypatch):
-    monkeypatch.setattr(contestants, "subprocess", SimpleNamespace(Popen=ForkedWorker, PIPE=subprocess.PIPE))
-
-
-@pytest.mark.usefixtures("forks")
 def test_floor_has_the_size_of_accelerations_and_forces(scene):
     with contestants.floor(scene.message()) as process:
         answers = process.solve(scene.rows[:5])
@@ -99,19 +65,21 @@ def test_floor_has_the_size_of_accelerations_and_forces(scene):
     assert np.allclose(answers.parts.sum(axis=1), answers.seconds)
 
 
-@pytest.mark.usefixtures("forks")
 def test_ended_process_is_named(scene, capfd):
     with pytest.raises(SystemExit, match="the process of broken ended before it was ready"):
         contestants.ours({**scene.message(), "joints": ["elbow"]}, "broken")
     assert "expected ['elbow']" in capfd.readouterr().err
 
 
-@pytest.mark.parametrize(("arguments", "sentence"), [
-    (["--cases", "go3"], "--cases: unknown name 'go3'"),
-    (["--rivals", "tsit"], "--rivals: unknown name 'tsit'"),
-    (["--blocks", "0"], "--blocks 0; valid: at least 1"),
-    (["--against", "no-such-commit", "--cases", "go2-two"], "--against: unknown commit 'no-such-commit'"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--cases", "go3"], "--cases: unknown name 'go3'"),
+        (["--rivals", "tsit"], "--rivals: unknown name 'tsit'"),
+        (["--blocks", "0"], "--blocks 0; valid: at least 1"),
+        (["--against", "no-such-commit", "--cases", "go2-two"], "--against: unknown commit 'no-such-commit'"),
+    ],
+)
 def test_unknown_cases_rivals_and_commits_are_refused(arguments, sentence):
     with pytest.raises(SystemExit, match=sentence):
         compare.main(arguments)
@@ -183,7 +151,6 @@ def test_files_of_a_commit_are_importable(commit):
     assert not folder.exists()
 
 
-@pytest.mark.usefixtures("forks")
 def test_older_code_and_services_are_timed(capsys, monkeypatch, commit):
     """The older code is this folder, with its compiled kernels."""
     monkeypatch.setattr(contestants, "code_of", lambda of: contextlib.nullcontext(contestants.ROOT))

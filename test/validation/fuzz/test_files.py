@@ -1,9 +1,7 @@
 """Fuzzer of files: hostile ones are refused; crashes and hangs of the reader are detected."""
 
 import logging
-import multiprocessing
 import re
-from types import SimpleNamespace
 
 import pytest
 from bad_readers import dies_and_hangs
@@ -66,19 +64,20 @@ def test_unchanged_files_work_in_time(tmp_path, monkeypatch):
 def test_crash_and_hang_of_the_reader(tmp_path, monkeypatch):
     monkeypatch.setattr(files, "_CASE_TIMEOUT", 3.0)
     monkeypatch.setattr(files, "read_case", dies_and_hangs)
-    forks = multiprocessing.get_context("fork")  # without imports; `test_the_command_reads_hostile_files` spawns
-    monkeypatch.setattr(files, "multiprocessing", SimpleNamespace(get_context=lambda kind: forks))
     results = {trial.folder: trial.result for trial in fuzz_files("configurations", ("go2",), 3, 0, tmp_path)}
     works, dead, hanging = (case_folder(tmp_path, "configurations", number) for number in range(3))
     assert results == {works: "works", dead: "crash: SIGSEGV", hanging: "hang: no result after 3 s"}
     assert (dead / "robot.yaml").exists()
 
 
-@pytest.mark.parametrize(("error", "said"), [
-    (KeyError("mass"), "traceback: KeyError: 'mass'"),
-    (SystemExit(1), "traceback: SystemExit: 1"),
-    (files.ConfigurationError("some sentence"), "unnamed: no path in 'some sentence'"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (KeyError("mass"), "traceback: KeyError: 'mass'"),
+        (SystemExit(1), "traceback: SystemExit: 1"),
+        (files.ConfigurationError("some sentence"), "unnamed: no path in 'some sentence'"),
+    ],
+)
 def test_tracebacks_and_errors_without_a_path_are_failures(tmp_path, monkeypatch, error, said):
     def broken(path):
         raise error
