@@ -4,7 +4,7 @@ import signal
 import time
 
 import pytest
-from busy import spinning
+from busy import busy_processes
 
 pytestmark = pytest.mark.live
 
@@ -15,7 +15,7 @@ def test_on_a_busy_computer_a_controller_stays_active(processes, dds_user, facto
     mock = processes.start("mock", "go2", "--patient", "--real-time-factor", str(factor))
     controller = processes.start("run", "go2", "--activate", "--use-sim-time")
     user.wait_for_service()
-    with spinning(2):
+    with busy_processes(2):
         user.until(lambda: user.mode not in ("", "inactive"), "activation", patience=120.0)
         user.run(duration)
         for paused, seconds in ((mock, 0.5), (controller, 1.0)):

@@ -25,8 +25,8 @@ def patience(seconds: float) -> float:
 
 
 @contextlib.contextmanager
-def spinning(count: int) -> Iterator[list[subprocess.Popen[bytes]]]:
-    """Run busy processes."""
+def busy_processes(count: int) -> Iterator[list[subprocess.Popen[bytes]]]:
+    """Keep processors busy with some processes."""
     processes = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
     try:
         yield processes

@@ -27,7 +27,7 @@ _CONTEXT.set_forkserver_preload(
 )  # fmt: skip
 
 
-#: The others forget a killed process after 4 s instead of Cyclone's 10.
+#: A killed process leaves the graph of the others after 4 s instead of Cyclone's 10.
 SHORT_LEASE = {"CYCLONEDDS_URI": "<Discovery><LeaseDuration>4 s</LeaseDuration></Discovery>"}
 
 
@@ -85,7 +85,7 @@ def _main(module: str, name: str, words: Sequence[str]) -> None:
 
 def _execute(code: str, words: Sequence[str]) -> None:
     sys.argv = ["-c", *words]
-    exec(code, {})  # noqa: S102
+    exec(code, {})  # noqa: S102 - code of the package, as `python -c`
 
 
 def _call(environment: Mapping[str, str], output: str, function: Callable[..., object], arguments: Any) -> None:
@@ -108,7 +108,10 @@ def _call(environment: Mapping[str, str], output: str, function: Callable[..., o
 
 @pytest.fixture
 def forks(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let `nodes.processes.Processes` and `multiprocessing` start forks."""
+    """Let `nodes.processes.Processes` and `multiprocessing` start forks.
+
+    Commands of `Processes` are ``python … -m wbc_controller WORDS`` or ``python -c CODE WORDS``.
+    """
 
     def launch(self: Any, name: str, command: Sequence[str]) -> Any:
         words = command[command.index("-m") + 2 :] if "-m" in command else command[3:]

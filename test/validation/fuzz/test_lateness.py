@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 import pytest
-from busy import spinning
+from busy import busy_processes
 
 from wbc_controller.nodes.processes import until
 from wbc_controller.validation.fuzz.lateness import Lateness
@@ -14,7 +14,7 @@ from wbc_controller.validation.fuzz.lateness import Lateness
 def test_waiting_processes_are_late():
     lateness = Lateness()
     try:
-        with spinning(3 * len(os.sched_getaffinity(0))) as many:
+        with busy_processes(3 * len(os.sched_getaffinity(0))) as many:
             for process in many:
                 lateness.watch(process.pid)
             lateness.reset()
