@@ -51,11 +51,14 @@ def test_help_of_each_command(option):
         assert f"Usage: main {command} [OPTIONS]" in result.output
 
 
-@pytest.mark.parametrize(("robot", "said"), [
-    ("g1", ("29 actuated, base floating", "33.34 kg, weight 327.1 N", "left_foot (surface)", "com (com)")),
-    ("talos", ("30 actuated", "left_foot (surface)")),
-    ("go2", ("12 actuated", "front_left_foot (point)", "16.09 kg")),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("robot", "said"),
+    [
+        ("g1", ("29 actuated, base floating", "33.34 kg, weight 327.1 N", "left_foot (surface)", "com (com)")),
+        ("talos", ("30 actuated", "left_foot (surface)")),
+        ("go2", ("12 actuated", "front_left_foot (point)", "16.09 kg")),
+    ],
+)
 def test_check_prints_findings(robot, said):
     result = invoke("check", robot)
     assert result.exit_code == 0, result.output

@@ -100,13 +100,16 @@ def frozen(values):
     return values
 
 
-@pytest.mark.parametrize(("changes", "said"), [
-    ({"values": np.ones(3, dtype=np.float32)}, "float32 of shape"),
-    ({"values": np.ones((3, 1))}, r"float64 of shape \(3, 1\)"),
-    ({"values": np.ones(6)[::2]}, ".*, not c_contiguous"),
-    ({"values": [1.0, 2.0]}, r"\[1.0, 2.0\]"),
-    ({"out": frozen(np.ones(3))}, ".*, not writeable"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"values": np.ones(3, dtype=np.float32)}, "float32 of shape"),
+        ({"values": np.ones((3, 1))}, r"float64 of shape \(3, 1\)"),
+        ({"values": np.ones(6)[::2]}, ".*, not c_contiguous"),
+        ({"values": [1.0, 2.0]}, r"\[1.0, 2.0\]"),
+        ({"out": frozen(np.ones(3))}, ".*, not writeable"),
+    ],
+)
 def test_arrays_of_another_type_are_refused(kernels, changes, said):
     (name,) = changes
     with pytest.raises(

@@ -150,29 +150,32 @@ def test_the_package_is_small_and_walked_completely():
 ROBOT, TASKS = "inverse_dynamics/robot/planted.py", "inverse_dynamics/tasks/planted.py"
 
 
-@pytest.mark.parametrize(("file", "line"), [
-    (ROBOT, "from time import monotonic"),
-    (TASKS, "def f():\n    import datetime"),
-    (ROBOT, "from rosbags.typesys import Stores"),
-    (TASKS, "from wbc_controller import settings"),
-    (ROBOT, "from ... import nodes"),
-    (ROBOT, "from ...safety.supervisor import Supervisor"),
-    (TASKS, "import importlib\nimportlib.import_module('mujoco')"),
-    (TASKS, "from wbc_controller.inverse_dynamics.formulation.layout import Layout"),
-    ("controller/build/planted.py", "import mujoco"),
-    ("controller/planted.py", "from wbc_controller.nodes.loop import ControlLoop"),
-    ("apps/demo/planted.py", "import mujoco as mj"),
-    ("middleware/transports/memory.py", "import cyclonedds"),
-    ("middleware/transports/dds.py", "import rclpy"),
-    ("node.py", "import rclpy"),
-    ("nodes/planted.py", "from rclpy.node import Node"),
-    ("records.py", "import pinocchio"),
-    ("records.py", "from wbc_controller.errors import WbcError"),
-    ("safety/planted.py", "from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP"),
-    ("__init__.py", "from wbc_controller.nodes.loop import ControlLoop"),
-    ("planted.py", "import math"),
-    ("inverse_dynamics/planted.py", "import math"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("file", "line"),
+    [
+        (ROBOT, "from time import monotonic"),
+        (TASKS, "def f():\n    import datetime"),
+        (ROBOT, "from rosbags.typesys import Stores"),
+        (TASKS, "from wbc_controller import settings"),
+        (ROBOT, "from ... import nodes"),
+        (ROBOT, "from ...safety.supervisor import Supervisor"),
+        (TASKS, "import importlib\nimportlib.import_module('mujoco')"),
+        (TASKS, "from wbc_controller.inverse_dynamics.formulation.layout import Layout"),
+        ("controller/build/planted.py", "import mujoco"),
+        ("controller/planted.py", "from wbc_controller.nodes.loop import ControlLoop"),
+        ("apps/demo/planted.py", "import mujoco as mj"),
+        ("middleware/transports/memory.py", "import cyclonedds"),
+        ("middleware/transports/dds.py", "import rclpy"),
+        ("node.py", "import rclpy"),
+        ("nodes/planted.py", "from rclpy.node import Node"),
+        ("records.py", "import pinocchio"),
+        ("records.py", "from wbc_controller.errors import WbcError"),
+        ("safety/planted.py", "from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP"),
+        ("__init__.py", "from wbc_controller.nodes.loop import ControlLoop"),
+        ("planted.py", "import math"),
+        ("inverse_dynamics/planted.py", "import math"),
+    ],
+)
 def test_a_violation_is_found(tmp_path, file, line):
     planted = tmp_path / file
     planted.parent.mkdir(parents=True, exist_ok=True)

@@ -33,14 +33,17 @@ STOP = Stop(began=0, known=1, ended=2, delay=0.01, late=0.0, sent=5000, seconds=
 TRIAL = StopTrial("activate", STOP, CYCLES, STALL, period=0.002)
 
 
-@pytest.mark.parametrize(("change", "late", "obeyed", "steady"), [
-    ({}, 0.0, True, True),
-    ({"cycles": CYCLES + 1}, 0.0, False, True),
-    ({"cycles": CYCLES + 2}, 0.002, True, True),
-    ({"cycles": CYCLES + 3}, 0.002, False, True),
-    ({"slowest": STALL + 0.001}, 0.0, True, False),
-    ({"slowest": STALL + 0.003}, 0.002, True, True),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("change", "late", "obeyed", "steady"),
+    [
+        ({}, 0.0, True, True),
+        ({"cycles": CYCLES + 1}, 0.0, False, True),
+        ({"cycles": CYCLES + 2}, 0.002, True, True),
+        ({"cycles": CYCLES + 3}, 0.002, False, True),
+        ({"slowest": STALL + 0.001}, 0.0, True, False),
+        ({"slowest": STALL + 0.003}, 0.002, True, True),
+    ],
+)
 def test_a_trial_is_judged_by_what_the_machine_was_late(change, late, obeyed, steady):
     trial = dataclasses.replace(TRIAL, stop=dataclasses.replace(STOP, late=late), **change)
     assert (trial.obeyed, trial.steady) == (obeyed, steady)

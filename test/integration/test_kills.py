@@ -22,12 +22,15 @@ def test_no_torques_stay_whatever_is_killed_and_everything_starts_again(forks, t
 TRIAL = KillTrial("controller", "kill", 0.0, 0.014, 0.014, 0.0, 0.05, 0.0, "damping COMMANDS_STOPPED: …", True)
 
 
-@pytest.mark.parametrize(("change", "failed"), [
-    ({}, False),
-    ({"gap": 0.014 + SLACK + 0.001}, True),
-    ({"gap": 0.014 + SLACK + 0.001, "late": 0.001}, False),
-    ({"stale": 0.05 + SLACK + 0.001}, True),
-    ({"state_correct": False}, True),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("change", "failed"),
+    [
+        ({}, False),
+        ({"gap": 0.014 + SLACK + 0.001}, True),
+        ({"gap": 0.014 + SLACK + 0.001, "late": 0.001}, False),
+        ({"stale": 0.05 + SLACK + 0.001}, True),
+        ({"state_correct": False}, True),
+    ],
+)
 def test_a_trial_is_judged_by_what_the_machine_was_late(change, failed):
     assert dataclasses.replace(TRIAL, **change).failed is failed

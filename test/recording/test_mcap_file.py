@@ -172,11 +172,14 @@ def bomb(compression: str, data: bytes, declared: int) -> PackedChunk:
     return replace(chunk(0), data=builder.end())
 
 
-@pytest.mark.parametrize(("compression", "declared", "damage"), [
-    ("zstd", 10, "chunk declares 10 bytes, but contains 1073741824"),
-    ("zstd", 1 << 30, f"chunk expands to {1 << 30} bytes"),
-    ("lz4", 1 << 30, "chunk compression 'lz4'; valid: 'zstd', ''"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("compression", "declared", "damage"),
+    [
+        ("zstd", 10, "chunk declares 10 bytes, but contains 1073741824"),
+        ("zstd", 1 << 30, f"chunk expands to {1 << 30} bytes"),
+        ("lz4", 1 << 30, "chunk compression 'lz4'; valid: 'zstd', ''"),
+    ],
+)
 def test_a_chunk_expands_only_to_its_declared_size_and_a_limit(tmp_path, compression, declared, damage):
     path = tmp_path / "a.mcap"
     file = begun(path)

@@ -41,10 +41,13 @@ def test_a_fault_by_topic_acts_for_its_duration_or_until_clear(stand):
     assert (len(peer.all("odom")), len(peer.all("joint_states")[-1].name)) == (14, 12)
 
 
-@pytest.mark.parametrize(("text", "said"), [
-    ("{kind: odom_jumb}", "did you mean 'odom_jump'?"),
-    ("[{kind: kick}, {kind: joint_locked, joint: knee}]", "unknown joint 'knee'"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{kind: odom_jumb}", "did you mean 'odom_jump'?"),
+        ("[{kind: kick}, {kind: joint_locked, joint: knee}]", "unknown joint 'knee'"),
+    ],
+)
 def test_a_fault_that_cannot_be_used_is_refused_with_a_sentence(stand, caplog, text, said):
     robot, peer = stand
     with caplog.at_level(logging.WARNING):

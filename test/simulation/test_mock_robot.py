@@ -262,11 +262,14 @@ def test_lockstep_waits_for_the_answer_to_its_own_state(make, go2):
     np.testing.assert_array_equal(peer.all("joint_states")[-1].effort, np.ones(model.na))
 
 
-@pytest.mark.parametrize(("names", "tau", "said"), [
-    (slice(1, None), [1.0] * 11, "FL_hip_joint are missing"),
-    (slice(None), [1.0] * 11, "got 11 efforts for 12 names"),
-    (slice(None), [np.inf] * 12, "not finite"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("names", "tau", "said"),
+    [
+        (slice(1, None), [1.0] * 11, "FL_hip_joint are missing"),
+        (slice(None), [1.0] * 11, "got 11 efforts for 12 names"),
+        (slice(None), [np.inf] * 12, "not finite"),
+    ],
+)
 def test_lockstep_goes_on_damped_after_an_unusable_answer(make, go2, caplog, names, tau, said):
     model, _ = go2
     robot, peer = make(lockstep=True)

@@ -68,11 +68,14 @@ def collision(shape: str, xyz: str = "0 0 0") -> str:
     return f'<collision><origin xyz="{xyz}"/><geometry>{shape}</geometry></collision>'
 
 
-@pytest.mark.parametrize(("shape", "height"), [
-    ('<box size="0.3 0.2 0.1"/>', 0.05),
-    ('<sphere radius="0.07"/>', 0.07),
-    ('<cylinder radius="0.07" length="0.2"/>', 0.1),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("shape", "height"),
+    [
+        ('<box size="0.3 0.2 0.1"/>', 0.05),
+        ('<sphere radius="0.07"/>', 0.07),
+        ('<cylinder radius="0.07" length="0.2"/>', 0.1),
+    ],
+)
 def test_primitives_touch_as_they_are(shape, height):
     plant = made(collision(shape, "0.01 0.02 0.03"))
     assert plant.state()[0][2] == pytest.approx(height - 0.03, abs=1e-6)

@@ -19,13 +19,16 @@ from wbc_controller.walking.pendulum_kernels import later
 GAIT = replace(GAIT, greatest_width=0.4)
 
 
-@pytest.mark.parametrize(("dcm", "soles", "nearest"), [
-    (0.5 + 0.2j, [0j], 0.1 + 0.05j),
-    (0.02 + 0.01j, [0j], 0.02 + 0.01j),
-    (0.5 + 0.1j, [0j, 0.2j], 0.1 + 0.1j),  # beside the line between the soles
-    (0.4j - 0.05, [0j, 0.2j], 0.2j + 0.1 * (0.2j - 0.05) / abs(0.2j - 0.05)),
-    (0.02 + 0.1j, [0j, 0.2j], 0.02 + 0.1j),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("dcm", "soles", "nearest"),
+    [
+        (0.5 + 0.2j, [0j], 0.1 + 0.05j),
+        (0.02 + 0.01j, [0j], 0.02 + 0.01j),
+        (0.5 + 0.1j, [0j, 0.2j], 0.1 + 0.1j),  # beside the line between the soles
+        (0.4j - 0.05, [0j, 0.2j], 0.2j + 0.1 * (0.2j - 0.05) / abs(0.2j - 0.05)),
+        (0.02 + 0.1j, [0j, 0.2j], 0.02 + 0.1j),
+    ],
+)
 def test_nearest_point_of_the_support(dcm, soles, nearest):
     turned = cmath.rect(1.0, 0.3)
     first, second = (2.0 + place * turned for place in (soles[0], soles[-1]))

@@ -42,13 +42,16 @@ def test_sides_alternate_from_the_nearer_foot(y, sides):
     assert (steps[1].place, steps[1].heading) == (0.4 - 1j * y, 0.1)
 
 
-@pytest.mark.parametrize(("poses", "first", "message"), [
-    ([[0.6, 0.1, 0.0]], None, "step 1 of 1 (left foot) is 0.600 m ahead and 0.200 m beside the right foot"),
-    ([[0.2, 0.1, 0.0], [0.4, 0.05, 0.0]], None, "step 2 of 2 (right foot) is 0.200 m ahead and 0.050 m beside"),
-    ([[0.0, 0.6, 0.0]], None, "valid: -0.450 to 0.450 m ahead, 0.140 to 0.550 m beside, -0.5 to 0.5 rad"),
-    ([[0.0, 0.1, 0.6]], None, "turned by 0.60 rad"),
-    ([[0.2, 0.11, 0.0]], -1, "step 1 of 1 (right foot) is 0.200 m ahead and -0.010 m beside the left foot"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("poses", "first", "message"),
+    [
+        ([[0.6, 0.1, 0.0]], None, "step 1 of 1 (left foot) is 0.600 m ahead and 0.200 m beside the right foot"),
+        ([[0.2, 0.1, 0.0], [0.4, 0.05, 0.0]], None, "step 2 of 2 (right foot) is 0.200 m ahead and 0.050 m beside"),
+        ([[0.0, 0.6, 0.0]], None, "valid: -0.450 to 0.450 m ahead, 0.140 to 0.550 m beside, -0.5 to 0.5 rad"),
+        ([[0.0, 0.1, 0.6]], None, "turned by 0.60 rad"),
+        ([[0.2, 0.11, 0.0]], -1, "step 1 of 1 (right foot) is 0.200 m ahead and -0.010 m beside the left foot"),
+    ],
+)
 def test_refused_steps(poses, first, message):
     with pytest.raises(InputRefused, match=re.escape(message)):
         planned(np.array(poses), FEET, first, GAIT)

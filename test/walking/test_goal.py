@@ -28,15 +28,18 @@ def walked(goal, steps=100):
     return history
 
 
-@pytest.mark.parametrize("goal", [
-    Goal(3.0 + 0j, 0.0),
-    Goal(2.0 - 1.5j, 2.0),
-    Goal(-2.0 + 0.5j, 0.0),
-    Goal(0.3j, 0.0),
-    Goal(-0.4 + 0j, 0.0),
-    Goal(0j, math.pi),
-    Goal(0.05 + 0.02j, -0.1),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "goal",
+    [
+        Goal(3.0 + 0j, 0.0),
+        Goal(2.0 - 1.5j, 2.0),
+        Goal(-2.0 + 0.5j, 0.0),
+        Goal(0.3j, 0.0),
+        Goal(-0.4 + 0j, 0.0),
+        Goal(0j, math.pi),
+        Goal(0.05 + 0.02j, -0.1),
+    ],
+)
 def test_steps_end_at_the_goal(goal):
     history = walked(goal)
     assert len(history) < 60

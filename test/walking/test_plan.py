@@ -13,15 +13,18 @@ from wbc_controller.walking.swing_kernels import Landing, at_rest
 SQUARE = [0j, 2.0 + 0j, 2.0 + 1j, 1j]
 
 
-@pytest.mark.parametrize(("point", "corners", "distance"), [
-    (1.0 + 0.5j, SQUARE, 0.5),
-    (0.1 + 0.5j, [*SQUARE, 1.0 + 0.5j], 0.1),  # a corner inside the hull
-    (0.3 + 0.5j, [*SQUARE, 1j], 0.3),  # a corner twice
-    (1.0 + 0j, SQUARE, 0.0),
-    (1.0 - 0.2j, SQUARE, -0.2),
-    (1.0 + 0.1j, [0j, 2.0 + 0j], -0.1),  # two points of a trot
-    (1.0 + 0j, [0j, 2.0 + 0j], 0.0),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("point", "corners", "distance"),
+    [
+        (1.0 + 0.5j, SQUARE, 0.5),
+        (0.1 + 0.5j, [*SQUARE, 1.0 + 0.5j], 0.1),  # a corner inside the hull
+        (0.3 + 0.5j, [*SQUARE, 1j], 0.3),  # a corner twice
+        (1.0 + 0j, SQUARE, 0.0),
+        (1.0 - 0.2j, SQUARE, -0.2),
+        (1.0 + 0.1j, [0j, 2.0 + 0j], -0.1),  # two points of a trot
+        (1.0 + 0j, [0j, 2.0 + 0j], 0.0),
+    ],
+)
 def test_margin(point, corners, distance):
     assert margin(point, corners) == pytest.approx(distance)
 

@@ -253,22 +253,25 @@ def test_a_late_foot_moves_further_down():
     assert feet[-1][1, 0] == 0.0
 
 
-@pytest.mark.parametrize(("share", "late", "wanted", "velocity", "touching", "landed"), [
-    (0.5, -0.2, -0.3, [0.0, 0.1, 0.0], True, False),  # too early to count
-    (0.8, -0.1, -0.1, [0.0, 0.1, -0.1], None, False),
-    (0.7, -0.15, -0.25, [0.0, 0.1, -0.02], None, True),  # the ground is much higher than planned
-    (0.9, -0.05, -0.1, [0.0, 0.1, -0.02], None, True),  # the ground is higher than planned
-    (0.8, -0.1, -0.3, [0.0, 0.1, -0.25], None, False),
-    (1.0, 0.0, -0.1, [0.0, 0.1, -0.1], None, False),  # the ground is lower than planned
-    (1.0, 0.0, -0.1, [0.0, 0.1, -0.04], None, True),
-    (1.1, 0.02, -0.3, [0.0, 0.0, -0.1], None, False),  # late; the foot falls behind its reference
-    (0.9, -0.05, -0.1, [1.0, 0.0, -0.04], None, False),  # still swinging
-    (0.9, -0.01, -0.2, [-0.2, 2.7, 0.1], None, False),  # a sole that follows a short step late
-    (1.2, LATEST, -0.1, [0.0, 0.1, -0.1], None, True),
-    (0.9, -0.05, -0.1, [0.0, 0.1, -0.1], False, False),
-    (0.9, -0.05, -0.1, [0.0, 0.1, 0.0], False, True),  # too light a touch for the sensor
-    (0.9, -0.05, -0.1, [0.0, 0.1, -0.1], True, True),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("share", "late", "wanted", "velocity", "touching", "landed"),
+    [
+        (0.5, -0.2, -0.3, [0.0, 0.1, 0.0], True, False),  # too early to count
+        (0.8, -0.1, -0.1, [0.0, 0.1, -0.1], None, False),
+        (0.7, -0.15, -0.25, [0.0, 0.1, -0.02], None, True),  # the ground is much higher than planned
+        (0.9, -0.05, -0.1, [0.0, 0.1, -0.02], None, True),  # the ground is higher than planned
+        (0.8, -0.1, -0.3, [0.0, 0.1, -0.25], None, False),
+        (1.0, 0.0, -0.1, [0.0, 0.1, -0.1], None, False),  # the ground is lower than planned
+        (1.0, 0.0, -0.1, [0.0, 0.1, -0.04], None, True),
+        (1.1, 0.02, -0.3, [0.0, 0.0, -0.1], None, False),  # late; the foot falls behind its reference
+        (0.9, -0.05, -0.1, [1.0, 0.0, -0.04], None, False),  # still swinging
+        (0.9, -0.01, -0.2, [-0.2, 2.7, 0.1], None, False),  # a sole that follows a short step late
+        (1.2, LATEST, -0.1, [0.0, 0.1, -0.1], None, True),
+        (0.9, -0.05, -0.1, [0.0, 0.1, -0.1], False, False),
+        (0.9, -0.05, -0.1, [0.0, 0.1, 0.0], False, True),  # too light a touch for the sensor
+        (0.9, -0.05, -0.1, [0.0, 0.1, -0.1], True, True),
+    ],
+)
 def test_a_touchdown_is_told_by_sensor_or_motion(share, late, wanted, velocity, touching, landed):
     speed = math.hypot(*velocity)
     assert lands(share, late, True, wanted, TOUCHDOWN_SPEED, velocity[2], speed, touching) is landed

@@ -9,11 +9,14 @@ from wbc_controller.walking.support_kernels import nearest_in_support
 HALF = (0.08, 0.02)
 
 
-@pytest.mark.parametrize(("point", "nearest"), [
-    (0.05 + 0.01j, 0.05 + 0.01j),  # inside
-    (0.2 - 0.1j, 0.08 - 0.02j),  # beyond a corner
-    (-0.01 + 0.05j, -0.01 + 0.02j),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("point", "nearest"),
+    [
+        (0.05 + 0.01j, 0.05 + 0.01j),  # inside
+        (0.2 - 0.1j, 0.08 - 0.02j),  # beyond a corner
+        (-0.01 + 0.05j, -0.01 + 0.02j),
+    ],
+)
 def test_one_foot(point, nearest):
     assert nearest_in_support(point, 0j, 0j, 0.0, *HALF) == pytest.approx(nearest)
     turned = 1.0 + 1j * point  # a quarter turn

@@ -125,11 +125,14 @@ def test_no_moment_spans_a_change_of_contacts_or_a_gap(recording):
     assert len(places) > 10
 
 
-@pytest.mark.parametrize(("change", "said"), [
-    (lambda columns: columns.pop("q"), "missing in the recording: q"),
-    (lambda columns: columns.update(tau=np.zeros((9, 3))), "tau has (3,) values per cycle; this robot has 12"),
-    (lambda columns: columns["mode"].__setitem__(slice(None), "damping"), "has regular states, an active"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda columns: columns.pop("q"), "missing in the recording: q"),
+        (lambda columns: columns.update(tau=np.zeros((9, 3))), "tau has (3,) values per cycle; this robot has 12"),
+        (lambda columns: columns["mode"].__setitem__(slice(None), "damping"), "has regular states, an active"),
+    ],
+)
 def test_an_unusable_recording_is_refused_with_the_reason(recording, change, said):
     columns = {name: values[:200].copy() for name, values in recording.items()}
     change(columns)

@@ -48,13 +48,16 @@ def test_a_fixed_base_has_joints_alone():
     assert not v.any()
 
 
-@pytest.mark.parametrize(("changes", "sentence"), [
-    ({"positions": {}}, "positions: 12 of 12 joints are missing: FL_hip_joint"),
-    ({"velocities": {"FL_hip_joint": 0.0}}, "velocities: 11 of 12 joints are missing: FL_thigh_joint"),
-    ({"base_quaternion": [0.0, 0.0, 0.0, 0.5]}, "base_quaternion .* is not a unit quaternion"),
-    ({"base_position": [0.0, 0.0]}, r"base_position has shape \(2,\), expected \(3,\)"),
-    ({"base_linear_velocity": [0.0, 0.0, np.inf]}, "base_linear_velocity is not finite"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"positions": {}}, "positions: 12 of 12 joints are missing: FL_hip_joint"),
+        ({"velocities": {"FL_hip_joint": 0.0}}, "velocities: 11 of 12 joints are missing: FL_thigh_joint"),
+        ({"base_quaternion": [0.0, 0.0, 0.0, 0.5]}, "base_quaternion .* is not a unit quaternion"),
+        ({"base_position": [0.0, 0.0]}, r"base_position has shape \(2,\), expected \(3,\)"),
+        ({"base_linear_velocity": [0.0, 0.0, np.inf]}, "base_linear_velocity is not finite"),
+    ],
+)
 def test_what_is_missing_or_wrong_is_named(model, changes, sentence):
     arguments = {"positions": dict.fromkeys(model.joints, 0.1)} | changes
     with pytest.raises(wbc.InputRefused, match=sentence):

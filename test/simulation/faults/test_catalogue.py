@@ -34,23 +34,26 @@ def test_one_fault_or_a_list_is_read_and_an_entry_of_a_script_needs_its_time():
             read_faults(text, "here", script=True)
 
 
-@pytest.mark.parametrize(("text", "said"), [
-    ("{kind: joint_noize}", ["unknown kind 'joint_noize'", "did you mean 'joint_noise'?", "Valid: "]),
-    ("{sigma: 1}", ["unknown kind None"]),
-    ("{kind: [1]}", ["unknown kind"]),
-    ("{kind: joint_noise, sigma: 3.0}", ["joint_noise.sigma = 3.0", "1e-05 to 0.05 rad", "standard deviation"]),
-    ("{kind: joint_noise, sigma: .nan}", ["joint_noise.sigma = nan"]),
-    ("{kind: joint_noise, sigmma: 0.01}", ["unknown key 'sigmma'", "did you mean 'sigma'?"]),
-    ("{kind: message_loss, stream: odometry}", ["stream = 'odometry'", "joint_states, odom, imu, both"]),
-    ("{kind: kick, duration: -1}", ["kick.duration = -1"]),
-    ("{kind: kick, seed: -1}", ["kick.seed = -1"]),
-    ("{kind: kick, at: 1.0}", ["unknown key 'at'"]),
-    ("[{kind: kick}, 5]", ["fault 2: expected a mapping, got 5", "{kind: joint_noise"]),
-    ("[{kind: kick}, {kind: kick, link: 3}]", ["fault 2", "kick.link = 3"]),
-    ("", ["expected a mapping, got None"]),
-    ("{kind: kick", ["not valid YAML"]),
-    (f"[{', '.join(['{kind: kick}'] * 101)}]", ["101 faults", "at most 100"]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{kind: joint_noize}", ["unknown kind 'joint_noize'", "did you mean 'joint_noise'?", "Valid: "]),
+        ("{sigma: 1}", ["unknown kind None"]),
+        ("{kind: [1]}", ["unknown kind"]),
+        ("{kind: joint_noise, sigma: 3.0}", ["joint_noise.sigma = 3.0", "1e-05 to 0.05 rad", "standard deviation"]),
+        ("{kind: joint_noise, sigma: .nan}", ["joint_noise.sigma = nan"]),
+        ("{kind: joint_noise, sigmma: 0.01}", ["unknown key 'sigmma'", "did you mean 'sigma'?"]),
+        ("{kind: message_loss, stream: odometry}", ["stream = 'odometry'", "joint_states, odom, imu, both"]),
+        ("{kind: kick, duration: -1}", ["kick.duration = -1"]),
+        ("{kind: kick, seed: -1}", ["kick.seed = -1"]),
+        ("{kind: kick, at: 1.0}", ["unknown key 'at'"]),
+        ("[{kind: kick}, 5]", ["fault 2: expected a mapping, got 5", "{kind: joint_noise"]),
+        ("[{kind: kick}, {kind: kick, link: 3}]", ["fault 2", "kick.link = 3"]),
+        ("", ["expected a mapping, got None"]),
+        ("{kind: kick", ["not valid YAML"]),
+        (f"[{', '.join(['{kind: kick}'] * 101)}]", ["101 faults", "at most 100"]),
+    ],
+)
 def test_a_mistake_is_named_with_the_value_and_the_valid_ones(text, said):
     with pytest.raises(ConfigurationError) as error:
         read_faults(text, "here")
@@ -59,12 +62,15 @@ def test_a_mistake_is_named_with_the_value_and_the_valid_ones(text, said):
         assert part in str(error.value)
 
 
-@pytest.mark.parametrize(("text", "said"), [
-    ("{kind: joint_bias, joint: FL_knee}", "unknown joint 'FL_knee'.*Valid: FL_calf_joint"),
-    ("{kind: actuator_dead, actuator: x}", "unknown actuator 'x'; Valid"),
-    ("{kind: payload, link: trunk}", "unknown link 'trunk'"),
-    ("{kind: floor_hole, contact: left}", "unknown contact 'left'.*front_left_foot"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{kind: joint_bias, joint: FL_knee}", "unknown joint 'FL_knee'.*Valid: FL_calf_joint"),
+        ("{kind: actuator_dead, actuator: x}", "unknown actuator 'x'; Valid"),
+        ("{kind: payload, link: trunk}", "unknown link 'trunk'"),
+        ("{kind: floor_hole, contact: left}", "unknown contact 'left'.*front_left_foot"),
+    ],
+)
 def test_unknown_names_are_refused_with_the_whole_list(bench, text, said):
     faults = [*read_faults("{kind: kick}", "x"), *read_faults(text, "x")]
     with pytest.raises(InputRefused, match=said):

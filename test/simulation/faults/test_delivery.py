@@ -7,23 +7,26 @@ from wbc_controller.simulation.faults import delivery
 from wbc_controller.simulation.faults.catalogue import kinds_of
 
 
-@pytest.mark.parametrize(("kind", "given", "arrivals"), [
-    ("message_delay", {"delay": 0.006}, [[], [], [], *[[n] for n in range(7)]]),
-    ("message_growing_delay", {"growth": 1.0}, [[0], [], [1], [], [2], [], [3], [], [4], []]),
-    ("message_dropout", {}, [[]] * 10),
-    ("message_dropout", {"stream": "odom"}, [[n] for n in range(10)]),  # the joint states are left alone
-    ("message_loss", {"share": 1.0}, [[]] * 10),
-    ("message_duplication", {"gap": 0.0}, [[n, n] for n in range(10)]),
-    ("message_duplication", {"gap": 0.004}, [[0], [1], *[[n - 2, n] for n in range(2, 10)]]),
-    ("message_reordering", {"share": 1.0, "periods": 2}, [[], [], *[[n] for n in range(8)]]),
-    ("message_replay", {"length": 0.006}, [[0], [1], [2], [0], [1], [2], [0], [1], [2], [0]]),
-    ("message_queue", {}, [[]] * 10),
-    ("message_queue", {"duration": 0.009}, [[], [], [], [], [], [0, 1, 2, 3, 4, 5], [6]]),
-    ("message_delay", {"delay": 0.006, "duration": 0.004}, [[], [], [2], [0, 3], [1, 4], [5]]),
-    ("command_loss", {"share": 1.0}, [[]] * 5),
-    ("command_delay", {"delay": 0.004}, [[], [], [0], [1], [2]]),
-    ("command_twice", {"gap": 0.002}, [[0], [0, 1], [1, 2], [2, 3], [3, 4]]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("kind", "given", "arrivals"),
+    [
+        ("message_delay", {"delay": 0.006}, [[], [], [], *[[n] for n in range(7)]]),
+        ("message_growing_delay", {"growth": 1.0}, [[0], [], [1], [], [2], [], [3], [], [4], []]),
+        ("message_dropout", {}, [[]] * 10),
+        ("message_dropout", {"stream": "odom"}, [[n] for n in range(10)]),  # the joint states are left alone
+        ("message_loss", {"share": 1.0}, [[]] * 10),
+        ("message_duplication", {"gap": 0.0}, [[n, n] for n in range(10)]),
+        ("message_duplication", {"gap": 0.004}, [[0], [1], *[[n - 2, n] for n in range(2, 10)]]),
+        ("message_reordering", {"share": 1.0, "periods": 2}, [[], [], *[[n] for n in range(8)]]),
+        ("message_replay", {"length": 0.006}, [[0], [1], [2], [0], [1], [2], [0], [1], [2], [0]]),
+        ("message_queue", {}, [[]] * 10),
+        ("message_queue", {"duration": 0.009}, [[], [], [], [], [], [0, 1, 2, 3, 4, 5], [6]]),
+        ("message_delay", {"delay": 0.006, "duration": 0.004}, [[], [], [2], [0, 3], [1, 4], [5]]),
+        ("command_loss", {"share": 1.0}, [[]] * 5),
+        ("command_delay", {"delay": 0.004}, [[], [], [0], [1], [2]]),
+        ("command_twice", {"gap": 0.002}, [[0], [0, 1], [1, 2], [2, 3], [3, 4]]),
+    ],
+)
 def test_messages_arrive_as_the_fault_says(bench, kind, given, arrivals):
     command = kind.startswith("command")
     bench.plan(kind, **{"duration": 1.0, **({} if command else {"stream": "joint_states"}), **given})

@@ -103,17 +103,20 @@ def changes_of_the_model(bench):
     return {key: np.array(getattr(model, key)) for key in keys}
 
 
-@pytest.mark.parametrize(("kind", "given", "changed"), [
-    ("payload", {"share": 0.2}, {"body_mass", "body_inertia", "dof_invweight0"}),
-    ("mass_error", {"share": -0.2}, {"body_mass", "body_inertia", "dof_invweight0"}),
-    ("center_of_mass_error", {"offset": 0.1}, {"body_ipos"}),
-    ("slippery_floor", {"friction": 0.05}, {"geom_friction"}),
-    ("slippery_floor", {"friction": 0.05, "contact": "front_left_foot"}, {"geom_friction", "geom_priority"}),
-    ("soft_floor", {"time_constant": 0.1}, {"geom_solref"}),
-    ("floor_hole", {"contact": "front_left_foot"}, {"geom_conaffinity"}),
-    ("joint_friction", {}, {"dof_frictionloss"}),
-    ("joint_locked", {}, {"jnt_range", "jnt_limited"}),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("kind", "given", "changed"),
+    [
+        ("payload", {"share": 0.2}, {"body_mass", "body_inertia", "dof_invweight0"}),
+        ("mass_error", {"share": -0.2}, {"body_mass", "body_inertia", "dof_invweight0"}),
+        ("center_of_mass_error", {"offset": 0.1}, {"body_ipos"}),
+        ("slippery_floor", {"friction": 0.05}, {"geom_friction"}),
+        ("slippery_floor", {"friction": 0.05, "contact": "front_left_foot"}, {"geom_friction", "geom_priority"}),
+        ("soft_floor", {"time_constant": 0.1}, {"geom_solref"}),
+        ("floor_hole", {"contact": "front_left_foot"}, {"geom_conaffinity"}),
+        ("joint_friction", {}, {"dof_frictionloss"}),
+        ("joint_locked", {}, {"jnt_range", "jnt_limited"}),
+    ],
+)
 def test_the_model_is_changed_and_at_the_end_it_is_as_before(bench, kind, given, changed):
     before = changes_of_the_model(bench)
     bench.plan(kind, duration=0.004, **given)

@@ -113,13 +113,16 @@ def test_equal_seeds_give_equal_noise_and_others_other_noise(bench):
     assert noise(1) != pytest.approx(noise(2), abs=1e-6)
 
 
-@pytest.mark.parametrize(("kind", "given", "offset"), [
-    ("joint_bias", {"bias": 0.2, "ramp": 0.02}, lambda t, true: 0.2 * np.minimum(1.0, t / 0.02)),
-    ("joint_bias", {"bias": -0.2, "ramp": 0.0}, lambda t, true: -0.2 + 0.0 * t),
-    ("joint_scale", {"factor": 1.5}, lambda t, true: 0.5 * true),
-    ("joint_frozen", {}, lambda t, true: true[0] - true),
-    ("joint_quantization", {"step": 0.1}, lambda t, true: np.round(true / 0.1) * 0.1 - true),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("kind", "given", "offset"),
+    [
+        ("joint_bias", {"bias": 0.2, "ramp": 0.02}, lambda t, true: 0.2 * np.minimum(1.0, t / 0.02)),
+        ("joint_bias", {"bias": -0.2, "ramp": 0.0}, lambda t, true: -0.2 + 0.0 * t),
+        ("joint_scale", {"factor": 1.5}, lambda t, true: 0.5 * true),
+        ("joint_frozen", {}, lambda t, true: true[0] - true),
+        ("joint_quantization", {"step": 0.1}, lambda t, true: np.round(true / 0.1) * 0.1 - true),
+    ],
+)
 def test_the_position_of_the_named_joint_is_off_as_it_says(bench, kind, given, offset):
     if kind != "joint_quantization":
         given = {**given, "joint": JOINT}
@@ -220,13 +223,16 @@ def test_two_joints_have_each_others_values(bench):
     assert found.measured.velocity[pair].tolist() == found.true.velocity[pair[::-1]].tolist()
 
 
-@pytest.mark.parametrize(("kind", "given", "expected"), [
-    ("stamp_zero", {}, lambda true: 0 * true),
-    ("stamp_frozen", {}, lambda true: true[0] + 0 * true),
-    ("stamp_back", {"by": 0.05}, lambda true: true - 50_000_000),
-    ("stamp_ahead", {"by": 0.05}, lambda true: true + 50_000_000),
-    ("stamp_drift", {"rate": -0.25}, lambda true: true[0] + 3 * (true - true[0]) // 4),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("kind", "given", "expected"),
+    [
+        ("stamp_zero", {}, lambda true: 0 * true),
+        ("stamp_frozen", {}, lambda true: true[0] + 0 * true),
+        ("stamp_back", {"by": 0.05}, lambda true: true - 50_000_000),
+        ("stamp_ahead", {"by": 0.05}, lambda true: true + 50_000_000),
+        ("stamp_drift", {"rate": -0.25}, lambda true: true[0] + 3 * (true - true[0]) // 4),
+    ],
+)
 def test_stamps_are_off_as_they_say(bench, kind, given, expected):
     bench.plan(kind, stream="joint_states", duration=1.0, **given)
     found = bench.measures(5)

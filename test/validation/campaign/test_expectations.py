@@ -28,31 +28,34 @@ def test_rules_accept_all_random_parameters(kind):
             assert "INTERNAL_ERROR" not in expected.codes
 
 
-@pytest.mark.parametrize(("kind", "parameters", "label", "deadline"), [
-    ("message_dropout", {"duration": 0.04}, "either", None),
-    ("message_dropout", {"duration": 0.1}, "detect", 0.05 + CYCLE),
-    ("message_dropout", {"duration": 0.1, "stream": "imu"}, "survive", None),
-    ("message_loss", {"share": 1.0, "duration": 0.1}, "detect", 0.05 + CYCLE),
-    ("message_loss", {"share": 0.05}, "survive", None),
-    ("joint_not_a_number", {"duration": 0.1}, "detect", 0.05 + CYCLE),
-    ("joint_not_a_number", {"duration": 0.1, "share": 0.5}, "either", None),
-    ("joint_states_frozen", {"duration": 0.2}, "detect", 0.1 + 2 * CYCLE),
-    ("odom_jump", {"size": 0.3}, "detect", 2 * CYCLE),
-    ("odom_jump", {"size": 0.12}, "either", None),  # possibly below the limit along each axis
-    ("odom_drift", {"speed": 1.0, "duration": 0.5}, "detect", -0.2 * np.log(1 - 0.11 / (0.2 * 0.5**0.5)) + CYCLE),
-    ("odom_drift", {"speed": 0.005}, "survive", None),
-    ("joint_bias", {"bias": 0.5, "ramp": 0.0}, "detect", 2 * CYCLE),
-    ("joint_bias", {"bias": 0.5, "ramp": 1.0}, "either", None),  # forgotten during its growth
-    ("joint_noise", {"sigma": 1e-4, "velocity_sigma": 1e-3}, "survive", None),
-    ("joint_noise", {"sigma": 1e-2}, "either", None),
-    ("message_replay", {"length": 0.1, "duration": 0.5}, "detect", 0.15 + CYCLE),
-    ("stamp_ahead", {"by": 1.0, "duration": 0.5}, "detect", 0.05 + CYCLE),
-    ("clock_jump", {"by": -0.1}, "detect", CYCLE),
-    ("clock_jump", {"by": 0.02}, "either", None),
-    ("clock_frozen", {"duration": 0.2}, "detect", 0.05 + CYCLE),
-    ("clock_frozen", {"duration": 0.05}, "either", None),
-    ("estop", {}, "detect", CYCLE),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("kind", "parameters", "label", "deadline"),
+    [
+        ("message_dropout", {"duration": 0.04}, "either", None),
+        ("message_dropout", {"duration": 0.1}, "detect", 0.05 + CYCLE),
+        ("message_dropout", {"duration": 0.1, "stream": "imu"}, "survive", None),
+        ("message_loss", {"share": 1.0, "duration": 0.1}, "detect", 0.05 + CYCLE),
+        ("message_loss", {"share": 0.05}, "survive", None),
+        ("joint_not_a_number", {"duration": 0.1}, "detect", 0.05 + CYCLE),
+        ("joint_not_a_number", {"duration": 0.1, "share": 0.5}, "either", None),
+        ("joint_states_frozen", {"duration": 0.2}, "detect", 0.1 + 2 * CYCLE),
+        ("odom_jump", {"size": 0.3}, "detect", 2 * CYCLE),
+        ("odom_jump", {"size": 0.12}, "either", None),  # possibly below the limit along each axis
+        ("odom_drift", {"speed": 1.0, "duration": 0.5}, "detect", -0.2 * np.log(1 - 0.11 / (0.2 * 0.5**0.5)) + CYCLE),
+        ("odom_drift", {"speed": 0.005}, "survive", None),
+        ("joint_bias", {"bias": 0.5, "ramp": 0.0}, "detect", 2 * CYCLE),
+        ("joint_bias", {"bias": 0.5, "ramp": 1.0}, "either", None),  # forgotten during its growth
+        ("joint_noise", {"sigma": 1e-4, "velocity_sigma": 1e-3}, "survive", None),
+        ("joint_noise", {"sigma": 1e-2}, "either", None),
+        ("message_replay", {"length": 0.1, "duration": 0.5}, "detect", 0.15 + CYCLE),
+        ("stamp_ahead", {"by": 1.0, "duration": 0.5}, "detect", 0.05 + CYCLE),
+        ("clock_jump", {"by": -0.1}, "detect", CYCLE),
+        ("clock_jump", {"by": 0.02}, "either", None),
+        ("clock_frozen", {"duration": 0.2}, "detect", 0.05 + CYCLE),
+        ("clock_frozen", {"duration": 0.05}, "either", None),
+        ("estop", {}, "detect", CYCLE),
+    ],
+)
 def test_expectations(kind, parameters, label, deadline):
     expected = expect(made(kind, **parameters), SETTINGS)
     assert (expected.label, expected.deadline) == (label, deadline if deadline is None else pytest.approx(deadline))

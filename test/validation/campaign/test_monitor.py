@@ -81,11 +81,14 @@ def test_torques_are_finite_and_within_limits(cycles):
     assert "unreadable" in cycles.cycle(np.zeros(11))
 
 
-@pytest.mark.parametrize(("sent", "refused", "stale"), [
-    (["odom"], (), "joint_states"),
-    (["joint_states"], (), "odom"),
-    (["joint_states", "odom"], ("/odom: header.stamp is 0",), "odom"),  # refused messages do not count
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("sent", "refused", "stale"),
+    [
+        (["odom"], (), "joint_states"),
+        (["joint_states"], (), "odom"),
+        (["joint_states", "odom"], ("/odom: header.stamp is 0",), "odom"),  # refused messages do not count
+    ],
+)
 def test_stale_state_by_its_true_age(cycles, sent, refused, stale):
     """Latency that jumps up is seen, whatever the arrival says."""
     for _ in range(25):

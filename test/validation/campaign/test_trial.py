@@ -17,13 +17,16 @@ from wbc_controller.validation.campaign.trial import ALL_KINDS, _Trial, run_tria
 SHORT = {"start": 0.02, "duration": 0.06}
 
 
-@pytest.mark.parametrize(("kind", "parameters", "result", "code"), [
-    ("message_duplication", {"gap": 0.002}, "survived", ""),
-    ("message_dropout", {"stream": "joint_states"}, "damped", "STALE_INPUT"),
-    ("odom_jump", {"size": 1.0}, "damped", "IMPLAUSIBLE_STATE"),
-    ("clock_jump", {"by": -1.0}, "damped", "CLOCK"),
-    ("garbage", {}, "survived", ""),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("kind", "parameters", "result", "code"),
+    [
+        ("message_duplication", {"gap": 0.002}, "survived", ""),
+        ("message_dropout", {"stream": "joint_states"}, "damped", "STALE_INPUT"),
+        ("odom_jump", {"size": 1.0}, "damped", "IMPLAUSIBLE_STATE"),
+        ("clock_jump", {"by": -1.0}, "damped", "CLOCK"),
+        ("garbage", {}, "survived", ""),
+    ],
+)
 def test_controller_survives_harmless_faults_and_is_damped_in_time(kind, parameters, result, code):
     outcome = run_trial("go2", kind, 0, parameters={**SHORT, **parameters})
     assert (outcome.result, outcome.code, dict(outcome.violations)) == (result, code, {})
@@ -108,14 +111,17 @@ def _fails(controller):
     controller.board.sample = lambda time: 1 / 0 if next(numbers) == 15 else sample(time)
 
 
-@pytest.mark.parametrize(("kind", "parameters", "prepare", "violation"), [
-    ("estop", {}, _with_torques(_once(lambda tau: tau * np.nan)), "not_finite"),
-    ("estop", {}, _fails, "internal_error"),
-    ("estop", {}, lambda controller: controller.supervisor.request("estop", 0.0, None), "start"),
-    ("message_dropout", {"duration": 0.15}, _old_states, "stale"),
-    ("joint_states_frozen", {"duration": 0.2}, _without_detection, "undetected"),
-    ("kick", {"speed": 2.0, "duration": 0.6, "seed": 2}, _without_detection, "fell"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("kind", "parameters", "prepare", "violation"),
+    [
+        ("estop", {}, _with_torques(_once(lambda tau: tau * np.nan)), "not_finite"),
+        ("estop", {}, _fails, "internal_error"),
+        ("estop", {}, lambda controller: controller.supervisor.request("estop", 0.0, None), "start"),
+        ("message_dropout", {"duration": 0.15}, _old_states, "stale"),
+        ("joint_states_frozen", {"duration": 0.2}, _without_detection, "undetected"),
+        ("kick", {"speed": 2.0, "duration": 0.6, "seed": 2}, _without_detection, "fell"),
+    ],
+)
 def test_broken_controllers_are_detected(kind, parameters, prepare, violation):
     outcome = run_trial("go2", kind, 0, parameters={**SHORT, **parameters}, prepare=prepare)
     assert outcome.result == "violation"

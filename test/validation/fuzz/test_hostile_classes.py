@@ -23,21 +23,24 @@ def test_hostile_classes_are_refused_or_damped(hostile):
     )
 
 
-@pytest.mark.parametrize(("kind", "member", "after", "value", "result"), [
-    ("tasks", "enabled", 0, True, "active"),
-    ("contacts", "enabled", 0, np.bool_(False), "active"),
-    ("tasks", "drift", 13, np.full(1, np.nan), "damping METHOD_FAILED"),
-    ("tasks", "drift", 13, np.ma.masked_array([0.0], mask=[1]), "damping METHOD_FAILED"),
-    ("tasks", "drift", 13, RecursionError(), "damping METHOD_FAILED"),
-    ("contacts", "jacobian", 6, np.zeros((3, 17)), "damping METHOD_FAILED"),
-    ("limits", "fill", 6, np.nan, "damping METHOD_FAILED"),
-    ("tasks", "name", 0, 5, "refused"),
-    ("tasks", "rows", 0, -np.inf, "refused"),
-    ("tasks", "enabled", 0, np.zeros(2), "refused"),
-    ("tasks", "stiffness", 0, [[1, 2], [3]], "refused"),
-    ("contacts", "bound_groups", 0, 1.0, "refused"),
-    ("contacts", "size", 0, np.ones(3), "refused"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("kind", "member", "after", "value", "result"),
+    [
+        ("tasks", "enabled", 0, True, "active"),
+        ("contacts", "enabled", 0, np.bool_(False), "active"),
+        ("tasks", "drift", 13, np.full(1, np.nan), "damping METHOD_FAILED"),
+        ("tasks", "drift", 13, np.ma.masked_array([0.0], mask=[1]), "damping METHOD_FAILED"),
+        ("tasks", "drift", 13, RecursionError(), "damping METHOD_FAILED"),
+        ("contacts", "jacobian", 6, np.zeros((3, 17)), "damping METHOD_FAILED"),
+        ("limits", "fill", 6, np.nan, "damping METHOD_FAILED"),
+        ("tasks", "name", 0, 5, "refused"),
+        ("tasks", "rows", 0, -np.inf, "refused"),
+        ("tasks", "enabled", 0, np.zeros(2), "refused"),
+        ("tasks", "stiffness", 0, [[1, 2], [3]], "refused"),
+        ("contacts", "bound_groups", 0, 1.0, "refused"),
+        ("contacts", "size", 0, np.ones(3), "refused"),
+    ],
+)
 def test_hostile_member(kind, member, after, value, result):
     with np.errstate(all="ignore"):
         assert run_class(HostileClass(kind, member, after, value)) == result

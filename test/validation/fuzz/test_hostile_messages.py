@@ -121,13 +121,23 @@ def _exceeds(take_over, guard, now, outputs):
     guard._tau = np.full(len(guard._tau), 1.0e4)
 
 
-@pytest.mark.parametrize(("owner", "name", "broken", "node", "count", "why"), [
-    (Requests, "_decode", _stops, "controller", 100, "was used"),
-    (Supervisor, "_update_time", lambda _, self, now: self._rate.fill(np.inf), "controller", 1500, "the torque step"),
-    (Inputs, "_decode", _answers, "estimator", 200, "was refused"),
-    (Guard, "_take_over", _exceeds, "guard", 200, "the guard exceeded a torque limit"),
-    (BaseEstimator, "covariance", None, "estimator", 200, "invalid covariance of the estimate"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("owner", "name", "broken", "node", "count", "why"),
+    [
+        (Requests, "_decode", _stops, "controller", 100, "was used"),
+        (
+            Supervisor,
+            "_update_time",
+            lambda _, self, now: self._rate.fill(np.inf),
+            "controller",
+            1500,
+            "the torque step",
+        ),
+        (Inputs, "_decode", _answers, "estimator", 200, "was refused"),
+        (Guard, "_take_over", _exceeds, "guard", 200, "the guard exceeded a torque limit"),
+        (BaseEstimator, "covariance", None, "estimator", 200, "invalid covariance of the estimate"),
+    ],
+)
 def test_nodes_with_defects_are_found(monkeypatch, owner, name, broken, node, count, why):
     original = getattr(owner, name)
     covariance = -np.eye(6), np.eye(6)

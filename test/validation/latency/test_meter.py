@@ -31,17 +31,20 @@ def trips(sent, efforts, commands, period=PERIOD):
 THREE = [(0, 1), (2, 2), (4, 3)]
 
 
-@pytest.mark.parametrize(("sent", "efforts", "commands", "seconds", "late"), [
-    pytest.param(THREE, [0.9, 2.8, 4.7], [(1.0, 1), (2.9, 2), (4.8, 3)], [0.9, 0.8, 0.7], 0, id="in time"),
-    # The torques of the first state arrive after the second state.
-    pytest.param(THREE, [2.5, 5.0], [(2.6, 1), (5.1, 2)], [2.5, 3.0, np.inf], 3, id="longer than the period"),
-    pytest.param(THREE, [1.0, 5.0], [(1.1, 1), (5.1, 3)], [1.0, np.inf, 1.0], 1, id="a state is left out"),
-    pytest.param(THREE[:2], [1.0], [(1.1, 1), (3.3, 2)], [1.0, 1.3], 0, id="lost torques: the command counts"),
-    pytest.param(THREE[:2], [1.0, 2.2, 3.0], [(1.1, 1), (3.1, 2)], [1.0, 1.0], 0, id="torques of another node"),
-    pytest.param(THREE, [1.1, 3.1, 5.1], [(1.0, 1), (3.0, 2), (5.0, 3)], [1.0] * 3, 0, id="a command comes first"),
-    pytest.param(THREE[:1], [1.0, 60.0], [(1.1, 1), (60.1, 1)], [1.0], 0, id="two commands with one stamp"),
-    pytest.param(THREE[1:2], [0.5, 3.0], [(0.6, 1), (3.1, 2)], [1.0], 0, id="a command for an older state"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("sent", "efforts", "commands", "seconds", "late"),
+    [
+        pytest.param(THREE, [0.9, 2.8, 4.7], [(1.0, 1), (2.9, 2), (4.8, 3)], [0.9, 0.8, 0.7], 0, id="in time"),
+        # The torques of the first state arrive after the second state.
+        pytest.param(THREE, [2.5, 5.0], [(2.6, 1), (5.1, 2)], [2.5, 3.0, np.inf], 3, id="longer than the period"),
+        pytest.param(THREE, [1.0, 5.0], [(1.1, 1), (5.1, 3)], [1.0, np.inf, 1.0], 1, id="a state is left out"),
+        pytest.param(THREE[:2], [1.0], [(1.1, 1), (3.3, 2)], [1.0, 1.3], 0, id="lost torques: the command counts"),
+        pytest.param(THREE[:2], [1.0, 2.2, 3.0], [(1.1, 1), (3.1, 2)], [1.0, 1.0], 0, id="torques of another node"),
+        pytest.param(THREE, [1.1, 3.1, 5.1], [(1.0, 1), (3.0, 2), (5.0, 3)], [1.0] * 3, 0, id="a command comes first"),
+        pytest.param(THREE[:1], [1.0, 60.0], [(1.1, 1), (60.1, 1)], [1.0], 0, id="two commands with one stamp"),
+        pytest.param(THREE[1:2], [0.5, 3.0], [(0.6, 1), (3.1, 2)], [1.0], 0, id="a command for an older state"),
+    ],
+)
 def test_following_command_assigns_torques_to_a_state(sent, efforts, commands, seconds, late):
     found = trips(sent, efforts, commands)
     np.testing.assert_allclose(found.seconds, np.array(seconds) * 1e-3)
