@@ -71,19 +71,21 @@ def test_a_contact_that_holds_no_longer_counts_until_it_moves(robot_of):
     assert consistency.speed == 0.0
 
 
-def test_a_sole_that_tips_over_a_corner_rests_there(robot_of):
+@pytest.mark.parametrize("weights", [(1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), (0.4, 0.3, 0.2, 0.1)])
+@pytest.mark.parametrize("turn", [(0.0, 5.0, 0.0), (9.0, 1.0, 0.0)])
+def test_a_sole_that_tips_over_a_corner_or_an_edge_below_it_rests_there(robot_of, weights, turn):
     _, model, legs, consistency = make(robot_of, "g1", "pelvis")
-    (name, _), omega = legs.points, np.array([0.0, 1.0, 0.0])
-    corner = legs.contact_points((name,)).positions[0]
+    (name, _), omega = legs.points, np.array(turn)
+    place = weights @ (legs.corners[name] @ legs.contact_points((name,)).positions)
     legs.update(model.posture, np.zeros(model.nj))
-    for _ in range(50):  # the robot turns as a rigid body about the corner
-        consistency.update((name,), np.eye(3), -np.cross(omega, corner), omega, 0.01)
-    assert consistency.speed == pytest.approx(0.0, abs=1e-9)
-    rising = np.cross(omega, legs.contact_points((name,)).positions - corner)[:, 2]
+    for _ in range(50):  # the robot turns as a rigid body about a place of the sole
+        consistency.update((name,), np.eye(3), -np.cross(omega, place), omega, 0.01)
+    assert consistency.speed < 1e-9
+    rising = np.cross(omega, legs.contact_points((name,)).positions - place)[:, 2]
     np.testing.assert_allclose(consistency.tipping(name), np.abs(rising), atol=1e-6)
-    assert consistency.tipping(name).max() > 0.1
+    assert consistency.tipping(name).max() > LIMIT
     for _ in range(50):  # and slides
-        consistency.update((name,), np.eye(3), -np.cross(omega, corner) + [0.0, 0.2, 0.0], omega, 0.01)
+        consistency.update((name,), np.eye(3), -np.cross(omega, place) + 0.2 * omega / max(turn), omega, 0.01)
     assert consistency.speed > LIMIT
     for _ in range(50):  # a sliding or lifted sole does not tip
         consistency.update((name,), np.eye(3), np.array([0.2, 0.0, 0.1]), OMEGA, 0.01)

@@ -46,6 +46,7 @@ class AxesComparison:
     def __init__(self, *, with_displacements: bool) -> None:
         kinds = 2 if with_displacements else 1  # turns and displacements
         self._means = np.zeros((kinds, 6, 6))  # ⟨c cᵀ⟩ with c = (a, b)
+        self._last = np.zeros((kinds, 3)), np.zeros((kinds, 3))  # a and b
         self._suspicion: str | None = None  # last message on deg/s; noise and slips may hide this error
 
     @property
@@ -76,6 +77,12 @@ class AxesComparison:
         """
         c = np.concatenate([a, b], axis=1)
         self._means += (1.0 - math.exp(-elapsed / _MEAN)) * (c[:, :, None] * c[:, None, :] - self._means)
+        self._last = a, b
+        return self.explanation(world, known_wrong=known_wrong)
+
+    def explanation(self, world: Array | None, *, known_wrong: bool) -> str | None:
+        """Return the message of `update` without a new measurement."""
+        a, b = self._last
         contradictions = (self._means * _CONTRADICTION).sum(axis=(1, 2))
         limit = (_KNOWN_WRONG * _LIMIT if known_wrong else _LIMIT) ** 2
         for i, contradiction in enumerate(contradictions.tolist()):

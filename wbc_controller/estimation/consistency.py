@@ -4,8 +4,9 @@ By the filter's R, v, b_g, a contact point at y from the IMU moves in the world 
 
     u = v + R ((ω - b_g) × y + ẏ)
 
-If all points move, the IMU is wrong or no contact holds, and the estimate is lost; a tipping sole rests at a point. The
-filter cannot detect this: it rejects the contacts, or explains a slow contradiction by creep.
+If all points move, the IMU is wrong or no contact holds, and the estimate is lost; a tipping sole rests at a point or
+at an edge of the ground between its corners. The filter cannot detect this: it rejects the contacts, or explains a slow
+contradiction by creep.
 
 A tipping sole would tilt the estimate. Therefore its points creep with their vertical speed relative to the resting
 point.
@@ -34,7 +35,8 @@ class ContactConsistency:
     """Velocities of the contact points; inactive contacts count until they move.
 
     The speed of a point is the smaller of those of its present and its mean velocity: neither a single wrong sample nor
-    the motion before a touchdown decides. `speed` is that of the slowest point, m/s; 0 without contacts.
+    the motion before a touchdown decides. `speed` is that of the slowest point, also between the corners of a sole,
+    m/s; 0 without contacts.
     """
 
     def __init__(self, kinematics: LegKinematics) -> None:
@@ -44,10 +46,14 @@ class ContactConsistency:
         self._means: dict[str, Array] = {}  # velocities of points, and vertical for tipping, (k, 4) in m/s
 
     def tipping(self, contact: str) -> Array:
-        """Return the mean vertical speeds of a contact's points relative to its slowest one, (k,) in m/s; 0 without."""
+        """Return the mean vertical speeds of a contact's points relative to its slowest place, (k,) in m/s; 0 without.
+
+        The slowest place is a corner, or lies between corners that move up and down.
+        """
         none = np.zeros((len(self._kinematics.points[contact]), 4))
         rising = self._means.get(contact, none)[:, 3]
-        return np.asarray(np.abs(rising - rising[np.abs(rising).argmin()]))
+        corners = self._corners(contact, rising)
+        return np.asarray(np.abs(rising - min(max(0.0, corners.min()), corners.max())))
 
     def update(self, active_contacts: tuple[str, ...], R: Array, velocity: Array, omega: Array, elapsed: float) -> None:
         """Average the velocities of the points, from zero for a new contact.
@@ -79,4 +85,26 @@ class ContactConsistency:
         slowest = np.minimum.reduceat(np.minimum(np.linalg.norm(means[:, :3], axis=1), speeds), ends[:-1])
         self._means = {name: means[own] for name, own in rows.items()}
         self._speeds = dict(zip(contacts, slowest.tolist(), strict=True))
+        for name, own in rows.items():
+            if self._speeds[name] > LIMIT:
+                present, mean = self._corners(name, u[own]), self._corners(name, means[own, :3])
+                self._speeds[name] = min(_slowest_between(present), _slowest_between(mean))
         self.speed = min(self._speeds.values())
+
+    def _corners(self, contact: str, velocities: Array) -> Array:
+        """Return velocities of the corners of a sole from those of its points, which are the result without a sole."""
+        weights = self._kinematics.corners.get(contact)
+        return velocities if weights is None else weights @ velocities
+
+
+def _slowest_between(velocities: Array) -> float:
+    """Return the least speed on the lines between points of a rigid body, m/s, from their velocities, (k, 3) in m/s.
+
+    On such a line the velocity changes linearly: between u and w, the slowest place has u + s (w - u) with
+    s = -u·(w - u) / ‖w - u‖², limited to 0 and 1.
+    """
+    u, w = velocities[:, None], velocities[None]
+    change = w - u  # (k, k, 3)
+    size = (change * change).sum(axis=2)
+    share = np.clip(-(u * change).sum(axis=2) / np.where(size > 0.0, size, 1.0), 0.0, 1.0)
+    return float(np.linalg.norm(u + share[:, :, None] * change, axis=2).min())

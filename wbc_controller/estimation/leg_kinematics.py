@@ -52,6 +52,7 @@ class LegKinematics:
         points: names by contact.
         rolling: vector from contact point to centre of each ball in the world, (3,) in m; the centre is tracked.
         soles: names of contacts.
+        corners: corners of each sole as weighted means of its points: weights, (n, 3).
         imu_rotation: from IMU to base axes, (3, 3).
         imu_position: of the IMU in base axes, (3,) in m.
         imu_motion: twist of the IMU relative to the base in base axes, (6,) in m/s and rad/s.
@@ -84,6 +85,7 @@ class LegKinematics:
         self.points: dict[str, tuple[str, ...]] = {}
         self.rolling: dict[str, Array] = {}
         self.soles: tuple[str, ...] = ()
+        self.corners: dict[str, Array] = {}
         self._contacts: dict[str, tuple[int, Array]] = {}  # joint, points
         self._point_sets: dict[tuple[str, ...], _PointSet] = {}
         self._cache: dict[tuple[str, ...], ContactPoints] = {}  # at the joints' present state
@@ -92,8 +94,10 @@ class LegKinematics:
             if name not in frames or contact.internal:
                 continue
             if isinstance(contact, SurfaceContact):
-                corners = contact.points(dynamics)[:_SOLE_POINTS]
+                support = contact.points(dynamics)
+                corners = support[:_SOLE_POINTS]
                 self.soles += (name,)
+                self.corners[name] = np.linalg.lstsq(_with_one(corners).T, _with_one(support).T)[0].T
             elif isinstance(contact, FixedContact):
                 corners = np.array([contact.placement(dynamics).act(offset) for offset in _ARM])
             elif isinstance(contact, PointContact) and contact.ball:
@@ -194,3 +198,7 @@ def hats(vectors: Array) -> Array:
     matrices[:, 0, 1], matrices[:, 0, 2], matrices[:, 1, 2] = -z, y, -x
     matrices[:, 1, 0], matrices[:, 2, 0], matrices[:, 2, 1] = z, -y, x
     return matrices
+
+
+def _with_one(points: Array) -> Array:
+    return np.column_stack([points, np.ones(len(points))])

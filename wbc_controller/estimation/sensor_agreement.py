@@ -116,7 +116,7 @@ class SensorAgreement:
         self._contacts = active_contacts
         if changed or self._settling > 0.0:
             self._moved, self._measured = np.zeros_like(self._places), np.zeros_like(self._measured)
-            return None
+            return self._sentence(self.comparison.explanation(world, known_wrong=True)) if known_wrong else None
         keep = math.exp(-elapsed / HIGH_PASS)
         self._moved = keep * (self._moved + self._places - before)
         self._measured = keep * (self._measured + steps)
@@ -124,7 +124,10 @@ class SensorAgreement:
         if by_legs is None:
             return None
         found = self.comparison.update(elapsed, by_legs[: len(steps)], self._measured, world, known_wrong=known_wrong)
-        return found and f"{self._sensor} contradicts the legs ({', '.join(active_contacts)}): {found}"
+        return self._sentence(found)
+
+    def _sentence(self, found: str | None) -> str | None:
+        return found and f"{self._sensor} contradicts the legs ({', '.join(self._contacts)}): {found}"
 
 
 def _motion(positions: Array, moved: Array) -> Array | None:
