@@ -70,7 +70,7 @@ def test_a_foot_that_a_push_unloads_stays_where_it_was_made_with_a_stiffness(tal
         soles = push(settings.model_copy(update={"contacts": contacts}), model, 35.0, (0.0, 1.0))[2]
         slid.append(np.linalg.norm((soles - soles[0])[:, :, :2], axis=2).max(axis=1))
     print(f"slid by {1e3 * slid[0].max():.1f} mm without, {1e3 * slid[1].max():.1f} mm with a stiffness")
-    assert slid[0].max() > 0.01
-    assert slid[1].max() < 0.007
-    assert slid[0][-1] > 0.008  # and stays there
+    assert slid[0].max() > 1.4 * slid[1].max()
+    assert slid[1].max() < 0.005
+    assert slid[0][-1] > 0.006  # and stays there
     assert slid[1][-1] < 0.002

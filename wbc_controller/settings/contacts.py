@@ -22,7 +22,7 @@ class _Contact(Section):
     translation: Vector3 = Field([0.0, 0.0, 0.0], description="Origin of the contact in `frame`, m.")
     against: str | None = Field(None, description="URDF frame on the touched link; none for the world.")
     enabled: bool = Field(True, description="Active when the controller is activated.")
-    damping: Gain = Field(20.0, description="Damping of the contact velocity, 1/s.")
+    damping: Gain = Field(20.0, description="Damping D of the contact velocity, 1/s (docs/contacts.md).")
     stiffness: Gain = Field(0.0, description="Stiffness towards the pose at activation, 1/s².")
     ramp: NonNegative = Field(0.2, le=10.0, description="Duration of loading and unloading, s.")
 

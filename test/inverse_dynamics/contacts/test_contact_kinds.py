@@ -172,6 +172,13 @@ def velocity_by_differences(contact, model, q, v, step=1.0e-6):
     return contact.axes(middle).T @ velocity
 
 
+@pytest.mark.parametrize(("stiffness", "rotation"), [(0.0, 50.0), (100.0, 20.0)])
+def test_a_sole_without_anchor_is_damped_more_in_rotation(load, stiffness, rotation):
+    sole = a_surface(load("g1")[0], np.random.default_rng(0), stiffness=stiffness)
+    np.testing.assert_array_equal(sole.row_damping(), np.repeat([20.0, rotation], 3))
+    np.testing.assert_array_equal(a_point(load("g1")[0], np.random.default_rng(0)).row_damping(), np.full(3, 20.0))
+
+
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind.startswith(("point", "wheel"))])
 @few
 @given(seed=seeds)

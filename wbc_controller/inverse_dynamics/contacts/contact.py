@@ -90,6 +90,10 @@ class Contact(Tunable, ABC):
     def bounds(self, activation: float) -> tuple[Array, Array]:
         """Return read-only bounds of f, (k,); the activation from 0 to 1 scales the largest forces."""
 
+    def row_damping(self) -> Array:
+        """Return D of each row of J, (k,) in 1/s."""
+        return np.full(self.size, self.damping)
+
     def instruction(self) -> Instruction | None:
         """Return the instruction for compiled code; None to fill the rows in Python, and for subclasses."""
         return None

@@ -82,7 +82,7 @@ class Layout:
         self._rows_in_A = problem.A[:nf, :nv]
         self.contact_rows: Array | None = None
         self.contact_motion = problem.b[:nf]
-        self.damping = np.concatenate([np.zeros(0), *(np.full(c.size, c.damping) for c in contacts)])
+        self.damping = np.concatenate([np.zeros(0), *(c.row_damping() for c in contacts)])
         self.metric = np.concatenate([np.zeros(0), *(c.metric for c in contacts)])
         self.places: list[ContactPlace] = []
         row, first = 0, na

@@ -183,7 +183,7 @@ def contact_accelerations(dynamics: Dynamics, active: Sequence[Contact], referen
         if isinstance(contact, AnchoredContact) and contact.stiffness > 0.0:
             anchored.append((contact, slice(len(J), len(J) + contact.size)))
         J, at_rest = np.vstack([J, own_J]), np.concatenate([at_rest, own_at_rest])
-        D = np.concatenate([D, np.full(contact.size, contact.damping)])
+        D = np.concatenate([D, contact.row_damping()])
     return J, at_rest - D * (J @ dynamics.v) + anchor_feedback(len(J), anchored, dynamics, references.anchors)
 
 
