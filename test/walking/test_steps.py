@@ -26,7 +26,7 @@ from wbc_controller.walking.feet import Foot, about_z
 from wbc_controller.walking.footsteps import Stance, Velocity, nominal_step
 from wbc_controller.walking.pendulum_kernels import before, later
 from wbc_controller.walking.swing_kernels import LATE_SPEED, TOUCHDOWN_SPEED, Landing, at_rest, integrate_foot, moved
-from wbc_controller.walking.touchdown import LATEST, lands, rebounds
+from wbc_controller.walking.touchdown import LATEST, lands, rebounds, tips
 
 GAIT = replace(GAIT, braking=4.0)
 DT = 0.002
@@ -276,6 +276,21 @@ def test_a_touchdown_is_told_by_sensor_or_motion(share, late, wanted, velocity, 
     speed = math.hypot(*velocity)
     assert lands(share, late, True, wanted, TOUCHDOWN_SPEED, velocity[2], speed, touching) is landed
     assert lands(share, late, False, wanted, TOUCHDOWN_SPEED, velocity[2], speed, touching) is (late >= LATEST)
+
+
+@pytest.mark.parametrize(
+    ("share", "wanted", "rise", "speed", "turning", "tipped"),
+    [
+        (0.65, -0.3, -0.1, 0.3, 2.5, True),  # the ground is much higher than planned; a side of the sole touches it
+        (0.5, -0.3, -0.1, 0.3, 2.5, False),  # too early to count
+        (0.65, -0.05, -0.1, 0.3, 2.5, False),  # the reference does not descend
+        (0.65, -0.3, -0.2, 0.3, 2.5, False),  # the foot follows its reference
+        (0.65, -0.3, -0.1, 0.8, 2.5, False),  # the foot still swings
+        (0.65, -0.3, -0.1, 0.3, 0.8, False),
+    ],
+)
+def test_a_sole_on_an_edge_tips(share, wanted, rise, speed, turning, tipped):
+    assert tips(share, wanted, 0.3, rise, speed, turning) is tipped
 
 
 def test_a_point_foot_rebounds_and_a_foot_with_a_fast_touchdown_has_landed_at_half_of_its_speed():

@@ -22,7 +22,7 @@ from wbc_controller.walking.references_kernels import smooth_step
 from wbc_controller.walking.support_kernels import nearest_in_support
 from wbc_controller.walking.swing_kernels import TOUCHDOWN_SPEED, Landing, at_rest
 from wbc_controller.walking.terrain import FOOTHOLDS, Ground, plane_through
-from wbc_controller.walking.touchdown import LATEST, lands
+from wbc_controller.walking.touchdown import LATEST, lands, tips
 from wbc_controller.walking.walker import Decision, TaskSets, Walker
 
 #: Feedback gain on the DCM, 1/s.
@@ -386,7 +386,10 @@ class BipedWalker(Walker):
         sensor = self._sensor(foot.contact, cycle.touching) if cycle.touching else None
         sole = cycle.soles[-self._stance]
         low = max(swing.item(0, 2), sole.height) - landing.height < _LOW * clearance
-        if not lands(share, late, low, swing.item(1, 2), landing.speed, sole.rise, sole.speed, sensor):
+        wanted_rise = swing.item(1, 2)
+        if tips(share, wanted_rise, landing.speed, sole.rise, sole.speed, sole.turning):
+            self._land(step, cycle, late, decision)
+        elif not lands(share, late, low, wanted_rise, landing.speed, sole.rise, sole.speed, sensor):
             self._moved = cycle.time
         elif sensor or late >= LATEST or sole.height - landing.height < _HIGHER or cycle.time - self._moved > _RESTS:
             self._land(step, cycle, late, decision)

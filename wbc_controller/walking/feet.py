@@ -27,6 +27,7 @@ class Sole(NamedTuple):
     slope: complex  # increase of the height along x and y, dz/dx + i dz/dy
     rise: float  # vertical velocity of the centre, m/s
     speed: float  # of the centre, m/s
+    turning: float  # horizontal angular velocity, rad/s
 
     @property
     def ground(self) -> Ground:

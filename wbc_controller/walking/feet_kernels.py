@@ -47,7 +47,7 @@ def motion_of_points(joints: Matrix, links: Matrix, on: Indices, offsets: Matrix
 @compiled
 def motion_of_sole(
     joints: Matrix, links: Matrix, link: int, mount: Vector
-) -> tuple[complex, float, float, complex, float, float]:
+) -> tuple[complex, float, float, complex, float, float, float]:
     """Return the fields of `feet.Sole` for the placement of a sole on a link, (12,); other arguments as above."""
     if len(joints) != len(links) or not 0 <= link < len(links) or len(mount) != 12:
         raise ValueError("motion_of_sole: wrong sizes")
@@ -56,7 +56,8 @@ def motion_of_sole(
     x, y, z = three(sole, 9)
     v = _velocity(links[link], (x, y, z))
     slope = complex(-sole[6] / sole[8], -sole[7] / sole[8])
-    return complex(x, y), z, math.atan2(sole[1], sole[0]), slope, v[2], math.sqrt(dot(v, v))
+    turning = math.hypot(links[link, 3], links[link, 4])
+    return complex(x, y), z, math.atan2(sole[1], sole[0]), slope, v[2], math.sqrt(dot(v, v)), turning
 
 
 @part

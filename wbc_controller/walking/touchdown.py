@@ -8,6 +8,9 @@ _STOPPED = 0.5
 _DESCENDING = 0.07
 #: Largest speed of a foot stopped by the ground, m/s.
 _SLOW = 0.2
+#: Least horizontal angular velocity of a sole that an edge of the ground turns, rad/s, and largest speed of its centre,
+#: m/s: it still moves.
+_TURNS, _TURNING = 1.5, 0.4
 #: Longest time after the planned touchdown until the foot counts as landed, s.
 LATEST = 0.15
 
@@ -40,8 +43,23 @@ def lands(
         return False
     if touching:
         return True
-    stopped = wanted <= -_DESCENDING and rise > _STOPPED * max(wanted, -landing)
-    return stopped and speed < _SLOW
+    return _is_stopped(wanted, landing, rise) and speed < _SLOW
+
+
+def tips(share: float, wanted: float, landing: float, rise: float, speed: float, turning: float) -> bool:
+    """Return whether the ground turns a sole that should descend without turning.
+
+    A sole on an edge has to count as a contact before it tips: the swing would push it on until its centre rests.
+
+    Args:
+        turning: horizontal angular velocity of the sole, rad/s; other arguments as of `lands`.
+    """
+    return share >= COUNTS and turning > _TURNS and speed < _TURNING and _is_stopped(wanted, landing, rise)
+
+
+def _is_stopped(wanted: float, landing: float, rise: float) -> bool:
+    """Return whether a foot descends much slower than its reference."""
+    return wanted <= -_DESCENDING and rise > _STOPPED * max(wanted, -landing)
 
 
 def rebounds(wanted: float, rise: float) -> bool:
