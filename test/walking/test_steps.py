@@ -287,6 +287,7 @@ def test_a_touchdown_is_told_by_sensor_or_motion(share, late, wanted, velocity, 
         (0.65, -0.3, -0.2, 0.3, 2.5, False),  # the foot follows its reference
         (0.65, -0.3, -0.1, 0.8, 2.5, False),  # the foot still swings
         (0.65, -0.3, -0.1, 0.3, 0.8, False),
+        (0.83, -0.65, 0.38, 0.39, 3.1, False),  # thrown up by an obstacle
     ],
 )
 def test_a_sole_on_an_edge_tips(share, wanted, rise, speed, turning, tipped):

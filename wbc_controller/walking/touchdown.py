@@ -8,9 +8,9 @@ _STOPPED = 0.5
 _DESCENDING = 0.07
 #: Largest speed of a foot stopped by the ground, m/s.
 _SLOW = 0.2
-#: Least horizontal angular velocity of a sole that an edge of the ground turns, rad/s, and largest speed of its centre,
-#: m/s: it still moves.
-_TURNS, _TURNING = 1.5, 0.4
+#: Least horizontal angular velocity of a sole that an edge of the ground turns, rad/s, and largest speed and vertical
+#: velocity of its centre, m/s: it still moves, but not away from the ground.
+_TURNS, _TURNING, _RISING = 1.5, 0.4, 0.1
 #: Longest time after the planned touchdown until the foot counts as landed, s.
 LATEST = 0.15
 
@@ -54,7 +54,8 @@ def tips(share: float, wanted: float, landing: float, rise: float, speed: float,
     Args:
         turning: horizontal angular velocity of the sole, rad/s; other arguments as of `lands`.
     """
-    return share >= COUNTS and turning > _TURNS and speed < _TURNING and _is_stopped(wanted, landing, rise)
+    turned = turning > _TURNS and speed < _TURNING and rise < _RISING
+    return share >= COUNTS and turned and _is_stopped(wanted, landing, rise)
 
 
 def _is_stopped(wanted: float, landing: float, rise: float) -> bool:
