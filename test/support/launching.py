@@ -9,7 +9,7 @@ from wbc_controller.settings.config import load
 PATIENCE = 60.0
 ROOT = Path(__file__).resolve().parents[2]
 #: What stops a robot where it is late, for a machine that is busy.
-_PATIENT = {"safety.state_timeout": 1.0, "mock.command_timeout": 10.0}
+_PATIENT = {"safety.state_timeout": 1.0, "mock.command_timeout": 10.0, "guard.patience": 1.0}
 
 
 def patient(robot, folder):

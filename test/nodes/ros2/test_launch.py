@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from busy import patience
-from launching import PATIENCE, ROOT, launch
+from launching import PATIENCE, ROOT, launch, patient
 from waiting import until
 
 try:
@@ -100,11 +100,12 @@ def test_a_robot_that_does_not_exist_ends_the_controller_with_the_reason(environ
     assert "Traceback" not in output
 
 
-def test_the_guard_may_be_launched_too(environment, user):
+def test_the_guard_may_be_launched_too(environment, user, tmp_path):
     node, until = user
     said = []
     node.create_subscription(String, "/r2/guard/state", lambda message: said.append(message.data), LATCHED)
-    process = launch(environment, "robot:=go2", "namespace:=r2", "guard:=true", "activate:=true")
+    config = f"config:={patient('go2', tmp_path)}"
+    process = launch(environment, config, "namespace:=r2", "guard:=true", "activate:=true")
     try:
         until(lambda: "watching" in said)
     finally:
