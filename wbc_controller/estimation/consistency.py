@@ -4,12 +4,9 @@ By the filter's R, v, b_g, a contact point at y from the IMU moves in the world 
 
     u = v + R ((ω - b_g) × y + ẏ)
 
-If all points move, the IMU is wrong or no contact holds, and the estimate is lost; a tipping sole rests at a point or
-at an edge of the ground between its corners. The filter cannot detect this: it rejects the contacts, or explains a slow
-contradiction by creep.
-
-A tipping sole would tilt the estimate. Therefore its points creep with their vertical speed relative to the resting
-point.
+If all points move, the IMU is wrong or no contact holds: the estimate is lost. The filter cannot detect this: it
+rejects the contacts, or explains a slow contradiction by creep. A sole that tips over an edge rests there, between its
+corners; its points creep with their vertical speed relative to that place, as it would tilt the estimate.
 """
 
 from __future__ import annotations
@@ -46,10 +43,7 @@ class ContactConsistency:
         self._means: dict[str, Array] = {}  # velocities of points, and vertical for tipping, (k, 4) in m/s
 
     def tipping(self, contact: str) -> Array:
-        """Return the mean vertical speeds of a contact's points relative to its slowest place, (k,) in m/s; 0 without.
-
-        The slowest place is a corner, or lies between corners that move up and down.
-        """
+        """Return mean vertical speeds of a contact's points relative to its slowest place, (k,) in m/s; 0 without."""
         none = np.zeros((len(self._kinematics.points[contact]), 4))
         rising = self._means.get(contact, none)[:, 3]
         corners = self._corners(contact, rising)
@@ -92,16 +86,15 @@ class ContactConsistency:
         self.speed = min(self._speeds.values())
 
     def _corners(self, contact: str, velocities: Array) -> Array:
-        """Return velocities of the corners of a sole from those of its points, which are the result without a sole."""
+        """Return the velocities of a sole's corners, or else of the points."""
         weights = self._kinematics.corners.get(contact)
         return velocities if weights is None else weights @ velocities
 
 
 def _slowest_between(velocities: Array) -> float:
-    """Return the least speed on the lines between points of a rigid body, m/s, from their velocities, (k, 3) in m/s.
+    """Return the least speed on lines between points of a rigid body with these velocities, (k, 3) in m/s.
 
-    On such a line the velocity changes linearly: between u and w, the slowest place has u + s (w - u) with
-    s = -u·(w - u) / ‖w - u‖², limited to 0 and 1.
+    On a line, u + s (w - u) is least at s = -u·(w - u) / ‖w - u‖², limited to 0 and 1.
     """
     u, w = velocities[:, None], velocities[None]
     change = w - u  # (k, k, 3)

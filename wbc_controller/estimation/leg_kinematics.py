@@ -52,7 +52,7 @@ class LegKinematics:
         points: names by contact.
         rolling: vector from contact point to centre of each ball in the world, (3,) in m; the centre is tracked.
         soles: names of contacts.
-        corners: corners of each sole as weighted means of its points: weights, (n, 3).
+        corners: weights of the points in each corner of a sole, (n, 3).
         imu_rotation: from IMU to base axes, (3, 3).
         imu_position: of the IMU in base axes, (3,) in m.
         imu_motion: twist of the IMU relative to the base in base axes, (6,) in m/s and rad/s.

@@ -42,7 +42,7 @@ _KEPT = 0.8
 #: Additional touchdown speed per unevenness, 1/s, and largest speed, m/s: a slow foot lands late on lower ground.
 _FASTER, _FASTEST = 20.0, 0.3
 #: Largest error of a height on even ground, and least one on rough ground, m, and share of the roughness kept from one
-#: foothold to the next: stones of the next steps are as high as those of the last ones.
+#: foothold to the next.
 _EVEN, _ROUGH, _REMEMBERED = 0.003, 0.007, 0.97
 #: Least duration of a step that measures the roughness, as a share of the nominal one: faster feet land tilted.
 _MEASURES = 0.75
@@ -399,9 +399,8 @@ class BipedWalker(Walker):
     def _land(self, step: Step, cycle: _Cycle, late: float, decision: Decision) -> None:
         """Begin a double support with the swing foot at its present place.
 
-        The centre of pressure begins to move later if the foot lands early on higher ground, and arrives sooner if it
-        lands late on lower ground: otherwise the DCM would differ from its plan. If the DCM is far from the plan, the
-        double support is the shortest one.
+        The centre of pressure begins to move later after an early touchdown, and arrives sooner after a late one. If
+        the DCM is far from its plan, the double support is the shortest one.
         """
         foot, sole = self._feet[-self._stance], cycle.soles[-self._stance]
         unexpected = abs(sole.height - step.landing.height - _BELOW * step.landing.roughness)

@@ -21,8 +21,8 @@ APEX = 0.45
 TOUCHDOWN_SPEED = 0.1
 #: Downward acceleration and speed of a late foot, m/s² and m/s.
 _LATE_ACCELERATION, LATE_SPEED = 10.0, 0.5
-#: Time before the apex at which the plan changes from the apex to the ground, s. In a shorter time to the apex, a
-#: change of the step time or of the ground by a millimetre would need a large acceleration.
+#: Time before the apex at which the plan changes from the apex to the ground, s: later, small changes need large
+#: accelerations.
 DESCENT = 0.06
 #: Shortest remaining time of a new plan, s.
 _SHORTEST = 0.0005

@@ -8,8 +8,8 @@ _STOPPED = 0.5
 _DESCENDING = 0.07
 #: Largest speed of a foot stopped by the ground, m/s.
 _SLOW = 0.2
-#: Least horizontal angular velocity of a sole that an edge of the ground turns, rad/s, and largest speed and vertical
-#: velocity of its centre, m/s: it still moves, but not away from the ground.
+#: Least horizontal angular velocity of a sole turned by an edge, rad/s, and largest speed and vertical velocity of its
+#: centre, m/s.
 _TURNS, _TURNING, _RISING = 1.5, 0.4, 0.1
 #: Longest time after the planned touchdown until the foot counts as landed, s.
 LATEST = 0.15
@@ -47,12 +47,9 @@ def lands(
 
 
 def tips(share: float, wanted: float, landing: float, rise: float, speed: float, turning: float) -> bool:
-    """Return whether the ground turns a sole that should descend without turning.
+    """Return whether an edge turns a descending sole, which the swing would tip.
 
-    A sole on an edge has to count as a contact before it tips: the swing would push it on until its centre rests.
-
-    Args:
-        turning: horizontal angular velocity of the sole, rad/s; other arguments as of `lands`.
+    `turning`: horizontal angular velocity, rad/s; others as of `lands`.
     """
     turned = turning > _TURNS and speed < _TURNING and rise < _RISING
     return share >= COUNTS and turned and _is_stopped(wanted, landing, rise)

@@ -15,7 +15,7 @@ from wbc_controller.records import Array
 
 #: Share of the yaw moment of corner forces of a single sole; evenly loaded, it exerts 0.54 (square) to 0.71 (narrow).
 _YAW_SHARE = 0.5
-#: Damping of the rotation without an anchor, as a multiple of that of the translation: a sole on an edge tips slower.
+#: Factor of the damping of rotations without an anchor: a sole on an edge tips slower.
 _ROTATION = 2.5
 
 
@@ -74,7 +74,7 @@ class SurfaceContact(MountedContact, UnilateralContact):
         return self._mount.instruction(self._rows) if type(self) is SurfaceContact else None
 
     def row_damping(self) -> Array:
-        """Return D of each row of J, (6,) in 1/s: `damping`, and a multiple for the rotation without an anchor."""
+        """Return D of each row of J, (6,) in 1/s."""
         factor = _ROTATION if self.stiffness == 0.0 else 1.0
         return np.where(self.moments, factor * self.damping, self.damping)
 
