@@ -86,6 +86,17 @@ def test_a_robot_walks_onto_a_step_and_a_slope(block, height):
         assert heights(simulation) == pytest.approx([height, height], abs=0.002)
 
 
+def test_a_foot_lands_with_one_side_on_a_plate():
+    """The swing would push the sole until it tips, and the robot would fall."""
+    plate = {"position": [0.15, 0.36, 0.04], "size": [2.0, 0.5, 0.04]}  # 4 cm high, from y = 0.11 m
+    simulation = wbc.Simulation(wbc.load("g1").replace({"mock.terrain": {"plate": plate}}))
+    walker, highest = simulation.controller.walker, []
+    simulation.controller.walk(0.2)
+    simulation.run(3.0, lambda now: highest.append(max(heights(now)) * (walker.phase is Phase.DOUBLE)))
+    assert not simulation.plant.fallen
+    assert max(highest) > 0.02  # the sole is on the edge of the plate
+
+
 def test_a_drift_of_the_estimated_height_is_no_slope():
     """By 2 cm/s; without compensation the footholds of 0.3 m/s incline by 0.067."""
     simulation = wbc.Simulation("g1")

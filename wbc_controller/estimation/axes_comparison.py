@@ -81,7 +81,7 @@ class AxesComparison:
         return self.explanation(world, known_wrong=known_wrong)
 
     def explanation(self, world: Array | None, *, known_wrong: bool) -> str | None:
-        """Return the message of `update` without a new measurement."""
+        """Return the message of `update` without new measurements."""
         a, b = self._last
         contradictions = (self._means * _CONTRADICTION).sum(axis=(1, 2))
         limit = (_KNOWN_WRONG * _LIMIT if known_wrong else _LIMIT) ** 2

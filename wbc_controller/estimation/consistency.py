@@ -5,7 +5,7 @@ By the filter's R, v, b_g, a contact point at y from the IMU moves in the world 
     u = v + R ((ω - b_g) × y + ẏ)
 
 If all points move, the IMU is wrong or no contact holds: the estimate is lost. The filter cannot detect this: it
-rejects the contacts, or explains a slow contradiction by creep. A sole that tips over an edge rests there, between its
+rejects the contacts, or explains a slow contradiction by creep. A sole that tips over an edge rests between its
 corners; its points creep with their vertical speed relative to that place, as it would tilt the estimate.
 """
 

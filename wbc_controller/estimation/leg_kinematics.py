@@ -51,7 +51,6 @@ class LegKinematics:
     Attributes:
         points: names by contact.
         rolling: vector from contact point to centre of each ball in the world, (3,) in m; the centre is tracked.
-        soles: names of contacts.
         corners: weights of the points in each corner of a sole, (n, 3).
         imu_rotation: from IMU to base axes, (3, 3).
         imu_position: of the IMU in base axes, (3,) in m.
@@ -84,7 +83,6 @@ class LegKinematics:
         self._noise = joint_noise, point_noise
         self.points: dict[str, tuple[str, ...]] = {}
         self.rolling: dict[str, Array] = {}
-        self.soles: tuple[str, ...] = ()
         self.corners: dict[str, Array] = {}
         self._contacts: dict[str, tuple[int, Array]] = {}  # joint, points
         self._point_sets: dict[tuple[str, ...], _PointSet] = {}
@@ -96,7 +94,6 @@ class LegKinematics:
             if isinstance(contact, SurfaceContact):
                 support = contact.points(dynamics)
                 corners = support[:_SOLE_POINTS]
-                self.soles += (name,)
                 self.corners[name] = np.linalg.lstsq(_with_one(corners).T, _with_one(support).T)[0].T
             elif isinstance(contact, FixedContact):
                 corners = np.array([contact.placement(dynamics).act(offset) for offset in _ARM])

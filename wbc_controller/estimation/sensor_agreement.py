@@ -67,7 +67,7 @@ def _planes(kinematics: LegKinematics, active_contacts: Sequence[str]) -> Iterat
     if len(balls) > 2:
         yield kinematics.positions(balls)
     for name in active_contacts:
-        if name in kinematics.soles:
+        if name in kinematics.corners:
             yield kinematics.positions((name,))
 
 

@@ -9,8 +9,8 @@ _DESCENDING = 0.07
 #: Largest speed of a foot stopped by the ground, m/s.
 _SLOW = 0.2
 #: Least horizontal angular velocity of a sole turned by an edge, rad/s, and largest speed and vertical velocity of its
-#: centre, m/s.
-_TURNS, _TURNING, _RISING = 1.5, 0.4, 0.1
+#: centre, m/s: an obstacle throws a foot up.
+_TURNED, _TURNED_SPEED, _TURNED_RISE = 1.5, 0.4, 0.1
 #: Longest time after the planned touchdown until the foot counts as landed, s.
 LATEST = 0.15
 
@@ -47,11 +47,11 @@ def lands(
 
 
 def tips(share: float, wanted: float, landing: float, rise: float, speed: float, turning: float) -> bool:
-    """Return whether an edge turns a descending sole, which the swing would tip.
+    """Return whether an edge turns a descending sole; the swing would tip it.
 
     `turning`: horizontal angular velocity, rad/s; others as of `lands`.
     """
-    turned = turning > _TURNS and speed < _TURNING and rise < _RISING
+    turned = turning > _TURNED and speed < _TURNED_SPEED and rise < _TURNED_RISE
     return share >= COUNTS and turned and _is_stopped(wanted, landing, rise)
 
 
