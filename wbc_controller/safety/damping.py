@@ -4,8 +4,9 @@ import math
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg import eigh, null_space
+from scipy.linalg import eigh
 
+from wbc_controller.inverse_dynamics.robot.mobility import Mobility
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.transmission import Drive
 from wbc_controller.records import Array
@@ -33,8 +34,7 @@ class _Search:
     def __init__(self, model: RobotModel, period: float) -> None:
         self._model, self._period = model, period
         self._data = model.pinocchio.createData()
-        coupling = model.actuation.C
-        self._free = null_space(coupling) if len(coupling) else np.eye(model.nv)  # motions with followers
+        self._mobility = Mobility(model)
         self._projection = damped_motions(model.actuation)
         lower = np.minimum(np.maximum(model.position_lower, -math.pi), model.posture)
         upper = np.maximum(np.minimum(model.position_upper, math.pi), model.posture)
@@ -42,7 +42,7 @@ class _Search:
 
     def rates(self, D: Array, posture: Array) -> tuple[Array, Array]:
         """Return increasing rates T λ at a posture, (nj,), and the motions D^½ v, (nj, nj) by columns."""
-        return self._eigen(D, self._mobility(posture)[1])
+        return self._eigen(D, self._mobility(self._model.configuration(posture)))
 
     def fastest(self, D: Array, start: Array) -> Array:
         """Search the posture with the largest rates within the limits by RPROP (Riedmiller, Braun, ICNN 1993)."""
@@ -60,7 +60,8 @@ class _Search:
     def _norm(self, D: Array, posture: Array) -> tuple[float, Array]:
         """Return (Σ λᵢᵖ)^(1/p) and its gradient: dλ = -xᵀ dM x with x = M⁻¹ D^½ u, ∂(xᵀMx)/∂q = 2 Cᵀ(q, x) x."""
         model = self._model
-        q, inverse = self._mobility(posture)
+        q = model.configuration(posture)
+        inverse = self._mobility(q)
         rates, motions = self._eigen(D, inverse)
         norm = float(np.sum(np.maximum(rates, 0.0) ** _EXPONENT) ** (1.0 / _EXPONENT))
         gradient = np.zeros(model.nv)
@@ -78,17 +79,6 @@ class _Search:
         # This routine, unlike NumPy's, starts no threads.
         rates, motions = eigh(root[:, None] * W * root, driver="evr")
         return rates, motions
-
-    def _mobility(self, posture: Array) -> tuple[Array, Array]:
-        """Return q and M⁻¹ with followers, (nv, nv)."""
-        model = self._model
-        q = model.configuration(posture)
-        M = np.triu(pin.crba(model.pinocchio, self._data, q))
-        M += np.triu(M, 1).T
-        if model.actuation.rotors is not None:
-            M += model.actuation.rotors
-        G = self._free
-        return q, np.asarray(G @ np.linalg.solve(G.T @ M @ G, G.T))
 
 
 def stable_damping(model: RobotModel, damping: float, period: float) -> Array:

@@ -12,6 +12,7 @@ from wbc_controller.controller.check.preflight import check
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.mimic import read_mimics
+from wbc_controller.inverse_dynamics.robot.mobility import Mobility
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.urdf import parse_urdf
 from wbc_controller.records import RobotState, frozen
@@ -124,6 +125,8 @@ def test_mimic_joint_equals_reduced_coordinates(small):
     force = model.actuation.generalized_force(solution.tau)
     y_dot = np.linalg.solve(G.T @ dynamics.M @ G, G.T @ (force - dynamics.h))
     np.testing.assert_allclose(G @ y_dot, solution.v_dot, rtol=1e-9, atol=1e-9)
+    mobility = G @ np.linalg.solve(G.T @ dynamics.M @ G, G.T)
+    np.testing.assert_allclose(Mobility(model)(np.array(q)), mobility, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize(("solver", "robot_changes"), [("daqp", {}), ("daqp", TENDON), ("proxqp", {}), ("osqp", {})])

@@ -18,6 +18,7 @@ from wbc_controller.controller.check.preflight import (
 )
 from wbc_controller.controller.check.reserves import com_distance
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.inverse_dynamics.robot.mobility import Mobility
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings
@@ -90,8 +91,7 @@ def _arm_scenario(settings: Settings, model: RobotModel, hands: Mapping[str, Fra
     last = str(model.pinocchio.names[model.pinocchio.njoints - 1])
     shoved = next((hand.frame for hand in hands.values()), last)
     reaches = (_reach(settings, model, name, hand) for name, hand in hands.items())
-    impulses = _ARM_SHOVE / np.maximum(np.diag(_mobility(model, shoved)), 1.0 / model.mass)
-    along, sideways, _ = (float(f"{impulse:.2g}") for impulse in impulses)
+    along, sideways, _ = (float(f"{impulse:.2g}") for impulse in _arm_impulses(model, shoved))
     return Scenario(
         com="",
         reaches=tuple(reach for reach in reaches if reach is not None),
@@ -99,14 +99,31 @@ def _arm_scenario(settings: Settings, model: RobotModel, hands: Mapping[str, Fra
     )
 
 
-def _mobility(model: RobotModel, frame: str) -> Array:
-    """Return J M⁻¹ Jᵀ of a frame's translation in the nominal posture, (3, 3) in 1/kg."""
+def _arm_impulses(model: RobotModel, frame: str) -> Array:
+    """Return the impulses of pushes at a frame along x, y and z, (3,) in N·s.
+
+    Each moves the frame at 0.3 m/s; less if the joints, whose motors also carry the weight, cannot stop within their
+    ranges: τ d ≥ ½ m v² with the free torque τ of the motors, the distance d to the nearest limit and the inertia m.
+    """
     q, data = model.configuration(model.posture), model.pinocchio.createData()
-    pin.computeAllTerms(model.pinocchio, data, q, np.zeros(model.nv))
-    M = np.triu(data.M) + np.triu(data.M, 1).T
+    pin.framesForwardKinematics(model.pinocchio, data, q)
+    pin.computeJointJacobians(model.pinocchio, data, q)
     number = model.frame_id(frame, "frame")
     J = pin.getFrameJacobian(model.pinocchio, data, number, pin.LOCAL_WORLD_ALIGNED).reshape(6, model.nv)[:3]
-    return np.asarray(J @ np.linalg.solve(M, J.T))
+    mobility = Mobility(model)(q)
+    speeds = mobility @ J.T  # per N·s
+    joints, drive = model.v_index, model.actuation
+    weight = drive.torques(pin.computeGeneralizedGravity(model.pinocchio, data, q))
+    free = np.abs(drive.ratios).T @ np.maximum(model.effort_limits - np.abs(weight), 0.0)
+    posture = np.array(model.posture)
+    distance = np.minimum(posture - model.position_lower, model.position_upper - posture)
+    inertia = np.diag(np.linalg.inv(mobility[np.ix_(joints, joints)]))  # of each joint while the others are still
+    driven = np.abs(drive.ratios).any(axis=0)
+    slowest = np.finfo(float).tiny
+    fastest = np.maximum(np.sqrt(2.0 * free * np.maximum(distance, 0.0) / inertia), slowest)[driven]
+    shares = np.max(np.abs(speeds[joints][driven]) / fastest[:, None], axis=0)
+    whole = _ARM_SHOVE / np.maximum(np.diag(J @ speeds), 1.0 / model.mass)
+    return np.asarray(np.minimum(whole, 1.0 / np.maximum(shares, slowest)))
 
 
 def _reach(
