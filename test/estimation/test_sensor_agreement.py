@@ -20,20 +20,22 @@ def motion(time):
     )
 
 
-def compared(C, *, world=None, noise=3.0e-4):
-    """Compare a motion a with C a; return the last message, the time of the first, s, and the comparison."""
+def compared(C, *, world=None, noise=3.0e-4, lever=0.0):
+    """Return the last message about a and C a, (3, 3) or by kind, the time of the first, s, and the comparison."""
     comparison, rng, first = AxesComparison(with_displacements=True), np.random.default_rng(0), None
     for time in np.arange(PERIOD, 2.0, PERIOD):
         a = motion(time)
-        said = comparison.update(PERIOD, a, a @ np.transpose(C) + noise * rng.normal(size=(2, 3)), world)
+        b = (C @ a[..., None])[..., 0] + noise * rng.normal(size=(2, 3))
+        said = comparison.update(PERIOD, a, b, world, lever=lever)
         first = time if first is None and said is not None else first
     return said, first, comparison
 
 
+@pytest.mark.parametrize("lever", [0.0, 0.7])
 @pytest.mark.parametrize(
     ("C", "said"),
     [
-        (np.degrees(1.0) * np.eye(3), "as if angular velocities were in deg/s instead of rad/s"),
+        (np.stack([np.degrees(1.0) * np.eye(3), np.eye(3)]), "as if angular velocities were in deg/s instead of rad/s"),
         (QUARTER, "as if the axes were rotated by -90° about z or the axes x, y, z were -y, x, z"),
         (pin.rpy.rpyToMatrix(0.0, 0.0, np.pi / 4.0), "as if the axes were rotated by -45° about z"),
         (np.diag([1.0, -1.0, -1.0]), "180° about x or the axes x, y, z were x, -y, -z"),
@@ -42,11 +44,25 @@ def compared(C, *, world=None, noise=3.0e-4):
         (np.diag([1.0, 1.0, -1.0]), "as if the axes x, y, z were x, y, -z"),
     ],
 )
-def test_errors_of_axes_and_units_are_named(C, said):
-    found, first, comparison = compared(C)
+def test_errors_of_axes_and_units_are_named(C, said, lever):
+    found, first, comparison = compared(C, lever=lever)
     assert said in found
     assert first < 0.2
     assert not comparison.agreed
+
+
+def test_tipping_soles_do_not_look_like_inverted_axes():
+    """A push tips both soles by φ about their edge at the height -h, and the base by θ: the legs see θ - φ."""
+    said = {}
+    for lever in (0.0, 0.9):
+        comparison, said[lever] = AxesComparison(with_displacements=True), []
+        for time in np.arange(PERIOD, 0.2, PERIOD):
+            theta, phi, moved, h = 0.05 * time, 0.12 * time, 0.05 * time, 0.9
+            turns, moves = np.zeros((2, 3)), np.zeros((2, 3))
+            turns[:, 1], moves[:, 0] = (theta - phi, theta), ((theta - phi) * h + moved, theta * h + moved)
+            said[lever].append(comparison.update(PERIOD, *np.stack([turns, moves], axis=1), None, lever=lever))
+    assert "as if the axes were rotated by" in said[0.0][-1]
+    assert said[0.9] == [None] * len(said[0.9])
 
 
 def test_a_twist_in_the_axes_of_the_world_is_named():

@@ -5,6 +5,9 @@ rotation to the world, or the factor from rad to degrees. C explains the contrad
 it, with means ⟨ ⟩ over a second
 
     E(C) = ⟨|b - C a|²⟩ = ⟨|b|²⟩ - 2 tr(Cᵀ ⟨b aᵀ⟩) + tr(C ⟨a aᵀ⟩ Cᵀ)
+
+Wrong axes of a whole pose affect rotations and displacements alike: then C has to explain their weighted sum. Otherwise
+soles that tip under a push would explain a rotation by inverted axes.
 """
 
 from __future__ import annotations
@@ -28,6 +31,8 @@ _ALIKE = 0.01
 _ALL_AXES = 0.006
 #: Factor from rad to degrees.
 _DEGREES = math.degrees(1.0)
+#: Cause of a rotation in degrees.
+_UNIT = "angular velocities were in deg/s instead of rad/s"
 #: Weights of ⟨c cᵀ⟩ with c = (a, b) in E(1), (6, 6).
 _CONTRADICTION = np.kron([[1.0, -1.0], [-1.0, 1.0]], np.eye(3))
 #: Signed permutations of axes, row by row, (48, 9).
@@ -47,6 +52,7 @@ class AxesComparison:
         kinds = 2 if with_displacements else 1  # turns and displacements
         self._means = np.zeros((kinds, 6, 6))  # ⟨c cᵀ⟩ with c = (a, b)
         self._last = np.zeros((kinds, 3)), np.zeros((kinds, 3))  # a and b
+        self._lever = 0.0
         self._suspicion: str | None = None  # last message on deg/s; noise and slips may hide this error
 
     @property
@@ -66,7 +72,7 @@ class AxesComparison:
         return motion > _LIMIT**2 and contradiction <= _EXPLAINED * motion
 
     def update(
-        self, elapsed: float, a: Array, b: Array, world: Array | None, *, known_wrong: bool = False
+        self, elapsed: float, a: Array, b: Array, world: Array | None, *, known_wrong: bool = False, lever: float = 0.0
     ) -> str | None:
         """Average a and b over a step, s; return a message on an explained contradiction, or None.
 
@@ -74,7 +80,9 @@ class AxesComparison:
             a: reference rotation and displacement, (n, 3) in rad and m; b is from the tested sensor.
             world: rotation to the world, (3, 3), or None.
             known_wrong: True lowers the limits.
+            lever: distance at which a rotation counts as much as a displacement, m, to explain both; 0: each alone.
         """
+        self._lever = lever
         c = np.concatenate([a, b], axis=1)
         self._means += (1.0 - math.exp(-elapsed / _MEAN)) * (c[:, :, None] * c[:, None, :] - self._means)
         self._last = a, b
@@ -83,12 +91,15 @@ class AxesComparison:
     def explanation(self, world: Array | None, *, known_wrong: bool) -> str | None:
         """Return the message of `update` without new measurements."""
         a, b = self._last
-        contradictions = (self._means * _CONTRADICTION).sum(axis=(1, 2))
         limit = (_KNOWN_WRONG * _LIMIT if known_wrong else _LIMIT) ** 2
-        for i, contradiction in enumerate(contradictions.tolist()):
-            if contradiction < limit:
+        for i, own in enumerate((self._means * _CONTRADICTION).sum(axis=(1, 2)).tolist()):
+            if own < limit:
                 continue
-            causes = self._causes(i, world)
+            means = self._means[i] if self._lever == 0.0 else self._means[0] + self._means[1] / self._lever**2
+            contradiction = float((means * _CONTRADICTION).sum())
+            causes = _causes(means, world)
+            if i == 0:  # the unit of the rotations alone
+                causes.insert(0, (_in_degrees(self._means[0]) + contradiction - own, _UNIT))
             least = min(left for left, _ in causes)
             if least > _SUSPECTED * contradiction:
                 continue
@@ -104,28 +115,32 @@ class AxesComparison:
                 self._suspicion = sentence
         return self._suspicion if known_wrong else None
 
-    def _causes(self, kind: int, world: Array | None) -> list[tuple[float, str]]:
-        """Return E(C) = ⟨|a|²⟩ + ⟨|b|²⟩ - 2 tr(Cᵀ ⟨b aᵀ⟩) and the name of each error."""
-        means, causes = self._means[kind], []
-        S, aa, bb = means[3:, :3], float(means[:3, :3].trace()), float(means[3:, 3:].trace())
-        if kind == 0:
-            left = bb - 2.0 * _DEGREES * float(S.trace()) + _DEGREES**2 * aa
-            causes.append((left, "angular velocities were in deg/s instead of rad/s"))
-        if world is not None:
-            cause = "the twist were in the axes of the world, not of child_frame_id"
-            causes.append((aa + bb - 2.0 * float(np.vdot(world, S)), cause))
-        for k in (2, 0, 1):  # the best rotation about one axis
-            i, j = (k + 1) % 3, (k + 2) % 3
-            sine, cosine = float(S[j, i] - S[i, j]), float(S[i, i] + S[j, j])
-            angle = -round(math.degrees(math.atan2(sine, cosine)))
-            left = aa + bb - 2.0 * (float(S[k, k]) + math.hypot(sine, cosine))
-            causes.append((left, f"the axes were rotated by {angle}° about {'xyz'[k]}"))
-        fits = _SIGNED @ S.ravel()
-        best = int(fits.argmax())
-        rows = _SIGNED[best].reshape(3, 3)
-        axes = [("-" if row.min() < 0.0 else "") + "xyz"[int(np.abs(row).argmax())] for row in rows]
-        causes.append((aa + bb - 2.0 * float(fits[best]), f"the axes x, y, z were {', '.join(axes)}"))
-        return causes
+
+def _in_degrees(means: Array) -> float:
+    """Return E(C) with the factor C from rad to degrees."""
+    a, b = float(means[:3, :3].trace()), float(means[3:, 3:].trace())
+    return b - 2.0 * _DEGREES * float(means[3:, :3].trace()) + _DEGREES**2 * a
+
+
+def _causes(means: Array, world: Array | None) -> list[tuple[float, str]]:
+    """Return E(C) = ⟨|a|²⟩ + ⟨|b|²⟩ - 2 tr(Cᵀ ⟨b aᵀ⟩) and the name of each error of the axes, from ⟨c cᵀ⟩, (6, 6)."""
+    causes = []
+    S, size = means[3:, :3], float(means.trace())
+    if world is not None:
+        cause = "the twist were in the axes of the world, not of child_frame_id"
+        causes.append((size - 2.0 * float(np.vdot(world, S)), cause))
+    for k in (2, 0, 1):  # the best rotation about one axis
+        i, j = (k + 1) % 3, (k + 2) % 3
+        sine, cosine = float(S[j, i] - S[i, j]), float(S[i, i] + S[j, j])
+        angle = -round(math.degrees(math.atan2(sine, cosine)))
+        left = size - 2.0 * (float(S[k, k]) + math.hypot(sine, cosine))
+        causes.append((left, f"the axes were rotated by {angle}° about {'xyz'[k]}"))
+    fits = _SIGNED @ S.ravel()
+    best = int(fits.argmax())
+    rows = _SIGNED[best].reshape(3, 3)
+    axes = [("-" if row.min() < 0.0 else "") + "xyz"[int(np.abs(row).argmax())] for row in rows]
+    causes.append((size - 2.0 * float(fits[best]), f"the axes x, y, z were {', '.join(axes)}"))
+    return causes
 
 
 def vector_text(values: Array) -> str:

@@ -123,7 +123,10 @@ class SensorAgreement:
         by_legs = _motion(self._places, self._moved)
         if by_legs is None:
             return None
-        found = self.comparison.update(elapsed, by_legs[: len(steps)], self._measured, world, known_wrong=known_wrong)
+        lever = float(np.linalg.norm(self._places.mean(axis=0))) if len(steps) > 1 else 0.0
+        found = self.comparison.update(
+            elapsed, by_legs[: len(steps)], self._measured, world, known_wrong=known_wrong, lever=lever
+        )
         return self._sentence(found)
 
     def _sentence(self, found: str | None) -> str | None:
