@@ -34,8 +34,13 @@ _HEAVY_ARM, _SLIDING_ARM = 910_225, 910_500
 _LINE, _NARROW = 910_337, 910_747
 #: Robot with a demo and a gripper too weak to stop within its short range after the pushes of other arms.
 _WEAK_GRIPPER = 425
+#: Robot whose soles tip under a push, which looked like inverted axes of the odometry.
+_TIPPING = 27
 #: Tested parts of their demos.
-_PARTS = {_SHORT_ARM: ("shove left", "reach"), _HEAVY_ARM: ("reach",), _WEAK_GRIPPER: ("shove left",)}
+_PARTS = {
+    _SHORT_ARM: ("shove left", "reach"), _HEAVY_ARM: ("reach",), _WEAK_GRIPPER: ("shove left",),
+    _TIPPING: ("shove forward",),
+}  # fmt: skip
 #: Duration of standing, s; largest displacement of the centre of mass as a share of its height, at least in m, and of
 #: the joints of an arm, rad or m.
 _STAND, _NEAR, _NEAR_SMALL, _NEAR_JOINT = 1.0, 0.02, 0.005, 0.02
@@ -73,7 +78,7 @@ def outcome(seed: int, folder: Path) -> tuple[str, str]:
     derived_scenario(settings, model)
     # The audit reports unmeasured feet, which touch away from their contact.
     measured = not any(note.key.startswith("contacts") for note in draft.notes if note.origin == "missing")
-    if seed % _DEMOS == 0 and measured:
+    if (seed % _DEMOS == 0 or seed in _PARTS) and measured:
         assert run_demo(str(path), folder, lockstep=True)
     return robot.kind, f"stands, {settings.robot.base}"
 
@@ -89,7 +94,7 @@ def _sentence(error: WbcError) -> str:
     return message
 
 
-@pytest.mark.parametrize("seed", [*SEEDS, _SHORT_ARM, _HEAVY_ARM, _SLIDING_ARM, _LINE, _NARROW, _WEAK_GRIPPER])
+@pytest.mark.parametrize("seed", [*SEEDS, *_PARTS, _SLIDING_ARM, _LINE, _NARROW])
 def test_new_check_mock_robot_and_demo_agree(seed, tmp_path, shorten_demos):
     if not ROBOTS:
         shorten_demos(*_PARTS.get(seed, ()))
