@@ -403,7 +403,6 @@ class ControlCycle:
             return _defect(error), references
 
     def _start(self, state: RobotState) -> None:
-        """Start the references and the walker at a state."""
         self.qp.dynamics.update(state.q, state.v)
         self.board.reset(self.qp.dynamics, seconds(state))
         self._solution = None

@@ -6,8 +6,7 @@ it, with means ⟨ ⟩ over a second
 
     E(C) = ⟨|b - C a|²⟩ = ⟨|b|²⟩ - 2 tr(Cᵀ ⟨b aᵀ⟩) + tr(C ⟨a aᵀ⟩ Cᵀ)
 
-Wrong axes of a whole pose affect rotations and displacements alike: then C has to explain their weighted sum. Otherwise
-soles that tip under a push would explain a rotation by inverted axes.
+Wrong axes of a pose affect rotations and displacements: C has to explain their weighted sum, unlike soles that tip.
 """
 
 from __future__ import annotations

@@ -34,8 +34,6 @@ class ContactPoints:
 
 @dataclass(frozen=True, slots=True)
 class _PointSet:
-    """Points of c contacts."""
-
     names: tuple[str, ...]
     ends: np.ndarray
     links: list[int]

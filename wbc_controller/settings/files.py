@@ -179,8 +179,6 @@ def read_parameters(text: str, source: str) -> Mapping[str, Any]:
 
 
 class _Place(NamedTuple):
-    """Place of a pydantic error in the schema."""
-
     keys: list[Any]  # of the file, without pydantic's tags
     fields: Mapping[str, FieldInfo]  # of the section above the last key, or empty
     field: FieldInfo | None  # of the last key

@@ -29,13 +29,13 @@ from wbc_controller.walking.swing_kernels import integrate_foot
 #: Weights of place and offset, 1/m², and of time.
 W_PLACE, W_OFFSET, W_TIME = 1.0, 200.0, 0.02
 #: Shortest and longest single support, as shares of the nominal one.
-SHORTEST, LONGEST = 0.5, 1.6
+SHORTEST, LONGEST = 0.4, 1.6
 #: Rate of change of the step time, and the one of a large decrease.
 TIME_RATE, SHORTENING = 1.0, 10.0
 #: Shortest remaining time of an adaptation, s.
 _AHEAD = 0.04
 #: Largest mean speed of the swing foot, m/s, and vertical acceleration, m/s².
-FOOT_SPEED, FOOT_ACCELERATION = 2.5, 20.0
+FOOT_SPEED, FOOT_ACCELERATION = 3.0, 20.0
 
 
 @compiled

@@ -26,7 +26,6 @@ from wbc_controller.walking.swing_kernels import move_foot
 
 @part
 def _velocity(link: Array, point: Vector3) -> Vector3:
-    """Return the velocity of a point of a link."""
     return add(three(link, 0), cross(three(link, 3), point))
 
 

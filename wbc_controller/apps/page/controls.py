@@ -84,7 +84,6 @@ class Controls:
         button.on_click(lambda event: self._sender.send_words(word))
 
     def _add_fault_controls(self) -> None:
-        """Add the controls of faults; each change sends all faults."""
         slippery = self._gui.add_checkbox("Slippery floor", False)
         friction = self._gui.add_slider("Floor friction", 0.0, _MAX_FRICTION, 0.01, 0.2)
         sliders = [

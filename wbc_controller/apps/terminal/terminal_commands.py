@@ -33,7 +33,6 @@ _session_options = common.with_options(
 
 @contextlib.contextmanager
 def _connect(settings: Settings, connection: Mapping[str, Any]) -> Iterator["Session"]:
-    """Connect to the nodes; without an answer exit."""
     from wbc_controller.apps.terminal.session import NoAnswer, Session
 
     try:

@@ -9,10 +9,7 @@ from wbc_controller.records import Array
 
 
 class Mobility:
-    """Change of the generalized velocity per generalized impulse: G (Gᵀ M G)⁻¹ Gᵀ with C G = 0, M⁻¹ without followers.
-
-    M contains the rotors of transmissions; the rows C couple mimic joints (`Actuation`).
-    """
+    """Velocity change per generalized impulse: G (Gᵀ M G)⁻¹ Gᵀ with C G = 0 (`Actuation`), or M⁻¹ without followers."""
 
     def __init__(self, model: RobotModel) -> None:
         self._model, self._data = model, model.pinocchio.createData()
@@ -20,7 +17,7 @@ class Mobility:
         self._free = null_space(coupling) if len(coupling) else np.eye(model.nv)
 
     def __call__(self, q: Array) -> Array:
-        """Return the mobility of a configuration, (nq,), as (nv, nv)."""
+        """Return the matrix, (nv, nv), of a configuration, (nq,)."""
         M = np.triu(pin.crba(self._model.pinocchio, self._data, q))
         M += np.triu(M, 1).T
         if self._model.actuation.rotors is not None:

@@ -98,7 +98,6 @@ class Fault(Section):
         return {}
 
     def _streams(self, default: str) -> tuple[str, ...]:
-        """Return the affected streams of messages."""
         stream = getattr(self, "stream", default)
         return ("joint_states", "odom") if stream == "both" else (stream,)
 
