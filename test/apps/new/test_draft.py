@@ -50,6 +50,13 @@ def g1():
     return new_configuration(G1)
 
 
+def test_rotor_inertia_follows_from_the_weakest_joint_of_the_legs(g1):
+    """G1's ankles have 35 N·m; its wrists, 5 N·m, and an arm without legs do not count."""
+    assert g1.values["robot"]["armature"] == pytest.approx(0.0035)
+    assert "from the data sheet" in said(g1, "robot.armature", "missing")
+    assert new_configuration(PANDA).values["robot"]["armature"] == 0.0
+
+
 def test_soles_and_posture_of_a_humanoid(g1):
     """The URDF has balls of 5 mm at (0.12, ±0.03) and (-0.05, ±0.025) below each ankle."""
     contacts = g1.values["contacts"]

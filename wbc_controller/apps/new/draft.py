@@ -54,14 +54,13 @@ def new_configuration(
     if kind == "fixed":
         fixed = _model(draft, source, floating=False)
         posture = put_fixed(fixed, postures, draft)
+        tuning.put_armature(fixed, (), draft)
         tuning.put_limits(fixed, draft)
         tuning.put_arm_tasks(model, body.arms, posture, draft)
     else:
         _put_legged(draft, model, body, found, postures)
         tuning.put_activation_ramp(source.text, draft)
         tuning.put_walking(source.text, draft)
-    text = "rotor inertia at the joints, N² times the inertia of the rotor with gear ratio N, from the data sheet; a "
-    draft.put("robot.armature", 0.0, f"{text}URDF has no such value.", "missing")
     return draft
 
 
@@ -149,6 +148,7 @@ def _put_legged(
         if len(feet) == 2 and all(foot.kind != "surface" for foot in feet):
             draft.note("contacts", "a third contact, or a surface: a robot cannot stand still on two points or "
                        "wheels.", "missing")  # fmt: skip
+    tuning.put_armature(model, [body.limb_of(foot) for foot in feet], draft)
     tuning.put_limits(model, draft)
     tuning.put_damping(model, height, draft)
     frames = [frame for frame in model.pinocchio.frames if frame.parentJoint == 1 and frame.type == pin.BODY]

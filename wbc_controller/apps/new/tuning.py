@@ -28,6 +28,8 @@ _MAX_LOAD = 3.0  # largest normal force, in weights
 _FRICTION = {"surface": 0.7, "point": 0.6, "rolling": 0.6}  # assumed friction of soles, and of small feet and wheels
 #: Joint damping in emergencies, as a share of m g h, N·m·s/rad, and its maximum, the value of G1.
 _DAMPING, _MOST_DAMPING = 0.009, 2.0
+#: Assumed rotor inertia per effort limit, s²: without load 10,000 rad/s²; G1's leg motors reach 5,500 to 8,700 rad/s².
+_ARMATURE = 1.0e-4
 _MARGIN = 0.05  # share of the smallest range: below the margins of postures
 _MAX_SPEED = 8.0  # largest fully used joint speed, rad/s
 #: Smallest number of joints of an arm with a hand task on a legged robot (heads have fewer) and a fixed base.
@@ -148,6 +150,16 @@ def _trunk(model: RobotModel, arms: Sequence[Limb], feet: Sequence[Foot]) -> str
 def link_of(model: RobotModel, joint: int) -> str:
     """Return the first link moved by a joint."""
     return next(str(f.name) for f in model.pinocchio.frames if f.parentJoint == joint and f.type == pin.BODY)
+
+
+def put_armature(model: RobotModel, legs: Sequence[Limb], draft: Draft) -> None:
+    """Write a rotor inertia from the effort limits of the legs' joints; without one, light feet in the air spin."""
+    columns = [model.pinocchio.joints[joint].idx_v for leg in legs for joint in leg.joints]
+    weakest = min((_ARMATURE * effort for effort in model.effort_limits[np.isin(model.v_index, columns)]), default=0.0)
+    armature = float(f"{weakest:.2g}")
+    origin = f" {armature:g} corresponds to the effort limit of the weakest joint of the legs." if armature else ""
+    draft.put("robot.armature", armature, "rotor inertia at the joints, N² times the inertia of the rotor with gear "
+              f"ratio N, from the data sheet; a URDF has no such value.{origin}", "missing")  # fmt: skip
 
 
 def put_limits(model: RobotModel, draft: Draft) -> None:
