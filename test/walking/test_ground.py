@@ -74,7 +74,7 @@ def test_a_robot_walks_onto_a_step_and_a_slope(block, height):
     walker = simulation.controller.walker
     simulation.controller.walk(0.2, 0.15) if block["position"][1] else simulation.controller.walk(0.3)
     highest = []
-    results = simulation.run(4.9, lambda now: highest.append(min(heights(now)) * (walker.phase is Phase.DOUBLE)))
+    results = simulation.run(5.3, lambda now: highest.append(min(heights(now)) * (walker.phase is Phase.DOUBLE)))
     across = block["position"][1] > 0.0  # the first side that touches it turns the sole
     assert sum(bool(result.relaxed) for result in results) <= (5 if across else 0)
     assert not simulation.plant.fallen
@@ -193,6 +193,20 @@ def test_rough_ground_is_remembered():
         assert 0.75 < (highest - planned) / walker.gait.clearance_on(roughness) < 1.05
     assert max(steps) > first + 2
     assert walker.gait.rough_clearance == 2.0 * walker.gait.clearance
+
+
+@pytest.mark.parametrize(("roughness", "share"), [(0.0, 0.4), (1.0, 0.65)])
+def test_steps_on_rough_ground_are_slower(roughness, share):
+    """The fastest step of a biped that is pushed outwards."""
+    simulation = wbc.Simulation("g1")
+    walker = simulation.controller.walker
+    simulation.controller.walk(0.0)
+    simulation.run(1.0)
+    step, cycle = walker._step, walker._latest[0]
+    walker._step = replace(step, landing=replace(step.landing, roughness=roughness))
+    outside = cycle._replace(dcm=cycle.dcm - 0.2j * step.stance.side, time=walker._since + 0.002, dt=0.1)
+    walker._single(walker._step, outside, Decision([], {}))
+    assert walker._step.landing.time == pytest.approx(share * walker.gait.single)
 
 
 def test_fast_steps_do_not_measure_the_roughness():

@@ -28,8 +28,8 @@ from wbc_controller.walking.swing_kernels import integrate_foot
 
 #: Weights of place and offset, 1/m², and of time.
 W_PLACE, W_OFFSET, W_TIME = 1.0, 200.0, 0.02
-#: Shortest and longest single support, as shares of the nominal one.
-SHORTEST, LONGEST = 0.4, 1.6
+#: Shortest and longest single support, as shares of the nominal one; a faster foot would hit the edges of rough ground.
+SHORTEST, SHORTEST_ROUGH, LONGEST = 0.4, 0.65, 1.6
 #: Rate of change of the step time, and the one of a large decrease.
 TIME_RATE, SHORTENING = 1.0, 10.0
 #: Shortest remaining time of an adaptation, s.
@@ -69,7 +69,7 @@ def dcm_towards(
 def adapt(
     planned: bool, nominal_place: complex, nominal_heading: float, nominal_offset: complex, velocity: complex,
     turning: float, place: complex, time: float, stance: complex, heading: float, side: int, omega: float,
-    sizes: StepSizes, dcm: complex, swing: Matrix, ground: float, elapsed: float, dt: float,
+    sizes: StepSizes, dcm: complex, swing: Matrix, ground: float, elapsed: float, dt: float, shortest: float,
 ) -> tuple[complex, float, complex, complex, float, complex]:  # fmt: skip
     """Return the nominal step, place and time of the touchdown for the measured DCM, and the DCM that leads to them.
 
@@ -86,13 +86,14 @@ def adapt(
         ground: height of the ground, m.
         elapsed: t, since the start of the single support, s.
         dt: time since the last cycle, s.
+        shortest: duration of the fastest step, s.
     """
     if not planned:
         nominal_place, nominal_heading, nominal_offset = periodic_step(
             velocity, turning, time, stance, heading, side, omega, sizes
         )
     single, reaction = sizes.single, sizes.reaction
-    earliest = max(SHORTEST * single, elapsed + max(_AHEAD, descent_time(swing[0, 2] - ground, swing[1, 2])))
+    earliest = max(shortest, elapsed + max(_AHEAD, descent_time(swing[0, 2] - ground, swing[1, 2])))
     latest = max(LONGEST * single, earliest)
     axes, lowest, best = cmath.rect(1.0, heading), math.inf, (place, time)
     for rate in (0.0, -TIME_RATE, TIME_RATE, -SHORTENING):

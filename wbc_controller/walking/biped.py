@@ -9,7 +9,7 @@ from typing import NamedTuple
 from wbc_controller.inverse_dynamics.references.changes import EnableContact
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.records import Array
-from wbc_controller.walking.adaptation_kernels import SHORTEST, adapt, dcm_towards
+from wbc_controller.walking.adaptation_kernels import SHORTEST, SHORTEST_ROUGH, adapt, dcm_towards
 from wbc_controller.walking.fall_kernels import PERSISTS, STANDING, missed, nearest_support
 from wbc_controller.walking.feet import Foot, Sole, mean_angle
 from wbc_controller.walking.footstep_plan import Footstep, planned, step_towards
@@ -33,10 +33,11 @@ _BLEND = 0.2
 _FREEZE = 0.05
 #: Error of the planned touchdown on flat ground, and shortest double support, s.
 _ON_TIME, _SHORTEST_DOUBLE = 0.03, 0.02
-#: Height of the foot and its reference below which a touchdown counts, as a share of the clearance.
+#: Height of the foot and its reference below which a touchdown counts at once, as a share of the clearance.
 _LOW = 0.5
-#: Height above the planned touchdown, m, from which a foot must rest for a time, s: limited torques stop it in the air.
-_HIGHER, _RESTS = 0.01, 0.02
+#: Height above the planned touchdown, m, from which a foot must rest for a time, s, and the time for a foot that is not
+#: low: limited torques stop it in the air.
+_HIGHER, _RESTS, _RESTS_HIGH = 0.01, 0.02, 0.04
 #: Share of the unevenness kept from one foothold to the next.
 _KEPT = 0.8
 #: Additional touchdown speed per unevenness, 1/s, and largest speed, m/s: a slow foot lands late on lower ground.
@@ -358,10 +359,11 @@ class BipedWalker(Walker):
         foot, stance, nominal = self._feet[-self._stance], step.stance, step.nominal
         landing, swing, slope = step.landing, step.swing, step.slope
         if landing.time - elapsed > _FREEZE:
+            shortest = gait.single * (SHORTEST + (SHORTEST_ROUGH - SHORTEST) * landing.roughness)
             to, facing, offset, place, duration, wanted = adapt(
                 step.planned, nominal.place, nominal.heading, nominal.offset, self.velocity.linear,
                 self.velocity.turning, landing.place, landing.time, stance.place, stance.heading, stance.side,
-                stance.omega, gait.sizes, cycle.dcm, swing, landing.height, elapsed, dt,
+                stance.omega, gait.sizes, cycle.dcm, swing, landing.height, elapsed, dt, shortest,
             )  # fmt: skip
             nominal = NominalStep(to, facing, offset)
             heading = swing.item(0, 3)
@@ -383,16 +385,19 @@ class BipedWalker(Walker):
         )
         self._step = step = Step(stance, nominal, landing, swing, acceleration, step.ground, slope, step.planned)
         share, late = elapsed / landing.time, elapsed - landing.time
-        sensor = self._sensor(foot.contact, cycle.touching) if cycle.touching else None
         sole = cycle.soles[-self._stance]
-        low = max(swing.item(0, 2), sole.height) - landing.height < _LOW * clearance
+        higher = sole.height - landing.height
+        low = max(swing.item(0, 2) - landing.height, higher) < _LOW * clearance
+        sensor = self._sensor(foot.contact, cycle.touching)
         wanted_rise = swing.item(1, 2)
         if tips(share, wanted_rise, landing.speed, sole.rise, sole.speed, sole.turning):
             self._land(step, cycle, late, decision)
-        elif not lands(share, late, low, wanted_rise, landing.speed, sole.rise, sole.speed, sensor):
+        elif not lands(share, late, wanted_rise, landing.speed, sole.rise, sole.speed, sensor if low else None):
             self._moved = cycle.time
-        elif sensor or late >= LATEST or sole.height - landing.height < _HIGHER or cycle.time - self._moved > _RESTS:
-            self._land(step, cycle, late, decision)
+        else:
+            counts = late >= LATEST or (low and (sensor or higher < _HIGHER))
+            if counts or cycle.time - self._moved > (_RESTS if low else _RESTS_HIGH):
+                self._land(step, cycle, late, decision)
         beyond = _BEYOND * self._clearance * max(0.0, 1.0 - self._unevenness / _EDGES)
         return self._corrected(stance.place, cycle, stance.place, stance.place, beyond)
 

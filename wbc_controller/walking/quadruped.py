@@ -233,9 +233,8 @@ class QuadrupedWalker(Walker):
             sensor = self._sensor(name, cycle.touching) if cycle.touching else None
             if share >= COUNTS:
                 wanted, (vx, vy, vz) = swing.item(1, 2), cycle.feet[foot.row, 3:].tolist()
-                if rebounds(wanted, vz) or lands(
-                    share, late, True, wanted, landing.speed, vz, math.hypot(vx, vy, vz), sensor
-                ):
+                speed = math.hypot(vx, vy, vz)
+                if rebounds(wanted, vz) or lands(share, late, wanted, landing.speed, vz, speed, sensor):
                     decision.changes.append(EnableContact(name, True, 0.0))
                     del self._swings[name]
         if not self._swings:

@@ -18,30 +18,24 @@ LATEST = 0.15
 def lands(
     share: float,
     late: float,
-    low: bool,
     wanted: float,
     landing: float,
     rise: float,
     speed: float,
     touching: bool | None,
 ) -> bool:
-    """Return whether the foot has touched the ground.
+    """Return whether the ground has stopped the foot.
 
     Args:
         share: elapsed share of the planned swing.
         late: time after the planned touchdown, s; negative before.
-        low: True if the foot and its reference are near the ground.
         wanted, landing: vertical velocity of the reference, and its downward speed at the planned touchdown, m/s.
         rise, speed: vertical velocity and speed of the centre of the sole, m/s.
         touching: state of the contact sensor; None without one.
     """
     if share < COUNTS:
         return False
-    if late >= LATEST:
-        return True
-    if not low:
-        return False
-    if touching:
+    if late >= LATEST or touching:
         return True
     return _is_stopped(wanted, landing, rise) and speed < _SLOW
 
