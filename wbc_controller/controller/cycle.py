@@ -317,7 +317,6 @@ class ControlCycle:
     def _accept_changes(
         self, changes: Iterable[Sequence[Change | ChangeSettings]], state: RobotState | None, refused: list[str]
     ) -> list[tuple[Change, ...]]:
-        """Apply changed settings; return the changes of references."""
         remaining = []
         for each in changes:
             references = tuple(change for change in each if not isinstance(change, ChangeSettings))
@@ -419,7 +418,6 @@ class ControlCycle:
         self.board.apply(others, self.qp.dynamics, time)
 
     def _apply_walk(self, change: WalkingChange, time: float) -> None:
-        """Pass a command to the walker, or raise `InputRefused`."""
         if self.walker is None:
             raise InputRefused("this robot cannot walk: its configuration has no section 'walking'")
         if isinstance(change, WalkTo):

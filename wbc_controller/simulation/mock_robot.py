@@ -281,7 +281,6 @@ class MockRobot:
             self.sent(stream, taken)
 
     def _try(self, key: str, payload: bytes, use: Callable[[Any], None]) -> bool:
-        """Decode and process a message; log new refusals only."""
         try:
             use(messages.decode(payload, self._types[key]))
         except InputRefused as error:
@@ -344,7 +343,6 @@ class MockRobot:
         self.plant.grip(contact, bool(content.data))
 
     def _fault(self, content: Any) -> None:
-        """Plan faults from now on, or end all faults."""
         if content.data.strip() == "clear":
             self.faults.clear()
             return

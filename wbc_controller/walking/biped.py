@@ -224,7 +224,6 @@ class BipedWalker(Walker):
         return decision
 
     def _predict_fall(self, cycle: _Cycle) -> None:
-        """Compare the DCM with the reach of the fastest steps."""
         gait, one, elapsed = self.gait, self.phase is Phase.SINGLE, cycle.time - self._since
         remaining = SHORTEST * gait.single
         if one:
@@ -268,7 +267,6 @@ class BipedWalker(Walker):
     def _begin(
         self, dynamics: Dynamics, soles: Mapping[int, Sole], orientations: Mapping[str, Array], decision: Decision
     ) -> None:
-        """Start from standing."""
         self._height, self._clearance = float(dynamics.com[2]), self.gait.height - self.gait.lowering
         self._heading = mean_angle(soles[1].heading, soles[-1].heading)
         self._references = {foot.task: foot.at_rest(dynamics) for foot in self._feet.values()}
@@ -323,7 +321,6 @@ class BipedWalker(Walker):
         return self._corrected(pressure, cycle, soles[1].place, soles[-1].place)
 
     def _lift_off(self, cycle: _Cycle, decision: Decision) -> None:
-        """Begin a single support."""
         foot, sole = cycle.soles[-self._stance], cycle.soles[self._stance]
         self.phase, self._since, self._lifted = Phase.SINGLE, cycle.time, ()
         decision.changes.append(EnableContact(self._feet[-self._stance].contact, False, 0.0))
@@ -431,7 +428,6 @@ class BipedWalker(Walker):
             self.command = None
 
     def _double(self, cycle: _Cycle, decision: Decision) -> complex:
-        """Move the centre of pressure to the new foot; return it."""
         begin, old, new = self._touchdown
         duration, heading = self._double_support, cycle.soles[self._stance].heading
         elapsed = min(cycle.time - self._since - self._early, duration)

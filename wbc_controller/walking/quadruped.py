@@ -194,7 +194,6 @@ class QuadrupedWalker(Walker):
         self._start = cycle.com - self._sway[0] * 1j * cycle.ahead
 
     def _shift(self, cycle: _Cycle, ground: Ground, decision: Decision) -> None:
-        """Move the body over the middle of the feet."""
         elapsed, duration = cycle.time - self._since, self.gait.shift
         share, rate = smooth_step(elapsed / duration)
         way = ground.place - self._start
@@ -210,14 +209,12 @@ class QuadrupedWalker(Walker):
             self._lift_off(cycle, decision) if self.phase is Phase.SHIFT else self._stand(decision)
 
     def _lift_off(self, cycle: _Cycle, decision: Decision) -> None:
-        """Begin the swing of the next group."""
         self.phase, self._since, self._landings, self._lifted = Phase.SINGLE, cycle.time, {}, ()
         for name in self.gait.groups[self._group]:
             decision.changes.append(EnableContact(name, False, 0.0))
             self._swings[name] = at_rest(self._place(name), self._places.item(self._feet[name].row, 2), 0.0)
 
     def _single(self, cycle: _Cycle, ground: Ground, decision: Decision) -> None:
-        """Move the feet in the air."""
         gait, elapsed = self.gait, cycle.time - self._since
         left = max(gait.swing - elapsed, 0.0)
         self._follow(cycle)
@@ -265,7 +262,6 @@ class QuadrupedWalker(Walker):
             self._landings[name] = Landing(place, height, 0.0, gait.swing)
 
     def _double(self, cycle: _Cycle, ground: Ground, decision: Decision) -> None:
-        """Stand on all feet until the next swing, or stop."""
         elapsed, pause = cycle.time - self._since, self.gait.pause[self._group]
         self._follow(cycle)
         self._sway = move_axis(*self._sway, self.gait.sway[self._group], 0.0, pause - elapsed, cycle.dt)

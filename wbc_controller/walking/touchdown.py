@@ -50,7 +50,6 @@ def tips(share: float, wanted: float, landing: float, rise: float, speed: float,
 
 
 def _is_stopped(wanted: float, landing: float, rise: float) -> bool:
-    """Return whether a foot descends much slower than its reference."""
     return wanted <= -_DESCENDING and rise > _STOPPED * max(wanted, -landing)
 
 

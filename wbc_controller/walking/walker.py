@@ -156,7 +156,6 @@ class Walker(ABC):
             self.goal = None
 
     def _limited(self, command: Velocity | None) -> Velocity | None:
-        """Return a command within the largest speeds."""
         return None if command is None else command.clipped(self.gait)
 
     def _sensor(self, contact: str, touching: Mapping[str, bool]) -> bool | None:

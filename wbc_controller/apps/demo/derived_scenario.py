@@ -167,7 +167,6 @@ def _feasible_part(arm: Leg, model: RobotModel, motion: Array) -> Array:
 
 
 def _effort(model: RobotModel, posture: Array) -> float:
-    """Return the largest share of an effort limit that gravity takes."""
     gravity = pin.computeGeneralizedGravity(model.pinocchio, model.pinocchio.createData(), model.configuration(posture))
     return float(np.max(np.abs(model.actuation.torques(gravity)) / model.effort_limits))
 

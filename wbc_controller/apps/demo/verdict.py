@@ -101,7 +101,6 @@ def judge(
 
 
 def _walked(run: RunData, scenario: Scenario, windows: Windows) -> list[Result]:
-    """Compare the mean velocities of the walks with the commands."""
     wanted = {walk.name: (walk.velocity, walk.target) for walk in scenario.walks}
     if wanted:
         wanted["stop"] = (0.0, 0.0, 0.0), _STANDING

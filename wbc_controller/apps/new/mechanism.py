@@ -60,7 +60,6 @@ def read_source(urdf: str) -> UrdfSource:
 
 
 def _address(path: Path) -> str:
-    """Return the ``package://`` address if possible, otherwise the path."""
     for folder in path.parents:
         if folder.parent.name != "share":
             continue

@@ -122,7 +122,6 @@ def _lever(model: RobotModel, link: str, posture: Array) -> float:
 def _put_hands(
     model: RobotModel, arms: Sequence[Limb], feet: set[int], stiffness: float, min_joints: int, draft: Draft
 ) -> list[str]:
-    """Return the links of the hands."""
     own, hands = set(model.v_index.tolist()), []
     for arm in arms:
         joints = [joint for joint in arm.joints if model.pinocchio.joints[joint].idx_v in own]  # without mimic joints

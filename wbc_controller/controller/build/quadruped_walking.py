@@ -72,7 +72,6 @@ def make_quadruped_walker(settings: Settings, walking: WalkingSettings, qp: Whol
 
 
 def _feet(settings: Settings, model: RobotModel) -> list[PointFoot]:
-    """Build the feet: front left, front right, rear left, rear right."""
     dynamics = Dynamics(model)
     places, frames = {}, {}
     for name, contact in settings.contacts.items():

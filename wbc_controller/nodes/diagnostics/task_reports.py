@@ -60,7 +60,6 @@ class Shortfall:
 
 
 def _distance(error: Array, unit: str) -> str:
-    """Format the distance of an error; empty for a small error."""
     parts = []
     linear = error[:3] if unit == "m, rad" else error if unit == "m" else error[:0]
     angular = error[3:] if unit == "m, rad" else error if unit == "rad" else error[:0]

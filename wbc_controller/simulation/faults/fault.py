@@ -94,7 +94,6 @@ class Fault(Section):
         raise NotImplementedError
 
     def _start(self, context: FaultContext) -> Any:
-        """Return constant random values, or storage for earlier values."""
         return {}
 
     def _streams(self, default: str) -> tuple[str, ...]:

@@ -149,7 +149,6 @@ class JointsSwapped(_OneJoint):
     """Two joints have swapped values, as by crossed cables."""
 
     def _start(self, context: FaultContext) -> list[int]:
-        """Return the indices of the joint and of another random one."""
         joint, count = super()._start(context), len(context.robot.joints)
         return [joint, (joint + int(context.rng.integers(1, max(2, count)))) % count]
 

@@ -162,7 +162,6 @@ class _Trial(MonitoredRobot):
             self._cycle()
 
     def _walk(self) -> None:
-        """Walk until a single support begins, after some steps."""
         walker, latest = self.controller.walker, self.mock.plant.time + _WALK_TIMEOUT
         self._commanded = self.mock.plant.time
         while walker is not None and not (walker.steps >= _STEPS and walker.phase is Phase.SINGLE):
