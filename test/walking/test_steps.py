@@ -184,18 +184,6 @@ def test_a_foot_rises_and_descends_beside_stones_on_rough_ground():
     assert feet[-1][1, 2] == pytest.approx(-0.3, abs=2e-3)
 
 
-def test_a_fast_step_rises_before_it_descends():
-    """With 0.06 s from the end of the rise to the apex, the foot rose by 0.76 of the clearance."""
-    placement = pin.SE3.Identity()
-    foot = Foot("foot", "task", 0, placement, (0.1, 0.05), 0, placement_numbers(placement))
-    motion, landing, heights = at_rest(0.1j, 0.0, 0.0), Landing(0.3 + 0.1j, 0.0, 0.0, 0.16), []
-    for i in range(80):
-        motion, *_ = foot.swung(motion, landing, 0j, GAIT.clearance, i * DT, DT, 0.0)
-        heights.append(motion[0, 2])
-    assert max(heights) > 0.95 * GAIT.clearance
-    assert heights[-1] == pytest.approx(0.0, abs=1e-3)
-
-
 def test_the_push_of_a_swing_is_the_integral_of_its_acceleration():
     """A foot that starts at rest pushes the DCM forward: its acceleration grows longer than its deceleration."""
     omega, feet = 3.8, [at_rest(0.1j, 0.0, 0.0)]

@@ -35,9 +35,9 @@ _FREEZE = 0.05
 _ON_TIME, _SHORTEST_DOUBLE = 0.03, 0.02
 #: Height of the foot and its reference below which a touchdown counts at once, as a share of the clearance.
 _LOW = 0.5
-#: Height above the planned touchdown, m, from which a foot must rest for a time, s, and the time for a foot that is not
-#: low: limited torques stop it in the air.
-_HIGHER, _RESTS, _RESTS_HIGH = 0.01, 0.02, 0.04
+#: Height above the planned touchdown, m, from which a foot must rest for a time, s; time and largest speed, m/s, for a
+#: foot that is not low: limited torques stop it in the air.
+_HIGHER, _RESTS, _RESTS_HIGH, _AT_REST = 0.01, 0.02, 0.04, 0.05
 #: Share of the unevenness kept from one foothold to the next.
 _KEPT = 0.8
 #: Additional touchdown speed per unevenness, 1/s, and largest speed, m/s: a slow foot lands late on lower ground.
@@ -387,14 +387,15 @@ class BipedWalker(Walker):
         low = max(swing.item(0, 2) - landing.height, higher) < _LOW * clearance
         sensor = self._sensor(foot.contact, cycle.touching)
         wanted_rise = swing.item(1, 2)
-        if tips(share, wanted_rise, landing.speed, sole.rise, sole.speed, sole.turning):
-            self._land(step, cycle, late, decision)
-        elif not lands(share, late, wanted_rise, landing.speed, sole.rise, sole.speed, sensor if low else None):
+        stopped = (low or late >= LATEST or sole.speed < _AT_REST) and lands(
+            share, late, wanted_rise, landing.speed, sole.rise, sole.speed, sensor if low else None
+        )
+        if not stopped:
             self._moved = cycle.time
-        else:
-            counts = late >= LATEST or (low and (sensor or higher < _HIGHER))
-            if counts or cycle.time - self._moved > (_RESTS if low else _RESTS_HIGH):
-                self._land(step, cycle, late, decision)
+        counts = stopped and (late >= LATEST or (low and (sensor or higher < _HIGHER)))
+        rested = cycle.time - self._moved > (_RESTS if low else _RESTS_HIGH)
+        if counts or rested or tips(share, wanted_rise, landing.speed, sole.rise, sole.speed, sole.turning):
+            self._land(step, cycle, late, decision)
         beyond = _BEYOND * self._clearance * max(0.0, 1.0 - self._unevenness / _EDGES)
         return self._corrected(stance.place, cycle, stance.place, stance.place, beyond)
 

@@ -11,7 +11,7 @@ from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.instruction import placement_numbers
 from wbc_controller.records import Array, Reference
 from wbc_controller.walking.feet_kernels import motion_of_sole, move_sole
-from wbc_controller.walking.swing_kernels import DESCENT, DESCENT_SHARE, Landing
+from wbc_controller.walking.swing_kernels import DESCENT, Landing
 from wbc_controller.walking.terrain import Ground
 
 #: Shares of the half length and half width of the sole that the centre of pressure may use.
@@ -83,10 +83,9 @@ class Foot:
         `moved`.
         """
         motion, out = np.empty((3, 4)), np.empty(19)
-        descent = min(DESCENT, DESCENT_SHARE * landing.time)
         acceleration = move_sole(
             swing, landing.place, landing.height, landing.heading, landing.time, landing.speed, landing.roughness,
-            clearance, elapsed, dt, descent, lag, slope, self.frame_in_sole, motion, out,
+            clearance, elapsed, dt, DESCENT, lag, slope, self.frame_in_sole, motion, out,
         )  # fmt: skip
         return motion, acceleration, Reference(out[:7], out[7:13], out[13:])
 

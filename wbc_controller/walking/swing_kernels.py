@@ -21,9 +21,9 @@ APEX = 0.45
 TOUCHDOWN_SPEED = 0.1
 #: Downward acceleration and speed of a late foot, m/s² and m/s.
 _LATE_ACCELERATION, LATE_SPEED = 10.0, 0.5
-#: Time before the apex at which the plan changes from the apex to the ground, s, and its largest share of the step:
-#: later, small changes need large accelerations.
-DESCENT, DESCENT_SHARE = 0.06, 0.18
+#: Time before the apex at which the plan changes from the apex to the ground, s: later, small changes need large
+#: accelerations.
+DESCENT = 0.06
 #: Shortest remaining time of a new plan, s.
 _SHORTEST = 0.0005
 #: Shares of the step on rough ground in which the foot only rises and only descends, beside the edges of stones, and
