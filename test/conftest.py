@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from busy import pytest_runtest_protocol
 from forked import forks
+from hypothesis import settings as hypothesis_settings
 
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.robot import make_model
@@ -28,6 +29,10 @@ from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.settings.nesting import merged
 
 __all__ = ["forks", "pytest_runtest_protocol"]
+
+# On a busy computer an example may take longer than Hypothesis's limit of 0.2 s.
+hypothesis_settings.register_profile("busy computers", deadline=None)
+hypothesis_settings.load_profile("busy computers")
 
 
 @pytest.fixture(scope="session", autouse=True)

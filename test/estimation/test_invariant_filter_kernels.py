@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from plain_filter import PlainFilter, exp3
 
@@ -11,7 +11,6 @@ from wbc_controller.estimation.invariant_filter import ImuNoise, InvariantFilter
 NAMES = "abcdefgh"
 
 
-@settings(deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), points=st.integers(0, 8), kept=st.floats(0.0, 1.0))
 def test_equal_to_numpy(seed, points, kept):
     rng = np.random.default_rng(seed)

@@ -22,7 +22,7 @@ from wbc_controller.settings.config import load
 LIMITS = DisturbanceLimits(time_constant=0.5, share=0.2)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 10_000), nv=st.integers(2, 12), rows=st.integers(0, 6), double=st.booleans())
 def test_the_free_part_does_what_the_force_does_on_the_contacts(seed, nv, rows, double):
     rng = np.random.default_rng(seed)

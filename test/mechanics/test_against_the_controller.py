@@ -24,7 +24,7 @@ def controller_of(name):
     return make_qp(configuration, make_model(configuration)), configuration
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.sampled_from(["go2", "g1", "talos"]), st.integers(0, 2**32 - 1))
 def test_snapshot_contacts_and_wrenches_agree(name, seed):
     (controller, configuration), rng = controller_of(name), np.random.default_rng(seed)

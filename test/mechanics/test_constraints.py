@@ -41,7 +41,7 @@ def every_kind(model, rng):
     ]
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(names, seeds)
 def test_rates_are_finite_differences(name, seed):
     """d/dt position = velocity, d/dt velocity = A v̇ + drift, along a motion with any acceleration."""
@@ -63,7 +63,7 @@ def test_rates_are_finite_differences(name, seed):
         assert np.abs((change - terms.velocity)[terms.holonomic]).max(initial=0.0) < 1e-5 * scale, constraint
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(names, seeds)
 def test_a_welds_error_moves_with_its_twist_near_zero(name, seed):
     model, rng = robot(name), np.random.default_rng(seed)
@@ -77,7 +77,7 @@ def test_a_welds_error_moves_with_its_twist_near_zero(name, seed):
     assert np.allclose((ends[0] - ends[1]) / (2 * eps), velocity, atol=1e-4 * max(1.0, np.abs(velocity).max()))
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(names, seeds)
 def test_multipliers_are_forces_that_act_on_the_links(name, seed):
     """Aᵀλ equals Jᵀw of the documented wrenches λ (equation (22))."""

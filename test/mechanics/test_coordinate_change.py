@@ -50,7 +50,7 @@ def close(a, b, scale=None):
     return np.abs(a - b).max() < 1e-8 * max(1.0, np.abs(b).max() if scale is None else scale)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.sampled_from(sorted(ROBOTS)), seeds)
 def test_the_same_physics(name, seed):
     rng = np.random.default_rng(seed)
@@ -80,7 +80,7 @@ def test_the_same_physics(name, seed):
     assert close(centroidal_momentum_rate(other.model, q2, v2, v_dot2), rate, np.abs(v_dot).max())
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.sampled_from(sorted(ROBOTS)), seeds)
 def test_the_same_contact_forces(name, seed):
     rng = np.random.default_rng(seed)

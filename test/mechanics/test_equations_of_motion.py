@@ -15,7 +15,7 @@ names = st.sampled_from(sorted(ROBOTS))
 floating = st.sampled_from(FLOATING)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(names, seeds)
 def test_forward_and_inverse_dynamics_are_the_equations_of_motion(name, seed):
     model, rng = robot(name), np.random.default_rng(seed)
@@ -63,7 +63,7 @@ def test_actuation_matrix_order():
         mechanics.actuation_matrix(model, ["root_joint"])
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(names, seeds)
 def test_one_wrench_in_any_frame_is_one_generalized_force(name, seed):
     model, rng = robot(name), np.random.default_rng(seed)
@@ -105,7 +105,7 @@ def test_invalid_wrenches_are_refused():
         )
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(names, seeds)
 def test_energies_and_power(name, seed):
     model, rng = robot(name), np.random.default_rng(seed)
@@ -135,7 +135,7 @@ def test_energies_and_power(name, seed):
     assert np.allclose(slope / (2 * eps), mechanics.generalized_gravity(model, q), atol=1e-2)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(floating, seeds)
 def test_centroidal_momentum_rate_is_the_external_wrench(name, seed):
     model, rng = robot(name), np.random.default_rng(seed)

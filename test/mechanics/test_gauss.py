@@ -45,7 +45,7 @@ def problem(name, seed):
     return mechanics.mass_matrix(model, q), mechanics.forward_dynamics(model, q, v, force), A, b, rng
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(names, seeds)
 @example("talos", 3000534)  # condition number 3e8
 def test_gauss_is_udwadia_kalaba_and_pinocchio(name, seed):
@@ -70,7 +70,7 @@ def test_gauss_is_udwadia_kalaba_and_pinocchio(name, seed):
         assert relative(data.lambda_c, motion.multipliers) < tolerance, f"condition {motion.condition:.3g}"
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(names, seeds)
 @example("icub", 5904289)  # nearly redundant constraints, with multipliers of 3e14
 def test_constraints_hold_and_their_forces_do_no_work(name, seed):
@@ -96,7 +96,7 @@ def test_constraints_hold_and_their_forces_do_no_work(name, seed):
         assert mechanics.gauss_functional(M, other, free) >= least * (1.0 - 1e-12)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(names, seeds)
 def test_redundancy_changes_no_motion_and_the_multipliers_are_shortest(name, seed):
     M, free, A, b, rng = problem(name, seed)
@@ -186,7 +186,7 @@ def by_enumeration(M, free, A, b, C, d):
     return None
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(names, seeds)
 def test_pushing_contacts_are_least_constraint_too(name, seed):
     M, free, A, b, rng = problem(name, seed)

@@ -63,7 +63,7 @@ def in_the_plane(system, x, x_dot):
     return np.vstack([A, plane]), np.concatenate([b, np.zeros(2)])
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(seeds)
 def test_one_stage_two_stages_and_generalized_coordinates_agree(seed):
     rng = np.random.default_rng(seed)
@@ -88,7 +88,7 @@ def test_one_stage_two_stages_and_generalized_coordinates_agree(seed):
         assert np.allclose(joint.multipliers, two.multipliers, atol=1e-7 * max(1.0, np.abs(one.multipliers).max()))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(seeds)
 def test_with_the_generalized_basis_the_reduction_is_the_equations_of_motion(seed):
     """M = (∂φ/∂q)ᵀ M_x ∂φ/∂q, without structural forces: (19) and section 4.2.1."""

@@ -42,7 +42,7 @@ def test_space_is_symmetric_but_for_gravity(name):
         assert check_symmetry(weightless, states, symmetric).invariant
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.sampled_from(FLOATING), seeds)
 def test_the_conserved_quantities_are_the_momenta(name, seed):
     model, rng = robot(name), np.random.default_rng(seed)
@@ -59,7 +59,7 @@ def test_the_conserved_quantities_are_the_momenta(name, seed):
         assert about == pytest.approx(momentum[3 + axis], abs=1e-9 * scale)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.sampled_from((*FLOATING, "panda")), seeds)
 def test_momentum_changes_by_the_broken_symmetry_and_by_forces(name, seed):
     """d/dt(pᵀδq) = δL + δqᵀf for any field δq(q): (27) with a force."""

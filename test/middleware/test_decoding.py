@@ -357,7 +357,7 @@ class TestUpdate:
             self.update(make, "{tasks: {com: {setpoint: " + bomb.splitlines()[0][6:] + "}}}")
         assert len(str(refusal.value)) < 1000
 
-    @settings(max_examples=100, deadline=None)
+    @settings(max_examples=100)
     @given(
         text=st.one_of(
             st.text(max_size=80),

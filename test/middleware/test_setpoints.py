@@ -19,7 +19,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("kind", "type_name", "size"), CASES)
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 2**32 - 1), stamp=st.integers(0, 2**31 * 10**9 - 1))
 def test_in_place_they_have_the_bytes_of_the_codec(kind, type_name, size, seed, stamp):
     rng = np.random.default_rng(seed)

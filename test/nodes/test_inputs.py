@@ -290,7 +290,7 @@ CYCLES = st.lists(
 @pytest.mark.parametrize("base", ["floating", "fixed"])
 @pytest.mark.parametrize("tolerance", [None, 0.015])
 @given(cycles=CYCLES, seed=st.integers(0, 1000))
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=30)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=30)
 def test_the_state_is_that_of_the_newest_accepted_messages(robot_on, stance_of, make, base, tolerance, cycles, seed):
     own, model = robot_on(base)
     random = np.random.default_rng(seed)

@@ -201,7 +201,7 @@ events = st.lists(
 )
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=120)
 @given(events, st.sampled_from([CONFIG, BY_TIMER]))
 def test_whatever_happens(history, config):
     """Torques are finite, bounded and without jumps, and end at zero."""
@@ -230,7 +230,7 @@ def test_whatever_happens(history, config):
         assert not sent[-1].any()
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(st.lists(st.floats(-20.0, 20.0), min_size=3, max_size=3))
 def test_damping_takes_energy_and_leaves_little_for_whoever_takes_over(velocity):
     rig = Rig()

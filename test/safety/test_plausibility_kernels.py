@@ -106,7 +106,7 @@ class Watched:
         return found
 
 
-@settings(deadline=None, max_examples=400)
+@settings(max_examples=400)
 @given(
     seed=seeds,
     floating=st.booleans(),

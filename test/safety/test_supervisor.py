@@ -393,7 +393,7 @@ _cycles = st.lists(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     cycles=_cycles,
     ramp=st.sampled_from([0.0, 0.01, 0.1]),

@@ -62,7 +62,7 @@ def flying(load):
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-@hypothesis_settings(deadline=None, max_examples=30, derandomize=True)
+@hypothesis_settings(max_examples=30, derandomize=True)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_free_acceleration_is_that_of_the_articulated_body_algorithm(flying, load, name, seed):
     model, _ = load(name)

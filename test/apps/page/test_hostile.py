@@ -146,7 +146,7 @@ _updates = st.dictionaries(st.sampled_from(_FIELDS), _values, max_size=2)
 # Websockets uses `random` on another thread for its pings.
 @pytest.mark.filterwarnings("ignore:Do not use the `random` module inside strategies")
 @settings(
-    suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=30, derandomize=True
+    suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=30, derandomize=True
 )  # fmt: skip
 @given(data=st.data())
 def test_stop_and_handles_remain_for_other_pages(rig, pages, data):

@@ -129,7 +129,7 @@ def test_invalid_payloads(payload):
     assert AllowList(commands=True).fault(payload) != ""
 
 
-@hypothesis_settings(deadline=None, max_examples=300, derandomize=True)
+@hypothesis_settings(max_examples=300, derandomize=True)
 @given(
     st.binary(max_size=100)
     | st.builds(

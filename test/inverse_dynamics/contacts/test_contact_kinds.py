@@ -28,7 +28,7 @@ from wbc_controller.inverse_dynamics.contacts import (
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 
 seeds = st.integers(0, 2**32 - 1)
-few = hypothesis_settings(deadline=None, max_examples=4, derandomize=True)
+few = hypothesis_settings(max_examples=4, derandomize=True)
 
 
 def at(model, q, v):
@@ -42,7 +42,7 @@ def same_rows(first, second):
     return len(first) == len(second) and distance.min(axis=0).max() < 1e-9 and distance.min(axis=1).max() < 1e-9
 
 
-@hypothesis_settings(deadline=None, max_examples=30, derandomize=True)
+@hypothesis_settings(max_examples=30, derandomize=True)
 @given(friction=st.floats(0.05, 1.5), x=st.floats(0.01, 0.3), y=st.floats(0.01, 0.3))
 def test_polygon_cone_of_a_rectangle_is_the_closed_form(friction, x, y):
     assert same_rows(polygon_wrench_cone(friction, Rectangle(x, y).vertices), wrench_cone(friction, x, y))
@@ -61,7 +61,7 @@ def can_be_made(wrench, friction, vertices):
     return linprog(np.zeros(len(rays)), A_eq=np.array(rays).T, b_eq=wrench, method="highs").status == 0
 
 
-@hypothesis_settings(deadline=None, max_examples=30, derandomize=True)
+@hypothesis_settings(max_examples=30, derandomize=True)
 @given(seed=seeds, friction=st.floats(0.1, 1.2))
 def test_polygon_cone_contains_exactly_the_wrenches_of_vertex_forces(seed, friction):
     rng = np.random.default_rng(seed)

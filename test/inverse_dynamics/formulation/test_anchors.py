@@ -22,7 +22,7 @@ from wbc_controller.settings.files import parse_settings
 
 STIFFNESS, DAMPING = 100.0, 20.0
 seeds = st.integers(0, 2**32 - 1)
-few = hypothesis_settings(deadline=None, max_examples=4, derandomize=True)
+few = hypothesis_settings(max_examples=4, derandomize=True)
 
 
 def at(model, q, v=None):

@@ -3,7 +3,7 @@
 from collections import deque
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit
@@ -38,7 +38,6 @@ def plain_bounds(position, velocity, most, ahead, q, v, period):
     )
 
 
-@settings(deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     most=st.floats(10.0, 1000.0),
@@ -67,7 +66,6 @@ def test_kernel_equals_numpy(seed, most, period, horizon, speeds, widths, limite
     np.testing.assert_allclose(found[1], expected[1], rtol=1e-12, atol=rounding)
 
 
-@settings(deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     most=st.floats(10.0, 1000.0),

@@ -9,7 +9,7 @@ from wbc_controller.inverse_dynamics.references.trajectories import Knot, Ramp, 
 
 SIZES = {"vector": 3, "joints": 9, "orientation": 3, "pose": 6}
 KINDS = tuple(SIZES)
-some = hypothesis_settings(deadline=None, max_examples=10, derandomize=True)
+some = hypothesis_settings(max_examples=10, derandomize=True)
 seeds = st.integers(0, 2**32 - 1)
 JUST = 1.0e-9
 

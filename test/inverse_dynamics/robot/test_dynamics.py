@@ -13,7 +13,7 @@ from wbc_controller.settings.config import Config
 from wbc_controller.settings.files import parse_settings
 
 ROBOTS = ("g1", "go2")
-some = hypothesis_settings(deadline=None, max_examples=15, derandomize=True)
+some = hypothesis_settings(max_examples=15, derandomize=True)
 seeds = st.integers(0, 2**32 - 1)
 
 

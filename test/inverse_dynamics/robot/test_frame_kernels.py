@@ -25,7 +25,7 @@ from wbc_controller.settings.files import find_configuration, load_settings
 ROBOTS = {name: Dynamics(make_model(load_settings(find_configuration(name)))) for name in ("g1", "go2")}
 FRAMES = {"g1": ("left_rubber_hand", "pelvis", "left_ankle_roll_link", "universe"),
           "go2": ("FL_foot", "base", "RR_calf", "universe")}  # fmt: skip
-some = settings(deadline=None, max_examples=40)
+some = settings(max_examples=40)
 seeds = st.integers(0, 2**32 - 1)
 
 

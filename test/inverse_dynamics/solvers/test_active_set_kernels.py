@@ -52,7 +52,7 @@ def condensed_in_numpy(problem, sides):
     return x[:-1], multipliers, problem.cost.squares_constant + 0.5 * p @ beta
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(
     seed=st.integers(0, 2**32 - 1),
     base=st.integers(0, 6),
@@ -126,7 +126,7 @@ def plain_level(problem, squares, sides, kept, x_above):
     return found[:n], multipliers, cost.value(found[:n])
 
 
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 @given(
     seed=st.integers(0, 2**32 - 1),
     count=st.integers(2, 4),

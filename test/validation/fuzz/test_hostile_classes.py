@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from wbc_controller.validation.fuzz.hostile_classes import HostileClass, hostile_class, run_class
 
 
-@settings(max_examples=30, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@settings(max_examples=30, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(hostile=hostile_class())
 def test_hostile_classes_are_refused_or_damped(hostile):
     logging.getLogger("wbc_controller").setLevel(logging.CRITICAL)

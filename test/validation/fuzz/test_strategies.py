@@ -55,7 +55,7 @@ def test_fields_contain_all_hostile_numbers_and_sequences_change():
     assert max(map(len, names)) > 10
 
 
-@settings(database=None, deadline=None)
+@settings(database=None)
 @given(st.data())
 def test_mutated_bytes_are_read_or_refused(data):
     payload = data.draw(mutated_bytes(encode(valid_message("sensor_msgs/msg/JointState", ("a", "b"), "world", 7))))
