@@ -226,6 +226,18 @@ def test_a_foot_that_stops_in_the_air_has_landed_after_some_rest(monkeypatch, lo
     assert walker.phase is Phase.DOUBLE
 
 
+def test_a_foot_that_moves_high_above_the_ground_has_not_landed(monkeypatch):
+    """Limited torques slow a foot down in the air."""
+    monkeypatch.setattr("wbc_controller.walking.biped._LOW", 0.0)
+    monkeypatch.setattr("wbc_controller.walking.biped.lands", lambda share, late, *_: share > 0.6)
+    simulation, walker = stepping_g1(0.0)
+    begun = walker._since
+    while walker.phase is Phase.SINGLE:
+        planned = walker._step.landing.time
+        simulation.run(0.002)
+    assert walker._since - begun - planned > -0.02
+
+
 def test_a_late_foot_has_landed_at_any_height(monkeypatch):
     monkeypatch.setattr("wbc_controller.walking.biped.lands", lambda share, late, *_: late >= LATEST)
     monkeypatch.setattr("wbc_controller.walking.biped._HIGHER", -1.0)

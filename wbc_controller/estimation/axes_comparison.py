@@ -6,7 +6,7 @@ it, with means ⟨ ⟩ over a second
 
     E(C) = ⟨|b - C a|²⟩ = ⟨|b|²⟩ - 2 tr(Cᵀ ⟨b aᵀ⟩) + tr(C ⟨a aᵀ⟩ Cᵀ)
 
-Wrong axes of a pose affect rotations and displacements: C has to explain their weighted sum, unlike soles that tip.
+Wrong axes of a pose affect rotations and displacements, tipping soles only rotations: C has to explain a weighted sum.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ def lands(
         late: time after the planned touchdown, s; negative before.
         wanted, landing: vertical velocity of the reference, and its downward speed at the planned touchdown, m/s.
         rise, speed: vertical velocity and speed of the centre of the sole, m/s.
-        touching: state of the contact sensor; None without one.
+        touching: state of the contact sensor; None to judge by the motion alone.
     """
     if share < COUNTS:
         return False
