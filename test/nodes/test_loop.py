@@ -107,7 +107,7 @@ def delayed_explanation(monkeypatch):
 
 def searched(controller):
     """Wait for the concurrent search."""
-    controller.loop.controller._explanation.result()
+    controller.loop.controller._explanation._search.result()
 
 
 def test_a_failure_is_explained_once_and_the_explanation_stays(bench, monkeypatch, caplog):
@@ -181,7 +181,7 @@ def test_failures_that_come_and_go_are_explained_once_a_second(bench, monkeypatc
         press_at_most(controller, monkeypatch, -50.0 if fails else 400.0)
         report = controller.cycle()
         assert report.mode is (Mode.HOLDING if fails else Mode.ACTIVE)
-        if controller.loop.controller._explanation is not None:
+        if controller.loop.controller._explanation._search is not None:
             searched(controller)
     assert len(searches) == 2
 

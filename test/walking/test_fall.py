@@ -60,7 +60,7 @@ def test_the_fall_of_a_standing_robot_is_predicted_before_it_reaches_the_ground(
     controller = simulation.controller
     simulation.plant.push(controller.model.base_link, [120.0, 0.0, 0.0, 0.0, 0.0, 0.0], 0.1)
     simulation.run(1.5)
-    assert controller.walker.fall == ""
+    assert controller.walker.fall_watch.sentence == ""
     assert np.abs(simulation.plant.state()[1]).max() < 0.5
     simulation.reset()
     plant = simulation.plant
@@ -89,7 +89,7 @@ def test_a_fall_while_walking_is_predicted_before_the_base_tilts():
     simulation.plant.push(controller.model.base_link, [0.0, 400.0, 0.0, 0.0, 0.0, 0.0], 0.1)
     with pytest.raises(NoSolution, match="FALLING"):
         simulation.run(1.2)
-    assert controller.walker.fall
+    assert controller.walker.fall_watch.sentence
 
 
 def test_the_lead_time_of_a_fall_ends_at_the_ground(monkeypatch, short_rest):

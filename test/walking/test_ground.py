@@ -149,7 +149,7 @@ def test_a_robot_walks_on_uneven_ground(short_rest):
     trial.stand()
     trial.walk(5.3, lambda now: np.array([0.3, 0.0, 0.0]))
     assert trial.mock.plant.state()[0][0] > 1.2
-    assert trial.controller.walker._unevenness > 0.005
+    assert trial.controller.walker._roughness.unevenness > 0.005
 
 
 def test_after_a_foothold_at_an_unexpected_height_the_feet_land_faster():
@@ -162,7 +162,7 @@ def test_after_a_foothold_at_an_unexpected_height_the_feet_land_faster():
 
     simulation.controller.walk(0.0)
     simulation.run(1.0)
-    walker._unevenness = 0.015
+    walker._roughness.unevenness = 0.015
     simulation.run(1.8, look)
     last = {step: (planned, -speed) for step, planned, speed in speeds}  # the reference at touchdown
     even, first, *_, late = last.values()
@@ -183,8 +183,8 @@ def test_rough_ground_is_remembered():
 
     simulation.controller.walk(0.0)
     simulation.run(1.4, look)
-    assert walker._roughness == 0.0
-    walker._roughness = 1.0
+    assert walker._roughness.share == 0.0
+    walker._roughness.share = 1.0
     first = walker.steps + 1
     simulation.run(2.0, look)
     for number, (roughness, planned, highest) in ((n, np.max(rows, axis=0)) for n, rows in steps.items() if n > first):
@@ -221,6 +221,6 @@ def test_fast_steps_do_not_measure_the_roughness():
     for duration, roughness in ((0.6, 0.0), (1.0, 1.0)):
         landing, stance = replace(step.landing, height=height, time=duration * walker.gait.single), walker._stance
         walker._land(replace(step, landing=landing), cycle, 0.0, Decision([], {}))
-        assert walker._roughness == roughness
-        assert walker._unevenness == pytest.approx(0.01)
+        assert walker._roughness.share == roughness
+        assert walker._roughness.unevenness == pytest.approx(0.01)
         walker._stance = stance

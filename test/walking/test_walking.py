@@ -146,7 +146,7 @@ def test_trunk_and_arms_help_after_an_outward_push_on_even_ground(unevenness, be
     """The demanded centre of pressure leaves the sole, unless an edge may support it."""
     simulation, walker = stepping_g1(0.1)
     simulation.plant.data.qvel[1] += 0.5
-    walker._unevenness, margins = unevenness, []
+    walker._roughness.unevenness, margins = unevenness, []
     simulation.run(0.06, lambda _: margins.append(walker.plan().margin))
     assert (min(margins) < -0.05) is beyond
     assert (min(margins) < 0.0) is beyond
@@ -170,7 +170,7 @@ def test_a_touchdown_counts_only_near_the_ground(monkeypatch, on_the_ground):
 
     `on_the_ground`: the walker believes that the reference is there; the foot follows the true one.
     """
-    monkeypatch.setattr("wbc_controller.walking.biped.lands", lambda share, *others: share > 0.6 and others[-1])
+    monkeypatch.setattr("wbc_controller.walking.touchdown.lands", lambda share, *others: share > 0.6 and others[-1])
     monkeypatch.setattr(BipedWalker, "_sensor", lambda *_: True)
     swung, motions = Foot.swung, []
 
@@ -205,9 +205,9 @@ def test_a_touchdown_counts_only_near_the_ground(monkeypatch, on_the_ground):
 def test_a_foot_that_stops_in_the_air_has_landed_after_some_rest(monkeypatch, low, rest):
     """A sole on a stone rests above the lower half of the clearance."""
     stopped = []
-    monkeypatch.setattr("wbc_controller.walking.biped._LOW", low)
-    monkeypatch.setattr("wbc_controller.walking.biped._AT_REST", math.inf)  # it swings
-    monkeypatch.setattr("wbc_controller.walking.biped.lands", lambda *_: bool(stopped))
+    monkeypatch.setattr("wbc_controller.walking.touchdown._LOW", low)
+    monkeypatch.setattr("wbc_controller.walking.touchdown._AT_REST", math.inf)  # it swings
+    monkeypatch.setattr("wbc_controller.walking.touchdown.lands", lambda *_: bool(stopped))
     simulation = wbc.Simulation("g1")
     walker = simulation.controller.walker
     simulation.controller.walk(0.0)
@@ -228,8 +228,8 @@ def test_a_foot_that_stops_in_the_air_has_landed_after_some_rest(monkeypatch, lo
 
 def test_a_foot_that_moves_high_above_the_ground_has_not_landed(monkeypatch):
     """Limited torques slow a foot down in the air."""
-    monkeypatch.setattr("wbc_controller.walking.biped._LOW", 0.0)
-    monkeypatch.setattr("wbc_controller.walking.biped.lands", lambda share, late, *_: share > 0.6)
+    monkeypatch.setattr("wbc_controller.walking.touchdown._LOW", 0.0)
+    monkeypatch.setattr("wbc_controller.walking.touchdown.lands", lambda share, late, *_: share > 0.6)
     simulation, walker = stepping_g1(0.0)
     begun = walker._since
     while walker.phase is Phase.SINGLE:
@@ -239,8 +239,8 @@ def test_a_foot_that_moves_high_above_the_ground_has_not_landed(monkeypatch):
 
 
 def test_a_late_foot_has_landed_at_any_height(monkeypatch):
-    monkeypatch.setattr("wbc_controller.walking.biped.lands", lambda share, late, *_: late >= LATEST)
-    monkeypatch.setattr("wbc_controller.walking.biped._HIGHER", -1.0)
+    monkeypatch.setattr("wbc_controller.walking.touchdown.lands", lambda share, late, *_: late >= LATEST)
+    monkeypatch.setattr("wbc_controller.walking.touchdown._HIGHER", -1.0)
     simulation, walker = stepping_g1(0.0)
     begun = walker._since
     while walker.phase is Phase.SINGLE:

@@ -59,7 +59,7 @@ class Controller(ControlCycle):
         self._time = seconds(state)
         self.qp.forget()
         self._commands, self._streamed = [], {}
-        self._failure, self._explained_at = None, -np.inf
+        self._explanation.restart()
         self.supervisor = Supervisor(self.model, self.supervisor.limits)
         self._start(state)
         self.supervisor.request("activate", self._time, None)

@@ -3,12 +3,9 @@
 import logging
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from wbc_controller.controller.build.estimation import make_model_error
 from wbc_controller.controller.build.program import make_qp
@@ -16,30 +13,27 @@ from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.build.safety import make_supervisor_limits
 from wbc_controller.controller.build.walking import make_walker
 from wbc_controller.controller.check.preflight import check_qp
+from wbc_controller.controller.explanation import FailureExplanation
 from wbc_controller.controller.live_settings import LiveSettings
 from wbc_controller.controller.memory import CycleRecord, restore_state, save_state
 from wbc_controller.controller.report import CycleInputs
 from wbc_controller.controller.result import CycleResult
+from wbc_controller.controller.walker_commands import command_walker, prepare_gait
 from wbc_controller.errors import ConfigurationError, InputRefused, MethodError, NoSolution
 from wbc_controller.inverse_dynamics.contacts import Contact
 from wbc_controller.inverse_dynamics.limits import RowLimit
 from wbc_controller.inverse_dynamics.references.board import ReferenceBoard
-from wbc_controller.inverse_dynamics.references.changes import Change, WalkFootsteps, WalkingChange, WalkTo
+from wbc_controller.inverse_dynamics.references.changes import Change, WalkingChange
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import Task
-from wbc_controller.records import ChangeSettings, Fault, Mode, Reference, References, RobotState, Solution, frozen
+from wbc_controller.records import ChangeSettings, Fault, Mode, Reference, References, RobotState, Solution
 from wbc_controller.safety.supervisor import Supervisor
 from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config, load
-from wbc_controller.walking.footsteps import Velocity
-from wbc_controller.walking.goal import Goal
 from wbc_controller.walking.walker import Walker
 
 _log = logging.getLogger(__name__)
-
-#: Shortest time between two searches for conflicting constraints, s.
-_EXPLAIN_PAUSE = 1.0
 
 
 class ControlCycle:
@@ -94,36 +88,17 @@ class ControlCycle:
         self.supervisor = Supervisor(model, make_supervisor_limits(settings, model))
         self.walker = make_walker(settings, self.qp)
         if self.walker is not None:
-            self._prepare_walking(self.walker)
+            prepare_gait(self.walker, self.qp, self._live.board)
         self._command_timeout = 0.0 if settings.walking is None else settings.walking.command_timeout
         self.holding = self._enabled_contacts()
         self._timer = timer
         self._commands: list[Change] = []  # applied in the next cycle
         self._streamed: dict[str, Reference] = {}  # streamed references of the next cycle
-        # The search for conflicting constraints takes several periods.
-        self._explaining = ThreadPoolExecutor(max_workers=1, thread_name_prefix="explain")
-        self._explanation: Future[NoSolution] | None = None
-        self._explained_at = -np.inf
-        self._failure: NoSolution | None = None
+        self._explanation = FailureExplanation()
         self._defect: Fault | None = None  # outside the cycle
         self.cycle_records: list[CycleRecord] | None = None
         self._solution: Solution | None = None
         self._changed_outside = False  # state changed between two cycles
-
-    def _prepare_walking(self, walker: Walker) -> None:
-        """Prepare the quadratic programs of the gait: a first step must not be late."""
-        model, board = self.qp.model, ReferenceBoard(self._live.board)
-        state = RobotState(0, frozen(model.configuration(model.posture)), frozen(np.zeros(model.nv)))
-        board.reset(self.qp.dynamics, 0.0)
-        standing = board.sample(0.0)
-        own = {name: board.plans[name].weight for name in walker.tasks.own}
-        begins = {**standing.weights, **own}
-        walks = {**begins, **dict.fromkeys(walker.tasks.suspended, 0.0)}
-        both = dict.fromkeys(standing.contacts, 0.0) | dict.fromkeys(walker.contact_sets[0], 1.0)
-        self.qp.prepare(state, replace(standing, weights=begins, contacts=both))
-        for names in walker.contact_sets:
-            contacts = {name: float(name in names) for name in standing.contacts}
-            self.qp.prepare(state, replace(standing, weights=walks, contacts=contacts))
 
     @property
     def model(self) -> RobotModel:
@@ -208,8 +183,11 @@ class ControlCycle:
             self.holding = tuple(name for name, on in references.contacts.items() if on > 0.0 and name not in unloaded)
         else:
             self.holding = self._enabled_contacts()
-        self._failure = outcome if isinstance(outcome, NoSolution) and was_active else None
-        self._report_explanation()
+        self._explanation.failure = outcome if isinstance(outcome, NoSolution) and was_active else None
+        explained = self._explanation.take()
+        if explained is not None:
+            supervisor.explain(explained)
+            _log.warning("NO_SOLUTION: %s", explained)
         stages = {"compute": computed - started, "supervise": self._timer() - computed}
         if solution is not None:
             stages |= {f"compute/{stage}": duration for stage, duration in solution.stage_seconds.items()}
@@ -275,22 +253,7 @@ class ControlCycle:
 
     def explain_failure(self, now: float) -> None:
         """Search conflicting constraints on a thread after the first failure; a later cycle reports them."""
-        failure, self._failure = self._failure, None
-        if failure is not None and self._explanation is None and now - self._explained_at >= _EXPLAIN_PAUSE:
-            self._explained_at = now
-            self._explanation = self._explaining.submit(failure.explained)
-
-    def _report_explanation(self) -> None:
-        if self._explanation is None or not self._explanation.done():
-            return
-        explanation, self._explanation = self._explanation, None
-        try:
-            failure = explanation.result()
-        except Exception:
-            _log.exception("the search for conflicting constraints failed")
-            return
-        self.supervisor.explain(failure)
-        _log.warning("NO_SOLUTION: %s", failure)
+        self._explanation.begin(now)
 
     def _handle_requests(self, requests: Sequence[str], now: float, problem: Fault | None, refused: list[str]) -> bool:
         """Pass requests to the supervisor; return True if the controller starts from the present state."""
@@ -390,11 +353,11 @@ class ControlCycle:
                 references = self._add_disturbance(state, references, refused)
             self._solution = self.qp.solve(state, references, self.supervisor.torques_before(now), False)
             if walker is not None:
-                if not walker.moves and walker.is_watch_due(seconds(state)):
+                if not walker.moves and walker.fall_watch.is_due(seconds(state)):
                     active = [name for name, activation in references.contacts.items() if activation > 0.0]
                     walker.watch_standing(seconds(state), self.qp.dynamics, active)
-                if walker.fall:
-                    return Fault("FALLING", walker.fall), references
+                if walker.fall_watch.sentence:
+                    return Fault("FALLING", walker.fall_watch.sentence), references
             return self._solution, references
         except NoSolution as failure:
             return failure, references
@@ -413,21 +376,9 @@ class ControlCycle:
         """Apply a set of changes of references, all or none, or raise `InputRefused`."""
         for change in changes:  # first: the board refuses no change of a set with a walking command
             if isinstance(change, WalkingChange):
-                self._apply_walk(change, time)
+                command_walker(self.walker, change, self.qp.dynamics, time + self._command_timeout)
         others = [change for change in changes if not isinstance(change, WalkingChange)]
         self.board.apply(others, self.qp.dynamics, time)
-
-    def _apply_walk(self, change: WalkingChange, time: float) -> None:
-        if self.walker is None:
-            raise InputRefused("this robot cannot walk: its configuration has no section 'walking'")
-        if isinstance(change, WalkTo):
-            x, y, heading = change.pose.tolist()
-            self.walker.go(Goal(complex(x, y), heading))
-        elif isinstance(change, WalkFootsteps):
-            self.walker.follow(change.poses, self.qp.dynamics)
-        else:
-            until = time + self._command_timeout if change.streamed else np.inf
-            self.walker.ask(None if change.velocity is None else Velocity.of(change.velocity), until)
 
     def _walk(self, walker: Walker, now: float, time: float, touching: Mapping[str, bool]) -> Mapping[str, Reference]:
         """Update the walker at the time of the state, s; return the references of its tasks."""

@@ -10,7 +10,7 @@ from wbc_controller.inverse_dynamics.references.changes import EnableContact
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.records import Array
 from wbc_controller.walking.adaptation_kernels import SHORTEST, SHORTEST_ROUGH, adapt, dcm_towards
-from wbc_controller.walking.fall_kernels import PERSISTS, STANDING, missed, nearest_support
+from wbc_controller.walking.fall_kernels import STANDING, missed, nearest_support
 from wbc_controller.walking.feet import Foot, Sole, mean_angle
 from wbc_controller.walking.footstep_plan import Footstep, planned, step_towards
 from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity, nominal_step
@@ -19,10 +19,11 @@ from wbc_controller.walking.gait import Gait, Phase
 from wbc_controller.walking.pendulum_kernels import before, later, leading, natural_frequency, transferred
 from wbc_controller.walking.plan import WalkingPlan, margin
 from wbc_controller.walking.references_kernels import smooth_step
+from wbc_controller.walking.roughness import Roughness, aim_below
 from wbc_controller.walking.support_kernels import nearest_in_support
-from wbc_controller.walking.swing_kernels import TOUCHDOWN_SPEED, Landing, at_rest
+from wbc_controller.walking.swing_kernels import Landing, at_rest
 from wbc_controller.walking.terrain import FOOTHOLDS, Ground, plane_through
-from wbc_controller.walking.touchdown import LATEST, lands, tips
+from wbc_controller.walking.touchdown import SoleTouchdown
 from wbc_controller.walking.walker import Decision, TaskSets, Walker
 
 #: Feedback gain on the DCM, 1/s.
@@ -33,23 +34,8 @@ _BLEND = 0.2
 _FREEZE = 0.05
 #: Error of the planned touchdown on flat ground, and shortest double support, s.
 _ON_TIME, _SHORTEST_DOUBLE = 0.03, 0.02
-#: Height of the foot and its reference below which a touchdown counts at once, as a share of the clearance.
-_LOW = 0.5
-#: Height above the planned touchdown, m, from which a foot must rest for a time, s; time and largest speed, m/s, for a
-#: foot that is not low: limited torques stop it in the air.
-_HIGHER, _RESTS, _RESTS_HIGH, _AT_REST = 0.01, 0.02, 0.04, 0.05
-#: Share of the unevenness kept from one foothold to the next.
-_KEPT = 0.8
-#: Additional touchdown speed per unevenness, 1/s, and largest speed, m/s: a slow foot lands late on lower ground.
-_FASTER, _FASTEST = 20.0, 0.3
-#: Largest error of a height on even ground, and least one on rough ground, m, and share of the roughness kept from one
-#: foothold to the next.
-_EVEN, _ROUGH, _REMEMBERED = 0.003, 0.007, 0.97
 #: Least duration of a step that measures the roughness, as a share of the nominal one: faster feet land tilted.
 _MEASURES = 0.75
-#: Distance of the planned touchdown below rough ground, m: the centre of pressure can wait after an early touchdown,
-#: but the DCM moves away while a foot is late.
-_BELOW = 0.015
 #: Distance beyond the side of the stance foot to which the demanded centre of pressure may move, m per m of height:
 #: the angular momentum of trunk and arms replaces the missing moment. None of it on ground of this unevenness, m, where
 #: an edge may support the sole.
@@ -103,8 +89,8 @@ class BipedWalker(Walker):
     STATE_FIELDS = (
         "phase", "command", "goal", "footsteps", "leaving", "velocity", "steps", "_until", "_since", "_last", "_stance",
         "_clearance", "_height", "_heading", "_begun", "_orientations", "_step", "_lifted", "_blend", "_dcm_wanted",
-        "_touchdown", "_moved", "_stopping", "_references", "_footholds", "_unevenness", "_roughness", "_early",
-        "_double_support", "_captured", "watched", "fall",
+        "_touchdown", "_touchdown_detection", "_stopping", "_references", "_footholds", "_roughness", "_early",
+        "_double_support", "fall_watch",
     )  # fmt: skip
 
     def __init__(self, gait: Gait, left: Foot, right: Foot, tasks: TaskSets, gravity: float, lag: float = 0.0) -> None:
@@ -124,12 +110,10 @@ class BipedWalker(Walker):
         self._dcm_wanted = 0j
         self._blend = 0j  # reference of the DCM at the start of the phase; in a step, minus the step's reference
         self._touchdown: tuple[complex, ...] = (0j, 0j, 0j)  # DCM, old and new foot at touchdown
-        self._moved = -math.inf  # last time at which the swing foot moved, s
+        self._touchdown_detection = SoleTouchdown()
         self._early = self._double_support = 0.0  # time until the planned touchdown, and until lift-off after it, s
         self._footholds: tuple[Ground, ...] = ()  # newest first
-        self._unevenness = 0.0  # largest error of the expected heights of the last footholds, m
-        self._roughness = 0.0  # of the ground, from 0 (even) to 1
-        self._captured = math.inf  # last time at which no fall was predicted, s
+        self._roughness = Roughness()
         self._latest: tuple[_Cycle, complex] | None = None  # last cycle and its centre of pressure, for `plan`
 
     def ask(self, command: Velocity | None, until: float = math.inf) -> None:
@@ -213,7 +197,7 @@ class BipedWalker(Walker):
         if self.phase is Phase.STAND:
             return decision
         self._latest = cycle, pressure
-        if self.is_watch_due(time):
+        if self.fall_watch.is_due(time):
             self._predict_fall(cycle)
         rate = omega * (cycle.dcm - pressure)
         if self.phase is Phase.SINGLE and self._step is not None:
@@ -236,13 +220,13 @@ class BipedWalker(Walker):
             cycle.dcm, first.place, first.heading, second.place, second.heading, *self._feet[1].half,
             gait.sizes, cycle.omega, remaining,
         )  # fmt: skip
-        self._compare(cycle.time, distance, most)
+        self.fall_watch.compare(cycle.time, distance, most, "all footholds that can be reached")
 
     def watch_standing(self, time: float, dynamics: Dynamics, active: Collection[str]) -> None:
         """Predict a fall of a robot that is supported by its feet alone, at the time of a state, s."""
         soles = [foot.sole(dynamics) for foot in self._feet.values() if foot.contact in active]
         if not soles or len(soles) < len(active):
-            self._captured = time
+            self.fall_watch.clear(time)
             return
         com, velocity = dynamics.com.tolist(), dynamics.com_velocity.tolist()
         height = com[2] - min(sole.height for sole in soles)
@@ -252,17 +236,7 @@ class BipedWalker(Walker):
         dcm = complex(com[0] + velocity[0] / omega, com[1] + velocity[1] / omega)
         first, second = soles[0], soles[-1]
         support = nearest_support(dcm, first.place, second.place, first.heading, *self._feet[1].half)
-        self._compare(time, abs(dcm - support), STANDING * height)
-
-    def _compare(self, time: float, distance: float, most: float) -> None:
-        """Predict a fall if a distance of the DCM exceeds the largest one, m, for some time."""
-        if not distance > most or time < self._captured:
-            self._captured = time
-        elif time - self._captured > PERSISTS:
-            place = "the feet" if self.phase is Phase.STAND else "all footholds that can be reached"
-            self.fall = (
-                f"a fall is unavoidable: the capture point is {distance:.2f} m away from {place} (limit {most:.2f} m)"
-            )
+        self.fall_watch.compare(time, abs(dcm - support), STANDING * height, "the feet")
 
     def _begin(
         self, dynamics: Dynamics, soles: Mapping[int, Sole], orientations: Mapping[str, Array], decision: Decision
@@ -336,11 +310,11 @@ class BipedWalker(Walker):
             nominal=nominal,
             landing=Landing(
                 nominal.place,
-                ground.height_at(nominal.place) - _BELOW * self._roughness,
+                ground.height_at(nominal.place) - aim_below(self._roughness.share),
                 nominal.heading,
                 self.gait.single,
-                min(TOUCHDOWN_SPEED + _FASTER * self._unevenness, _FASTEST),
-                self._roughness,
+                self._roughness.touchdown_speed,
+                self._roughness.share,
             ),
             swing=at_rest(foot.place, foot.height, foot.heading),
             acceleration=0j,
@@ -367,7 +341,7 @@ class BipedWalker(Walker):
             heading += math.remainder(nominal.heading - heading, math.tau)
             # The ground has sunk since lift-off, also by drift of the estimate.
             sunk = cycle.soles[self._stance].height - self._footholds[0].height
-            height = step.ground.height_at(place) + sunk - _BELOW * landing.roughness
+            height = step.ground.height_at(place) + sunk - aim_below(landing.roughness)
             landing = Landing(place, height, heading, duration, landing.speed, landing.roughness)
         else:
             left = max(landing.time - elapsed, 0.0)
@@ -381,22 +355,10 @@ class BipedWalker(Walker):
             swing, landing, slope, clearance, elapsed - dt, dt, self._lag
         )
         self._step = step = Step(stance, nominal, landing, swing, acceleration, step.ground, slope, step.planned)
-        share, late = elapsed / landing.time, elapsed - landing.time
-        sole = cycle.soles[-self._stance]
-        higher = sole.height - landing.height
-        low = max(swing.item(0, 2) - landing.height, higher) < _LOW * clearance
-        sensor = self._sensor(foot.contact, cycle.touching)
-        wanted_rise = swing.item(1, 2)
-        stopped = (low or late >= LATEST or sole.speed < _AT_REST) and lands(
-            share, late, wanted_rise, landing.speed, sole.rise, sole.speed, sensor if low else None
-        )
-        if not stopped:
-            self._moved = cycle.time
-        counts = stopped and (late >= LATEST or (low and (sensor or higher < _HIGHER)))
-        rested = cycle.time - self._moved > (_RESTS if low else _RESTS_HIGH)
-        if counts or rested or tips(share, wanted_rise, landing.speed, sole.rise, sole.speed, sole.turning):
-            self._land(step, cycle, late, decision)
-        beyond = _BEYOND * self._clearance * max(0.0, 1.0 - self._unevenness / _EDGES)
+        sole, sensor = cycle.soles[-self._stance], self._sensor(foot.contact, cycle.touching)
+        if self._touchdown_detection.update(cycle.time, elapsed, swing, landing, clearance, sole, sensor):
+            self._land(step, cycle, elapsed - landing.time, decision)
+        beyond = _BEYOND * self._clearance * max(0.0, 1.0 - self._roughness.unevenness / _EDGES)
         return self._corrected(stance.place, cycle, stance.place, stance.place, beyond)
 
     def _land(self, step: Step, cycle: _Cycle, late: float, decision: Decision) -> None:
@@ -406,11 +368,8 @@ class BipedWalker(Walker):
         the DCM is far from its plan, the double support is the shortest one.
         """
         foot, sole = self._feet[-self._stance], cycle.soles[-self._stance]
-        unexpected = abs(sole.height - step.landing.height - _BELOW * step.landing.roughness)
-        self._unevenness = max(unexpected, _KEPT * self._unevenness)
-        if step.landing.time > _MEASURES * self.gait.single:
-            rough = max(0.0, min((unexpected - _EVEN) / (_ROUGH - _EVEN), 1.0))
-            self._roughness = max(rough, _REMEMBERED * self._roughness)
+        unexpected = abs(sole.height - step.landing.height - aim_below(step.landing.roughness))
+        self._roughness.add(unexpected, step.landing.time > _MEASURES * self.gait.single)
         decision.changes.append(EnableContact(foot.contact, True, 0.0))
         self._references[foot.task] = foot.at_rest(cycle.dynamics)
         self.phase, self._since, self.steps = Phase.DOUBLE, cycle.time, self.steps + 1

@@ -1,5 +1,11 @@
 """Touchdown by a contact sensor or by motion."""
 
+import math
+
+from wbc_controller.records import Array
+from wbc_controller.walking.feet import Sole
+from wbc_controller.walking.swing_kernels import Landing
+
 #: Least share of the planned swing for a touchdown.
 COUNTS = 0.6
 #: Share of the reference's downward speed below which the ground has stopped the foot.
@@ -13,6 +19,51 @@ _SLOW = 0.2
 _TURNED, _TURNED_SPEED, _TURNED_RISE = 1.5, 0.4, 0.1
 #: Longest time after the planned touchdown until the foot counts as landed, s.
 LATEST = 0.15
+#: Height of a sole and its reference below which a touchdown counts at once, as a share of the clearance.
+_LOW = 0.5
+#: Height above the planned touchdown, m, from which a sole must rest for a time, s; time and largest speed, m/s, for a
+#: sole that is not low: limited torques stop it in the air.
+_HIGHER, _RESTS, _RESTS_HIGH, _AT_REST = 0.01, 0.02, 0.04, 0.05
+
+
+class SoleTouchdown:
+    """Touchdown of a swinging sole, which may rest on a stone above the planned height."""
+
+    STATE_FIELDS = ("_moved",)
+
+    def __init__(self) -> None:
+        self._moved = -math.inf  # last time at which the sole moved, s
+
+    def update(
+        self,
+        time: float,
+        elapsed: float,
+        swing: Array,
+        landing: Landing,
+        clearance: float,
+        sole: Sole,
+        touching: bool | None,
+    ) -> bool:
+        """Return whether the sole has landed at a time, s.
+
+        Args:
+            elapsed: since the lift-off, s.
+            swing: motion of the reference, (3, 4) (`swing_kernels`).
+            clearance: of the reference above the ground, m.
+            touching: as of `lands`.
+        """
+        share, late = elapsed / landing.time, elapsed - landing.time
+        wanted, higher = swing.item(1, 2), sole.height - landing.height
+        low = max(swing.item(0, 2) - landing.height, higher) < _LOW * clearance
+        stopped = (low or late >= LATEST or sole.speed < _AT_REST) and lands(
+            share, late, wanted, landing.speed, sole.rise, sole.speed, touching if low else None
+        )
+        if not stopped:
+            self._moved = time
+        counts = stopped and (late >= LATEST or (low and (touching or higher < _HIGHER)))
+        rested = time - self._moved > (_RESTS if low else _RESTS_HIGH)
+        tipped = tips(share, wanted, landing.speed, sole.rise, sole.speed, sole.turning)
+        return bool(counts or rested or tipped)
 
 
 def lands(

@@ -11,14 +11,13 @@ from wbc_controller.errors import InputRefused
 from wbc_controller.inverse_dynamics.references.changes import Change, EnableTask, SetSetpoint
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.records import Array, Reference, freeze
+from wbc_controller.walking.fall_watch import FallWatch
 from wbc_controller.walking.footsteps import Velocity
 from wbc_controller.walking.gait import Gait, Phase, QuadrupedGait
 from wbc_controller.walking.goal import Goal, velocity_to
 from wbc_controller.walking.plan import WalkingPlan
 from wbc_controller.walking.references_kernels import body_references
 
-#: Time between predictions of a fall, s.
-_WATCH_PERIOD = 0.012
 #: Acceleration of a reference without one.
 STILL = freeze(np.zeros(3))
 
@@ -53,8 +52,7 @@ class Walker(ABC):
         leaving: True if the controller is deactivated as soon as the robot has stopped; commands are refused.
         velocity: present velocity, on the way to the command.
         steps: number of steps since the start.
-        watched: time of the last prediction of a fall, s.
-        fall: sentence about an unavoidable fall; empty without one.
+        fall_watch: prediction of a fall.
     """
 
     gait: Gait | QuadrupedGait
@@ -75,7 +73,7 @@ class Walker(ABC):
         self._until = math.inf  # time at which the command ends, s
         self.velocity = Velocity()
         self.steps = 0
-        self.watched, self.fall = -math.inf, ""
+        self.fall_watch = FallWatch()
         self._lifted: tuple[str, ...] = ()  # swing feet whose contact sensor has shown the lift-off
         self._since = self._last = 0.0  # start of the phase, and last cycle, s
         self._clearance = 0.0  # of the centre of mass above the ground, m
@@ -138,13 +136,6 @@ class Walker(ABC):
             orientations: present references of the tasks on orientations, as quaternions (x, y, z, w), by name.
             touching: states of the contact sensors, by contact; without one, the foot's motion indicates touchdown.
         """
-
-    def is_watch_due(self, time: float) -> bool:
-        """Return whether a prediction of a fall is due at the time of a state, s; if so, the next one is due later."""
-        if 0.0 <= time - self.watched < _WATCH_PERIOD:
-            return False
-        self.watched = time
-        return True
 
     def watch_standing(self, time: float, dynamics: Dynamics, active: Collection[str]) -> None:  # noqa: B027
         """Predict a fall of a robot that is supported by its active contacts, at the time of a state, s."""
