@@ -23,8 +23,7 @@ from wbc_controller.records import REQUESTS, Array, Fault, Reference, RobotState
 from wbc_controller.safety.supervisor import Supervisor
 from wbc_controller.settings.nesting import nested
 
-#: Latest time of the user's clock, s, and largest value of a state, SI units.
-_LATEST, _LARGEST = 1.0e10, 1.0e9
+_LATEST, _LARGEST = 1.0e10, 1.0e9  # latest time of the user's clock, s, and largest value of a state, SI units
 
 
 class Controller(ControlCycle):

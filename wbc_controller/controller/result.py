@@ -18,8 +18,7 @@ from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.records import Array, Fault, JointCommand, Mode, References, RobotState, Solution
 
 _NOTHING: Mapping[str, Any] = MappingProxyType({})
-#: Number of actuators in the table.
-_LARGEST_SHOWN = 5
+_LARGEST_SHOWN = 5  # number of actuators in the table
 
 
 @dataclass(slots=True, repr=False)  # not frozen: faster construction

@@ -31,21 +31,14 @@ from wbc_controller.inverse_dynamics.arrays import solved
 from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
 from wbc_controller.records import Array
 
-#: Age of the oldest stored estimate, s; older poses are refused.
-HISTORY = 0.5
-#: Largest advance of a pose's stamp over the IMU's, s.
-LARGEST_ADVANCE = 0.1
-#: Largest number of poses that wait for the IMU.
-_MOST_WAITING = 20
-#: Probability of rejecting a correct pose.
-_FALSE_REJECTION = 1.0e-5
+HISTORY = 0.5  # age of the oldest stored estimate, s; older poses are refused
+LARGEST_ADVANCE = 0.1  # largest advance of a pose's stamp over the IMU's, s
+_MOST_WAITING = 20  # largest number of poses that wait for the IMU
+_FALSE_REJECTION = 1.0e-5  # probability of rejecting a correct pose
 _GATE = float(chdtri(4, _FALSE_REJECTION))
-#: Duration of consistent poses after which they replace the estimate, s.
-AGREEMENT_TIME = 1.0
-#: Largest difference between consistent poses, m and rad.
-_ALIKE = 0.1
-#: Time constant of `smoothed`, s, and its largest rates, m/s and rad/s.
-_TIME_CONSTANT, SPEED, TURN = 0.2, 0.02, 0.02
+AGREEMENT_TIME = 1.0  # duration of consistent poses after which they replace the estimate, s
+_ALIKE = 0.1  # largest difference between consistent poses, m and rad
+_TIME_CONSTANT, SPEED, TURN = 0.2, 0.02, 0.02  # time constant of `smoothed`, s, and its largest rates, m/s and rad/s
 
 
 @dataclass(frozen=True, slots=True)

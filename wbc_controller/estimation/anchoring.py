@@ -20,14 +20,10 @@ import pinocchio as pin
 from wbc_controller.estimation.planar_transform import heading_of, planar_transform
 from wbc_controller.records import Array
 
-#: Duration of a contact before its points get anchors, s.
-_CONTACT_TIME = 1.0
-#: Time constant of F, s.
-_TIME_CONSTANT = 0.2
-#: Time between two updates, s.
-_PERIOD = 0.02
-#: Smallest RMS distance of points from their mean for a heading, m.
-_LEAST_SPREAD = 0.02
+_CONTACT_TIME = 1.0  # duration of a contact before its points get anchors, s
+_TIME_CONSTANT = 0.2  # time constant of F, s
+_PERIOD = 0.02  # time between two updates, s
+_LEAST_SPREAD = 0.02  # smallest RMS distance of points from their mean for a heading, m
 
 
 class Anchoring:

@@ -18,22 +18,15 @@ import numpy as np
 
 from wbc_controller.records import Array
 
-#: Time constant of the means, s.
-_MEAN = 1.0
+_MEAN = 1.0  # time constant of the means, s
 #: Smallest √E(1) of a contradiction, rad or m, and its factor for sensors known to be wrong.
 _LIMIT, _KNOWN_WRONG = 0.002, 0.1
-#: Largest E(C) / E(1) of an explanation, and of a suspicion.
-_EXPLAINED, _SUSPECTED = 0.05, 0.25
-#: Largest difference of equally good explanations, as a share of E(1).
-_ALIKE = 0.01
-#: RMS of a along its smallest axis for a final agreement, rad or m.
-_ALL_AXES = 0.006
-#: Factor from rad to degrees.
-_DEGREES = math.degrees(1.0)
-#: Cause of a rotation in degrees.
-_UNIT = "angular velocities were in deg/s instead of rad/s"
-#: Weights of ⟨c cᵀ⟩ with c = (a, b) in E(1), (6, 6).
-_CONTRADICTION = np.kron([[1.0, -1.0], [-1.0, 1.0]], np.eye(3))
+_EXPLAINED, _SUSPECTED = 0.05, 0.25  # largest E(C) / E(1) of an explanation, and of a suspicion
+_ALIKE = 0.01  # largest difference of equally good explanations, as a share of E(1)
+_ALL_AXES = 0.006  # RMS of a along its smallest axis for a final agreement, rad or m
+_DEGREES = math.degrees(1.0)  # factor from rad to degrees
+_UNIT = "angular velocities were in deg/s instead of rad/s"  # cause of a rotation in degrees
+_CONTRADICTION = np.kron([[1.0, -1.0], [-1.0, 1.0]], np.eye(3))  # weights of ⟨c cᵀ⟩ with c = (a, b) in E(1), (6, 6)
 #: Signed permutations of axes, row by row, (48, 9).
 _SIGNED = np.array(
     [

@@ -15,16 +15,11 @@ from wbc_controller.estimation.running_estimate import GAP, ImuSample, RunningEs
 from wbc_controller.estimation.sensor_agreement import gravity_contradiction
 from wbc_controller.records import Array
 
-#: Largest relative difference of specific force and gravity.
-_GRAVITY_TOLERANCE = 0.1
-#: Largest mean angular velocity at the start, rad/s.
-_LARGEST_BIAS = 0.5
-#: Share of the settling time that the samples must span.
-_SETTLED = 0.9
-#: Variance of the initial velocity, (m/s)².
-_INITIAL_VELOCITY_VARIANCE = 1.0e-4
-#: Variance of the initial position and heading, m² and rad².
-_INITIAL_POSE_VARIANCE = 1.0e-8
+_GRAVITY_TOLERANCE = 0.1  # largest relative difference of specific force and gravity
+_LARGEST_BIAS = 0.5  # largest mean angular velocity at the start, rad/s
+_SETTLED = 0.9  # share of the settling time that the samples must span
+_INITIAL_VELOCITY_VARIANCE = 1.0e-4  # variance of the initial velocity, (m/s)²
+_INITIAL_POSE_VARIANCE = 1.0e-8  # variance of the initial position and heading, m² and rad²
 
 
 @dataclass(frozen=True, slots=True)

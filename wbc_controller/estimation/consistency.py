@@ -20,12 +20,9 @@ from wbc_controller.estimation.leg_kinematics import LegKinematics
 from wbc_controller.inverse_dynamics.arrays import cross
 from wbc_controller.records import Array
 
-#: Mean speed of the slowest point above which the estimate is lost, m/s.
-LIMIT = 0.1
-#: Time constants of the means of velocities, and of vertical ones for tipping, s.
-_MEAN, _TIPPING_MEAN = 0.1, 0.02
-#: Clamp of each velocity, m/s, against outliers.
-_FASTEST = 1.0
+LIMIT = 0.1  # mean speed of the slowest point above which the estimate is lost, m/s
+_MEAN, _TIPPING_MEAN = 0.1, 0.02  # time constants of the means of velocities, and of vertical ones for tipping, s
+_FASTEST = 1.0  # clamp of each velocity, m/s, against outliers
 
 
 class ContactConsistency:

@@ -14,8 +14,7 @@ from collections.abc import Mapping
 
 from wbc_controller.records import Array
 
-#: Time constant of the force filter, s.
-_FILTER_TIME = 0.003
+_FILTER_TIME = 0.003  # time constant of the force filter, s
 
 
 class ContactForces:

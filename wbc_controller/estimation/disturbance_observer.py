@@ -19,16 +19,11 @@ from wbc_controller.estimation.projection import split_force
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array, frozen
 
-#: Time constant of the decay, in T; a constant disturbance is estimated to 24/25.
-_LEAK = 25.0
-#: Lever of the largest moment on the base, m.
-_LEVER = 0.1
-#: Time over which residuals are summed before the projection, s.
-_SUM_TIME = 0.01
-#: Time constant of the decay after the observer is switched off, s.
-_FADE_TIME = 0.3
-#: Size below which a decaying estimate becomes zero, as a share of the largest size.
-_NEGLIGIBLE = 1.0e-4
+_LEAK = 25.0  # time constant of the decay, in T; a constant disturbance is estimated to 24/25
+_LEVER = 0.1  # lever of the largest moment on the base, m
+_SUM_TIME = 0.01  # time over which residuals are summed before the projection, s
+_FADE_TIME = 0.3  # time constant of the decay after the observer is switched off, s
+_NEGLIGIBLE = 1.0e-4  # size below which a decaying estimate becomes zero, as a share of the largest size
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,14 +22,10 @@ from wbc_controller.estimation.projection import mobility
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
-#: Least w₀, rad/s or m/s.
-_SMOOTH = 0.02
-#: τ, s.
-_LOOP_TIME = 0.002
-#: Time between two computations of the inertias, s.
-_INERTIA_PERIOD = 0.1
-#: T_w, s.
-_LEAD_TIME = 0.2
+_SMOOTH = 0.02  # least w₀, rad/s or m/s
+_LOOP_TIME = 0.002  # τ, s
+_INERTIA_PERIOD = 0.1  # time between two computations of the inertias, s
+_LEAD_TIME = 0.2  # t_w, s
 
 
 class FrictionCompensation:

@@ -24,8 +24,7 @@ from wbc_controller.estimation.planar_transform import planar_transform
 from wbc_controller.inverse_dynamics.arrays import solved
 from wbc_controller.records import Array
 
-#: First row of the first contact point in P.
-_POINTS = 9
+_POINTS = 9  # first row of the first contact point in P
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,7 @@ from wbc_controller.compilation import Indices, Matrix, StridedVector, Vector, c
 from wbc_controller.inverse_dynamics.robot.placement_kernels import Vector3, add, cross, dot, put, scale, three
 from wbc_controller.records import Array
 
-#: Angle below which quotients are replaced by series, rad.
-_SMALL = 1.0e-6
+_SMALL = 1.0e-6  # angle below which quotients are replaced by series, rad
 
 
 @part

@@ -14,8 +14,7 @@ from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics, support_mat
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
-#: Tracked points of a sole; three determine its orientation.
-_SOLE_POINTS = 3
+_SOLE_POINTS = 3  # tracked points of a sole; three determine its orientation
 #: Tracked points of a held link, in contact axes, m.
 _ARM = 0.05 * np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 

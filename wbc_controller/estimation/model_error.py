@@ -12,8 +12,7 @@ from wbc_controller.estimation.friction import FrictionCompensation
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.records import Array, Disturbance, Prediction, RobotState, Solution, frozen
 
-#: Largest time between two compared states, in control periods.
-_LARGEST_GAP = 3.5
+_LARGEST_GAP = 3.5  # largest time between two compared states, in control periods
 
 
 class ModelErrorCompensation:

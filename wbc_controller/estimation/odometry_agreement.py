@@ -13,8 +13,7 @@ from wbc_controller.estimation.leg_kinematics import LegKinematics
 from wbc_controller.estimation.sensor_agreement import HIGH_PASS, PERIOD, SensorAgreement, gravity_contradiction
 from wbc_controller.records import Array
 
-#: Largest integration step of the twist, s.
-_GAP = 0.1
+_GAP = 0.1  # largest integration step of the twist, s
 
 
 class OdometryAgreement:

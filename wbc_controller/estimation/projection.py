@@ -11,8 +11,7 @@ from scipy.linalg.lapack import dposv, dpotrf, dpotri, dpotrs
 
 from wbc_controller.records import Array
 
-#: Regularization of J M⁻¹ Jᵀ for redundant contacts, as a share of its mean diagonal.
-_RIDGE = 1.0e-9
+_RIDGE = 1.0e-9  # regularization of J M⁻¹ Jᵀ for redundant contacts, as a share of its mean diagonal
 
 
 def split_force(M: Array, J: Array, force: Array) -> tuple[Array, Array]:

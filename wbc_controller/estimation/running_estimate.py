@@ -21,12 +21,9 @@ from wbc_controller.inverse_dynamics.arrays import all_true, cross, sum_of_squar
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
 from wbc_controller.records import Array
 
-#: Largest gap between two IMU samples, s.
-GAP = 0.1
-#: Probability of a false slip detection per update.
-_FALSE_SLIP = 1.0e-5
-#: Largest motion, m, and its duration, s, after which a slipping contact is at rest.
-_MOVED, _RESTED = 0.004, 0.04
+GAP = 0.1  # largest gap between two IMU samples, s
+_FALSE_SLIP = 1.0e-5  # probability of a false slip detection per update
+_MOVED, _RESTED = 0.004, 0.04  # largest motion, m, and its duration, s, after which a slipping contact is at rest
 #: Least creep of soles and of balls of a stepping robot, m/s/√Hz (impacts between IMU samples would become a tilt), and
 #: the time since the last touchdown for which a robot is stepping, s.
 _SOLE_STEPS, _BALL_STEPS, _STEPPING_TIME = 2.4e-3, 8.0e-4, 1.0

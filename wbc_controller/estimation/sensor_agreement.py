@@ -25,20 +25,13 @@ from wbc_controller.estimation.leg_kinematics import LegKinematics
 from wbc_controller.inverse_dynamics.arrays import cross, solved, sum_of_squares
 from wbc_controller.records import Array
 
-#: Time constant T of the high-pass filter, s.
-HIGH_PASS = 0.3
-#: Time between two comparisons, s.
-PERIOD = 0.02
-#: Time in which a landed foot may still roll or slip, s.
-_SETTLING = 0.05
-#: Largest share of |Δy|² left by a rigid motion.
-_LARGEST_RESIDUAL = 0.1
-#: Smallest distance of points from a line, √Σ in m.
-_LEAST_SPREAD = 0.02
-#: Cosine of the largest angle between contact normal and vertical, 60°.
-_STEEPEST_COSINE = 0.5
-#: Smallest distance of the centre of mass from the contact plane, m.
-_LEAST_HEIGHT = 0.02
+HIGH_PASS = 0.3  # time constant T of the high-pass filter, s
+PERIOD = 0.02  # time between two comparisons, s
+_SETTLING = 0.05  # time in which a landed foot may still roll or slip, s
+_LARGEST_RESIDUAL = 0.1  # largest share of |Δy|² left by a rigid motion
+_LEAST_SPREAD = 0.02  # smallest distance of points from a line, √Σ in m
+_STEEPEST_COSINE = 0.5  # cosine of the largest angle between contact normal and vertical, 60°
+_LEAST_HEIGHT = 0.02  # smallest distance of the centre of mass from the contact plane, m
 
 
 def gravity_contradiction(kinematics: LegKinematics, active_contacts: Sequence[str], up: Array) -> str | None:

@@ -16,18 +16,12 @@ from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array, Fault, JointCommand, RobotState, Solution
 
-#: Code of the fault.
-UNEXPLAINED_MOTION = "UNEXPLAINED_MOTION"
-#: Time constant of the decay, s.
-_MEMORY = 0.1
-#: Largest time between two compared states, in control periods.
-_LARGEST_GAP = 3.5
-#: Speed of a prismatic joint equivalent to 1 rad/s, m/s.
-_PRISMATIC = 0.2
-#: Factor of the limit for joints of a leg in contact, which move if the contact is lost.
-_LOADED = 3.0
-#: Negligible missing torques, as a share of the effort limits.
-_NEGLIGIBLE = 0.02
+UNEXPLAINED_MOTION = "UNEXPLAINED_MOTION"  # code of the fault
+_MEMORY = 0.1  # time constant of the decay, s
+_LARGEST_GAP = 3.5  # largest time between two compared states, in control periods
+_PRISMATIC = 0.2  # speed of a prismatic joint equivalent to 1 rad/s, m/s
+_LOADED = 3.0  # factor of the limit for joints of a leg in contact, which move if the contact is lost
+_NEGLIGIBLE = 0.02  # negligible missing torques, as a share of the effort limits
 
 
 class BringUpWatch:

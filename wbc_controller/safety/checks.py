@@ -7,8 +7,7 @@ import numpy as np
 
 from wbc_controller.records import Array, Fault
 
-#: Share of an effort limit by which a solution may exceed the available torque, before clipping.
-TORQUE_TOLERANCE = 0.01
+TORQUE_TOLERANCE = 0.01  # share of an effort limit by which a solution may exceed the available torque, before clipping
 
 
 def stale_inputs(

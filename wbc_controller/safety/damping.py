@@ -11,16 +11,11 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.transmission import Drive
 from wbc_controller.records import Array
 
-#: Largest T λ; a sampled loop is stable below 2, with one more period of delay below 1.
-_LARGEST_RATE = 0.9
-#: Tolerance of a search, as a share.
-_TOLERANCE = 0.02
-#: Consecutive searches without a reduction, and number without near rates.
-_SEARCHES, _FEW_SEARCHES = 6, 2
-#: Steps of a search, and number of eigenvectors in its direction.
-_STEPS, _MOTIONS = 20, 6
-#: Exponent p of (Σ λᵢᵖ)^(1/p), the smooth maximum of a search over all limbs.
-_EXPONENT = 8
+_LARGEST_RATE = 0.9  # largest T λ; a sampled loop is stable below 2, with one more period of delay below 1
+_TOLERANCE = 0.02  # tolerance of a search, as a share
+_SEARCHES, _FEW_SEARCHES = 6, 2  # consecutive searches without a reduction, and number without near rates
+_STEPS, _MOTIONS = 20, 6  # steps of a search, and number of eigenvectors in its direction
+_EXPONENT = 8  # exponent p of (Σ λᵢᵖ)^(1/p), the smooth maximum of a search over all limbs
 
 
 class _Search:

@@ -20,8 +20,7 @@ from wbc_controller.settings import Settings
 
 #: Modes in which the controller may stop commanding after zero torques.
 _ENDED = (Mode.INACTIVE, Mode.STOPPED, Mode.FAULT)
-#: Duration of zero torques before the guard stops sending, s.
-ZERO_TIME = 1.0
+ZERO_TIME = 1.0  # duration of zero torques before the guard stops sending, s
 
 
 class GuardMode(str, enum.Enum):

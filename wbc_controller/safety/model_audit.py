@@ -18,10 +18,8 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array, AuditReport, JointCommand, RobotState, Solution, freeze, frozen
 from wbc_controller.settings.service import AuditSettings
 
-#: Largest time between two compared states, in control periods.
-_LARGEST_GAP = 3.5
-#: Duration of a span, as a share of the filter's time constant.
-_SPAN = 0.1
+_LARGEST_GAP = 3.5  # largest time between two compared states, in control periods
+_SPAN = 0.1  # duration of a span, as a share of the filter's time constant
 
 
 class _Step(NamedTuple):

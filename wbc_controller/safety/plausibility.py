@@ -22,16 +22,11 @@ from wbc_controller.safety.plausibility_kernels import (
 from wbc_controller.safety.plausibility_kernels import MEMORY as MEMORY  # re-exported
 from wbc_controller.settings.service import SafetySettings
 
-#: Speed times time of a robot at rest, rad or m.
-REST = 1.0e-6
-#: Lower bound of velocity limits, rad/s; URDFs often contain zeros.
-LEAST_LIMIT, UNLIMITED = 1.0, 1.0e3
-#: Time between two checks of the base's height, s.
-HEIGHT_PERIOD = 0.01
-#: Height of the base at the activation below which it is not checked, m.
-LEAST_HEIGHT = 0.1
-#: Tolerance of a turn in the detection of wrapped encoders, rad.
-_NEARLY_A_TURN = 0.3
+REST = 1.0e-6  # speed times time of a robot at rest, rad or m
+LEAST_LIMIT, UNLIMITED = 1.0, 1.0e3  # lower bound of velocity limits, rad/s; URDFs often contain zeros
+HEIGHT_PERIOD = 0.01  # time between two checks of the base's height, s
+LEAST_HEIGHT = 0.1  # height of the base at the activation below which it is not checked, m
+_NEARLY_A_TURN = 0.3  # tolerance of a turn in the detection of wrapped encoders, rad
 
 AXES = tuple(f"base {kind} {axis}" for kind in ("motion along", "rotation about") for axis in "xyz")
 

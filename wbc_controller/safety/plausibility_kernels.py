@@ -9,12 +9,9 @@ from wbc_controller.inverse_dynamics.limits.joint_motion_kernels import clipped
 from wbc_controller.inverse_dynamics.robot.placement_kernels import add, cross, dot, put, scale, subtract, three
 from wbc_controller.records import Array
 
-#: Time constant T of mismatches, s; averages sensor noise.
-MEMORY = 0.2
-#: Largest time between two states for the integration of velocities, s.
-GAP = 0.05
-#: Negligible Σ x², rad² and m².
-SETTLED = 1.0e-12
+MEMORY = 0.2  # time constant T of mismatches, s; averages sensor noise
+GAP = 0.05  # largest time between two states for the integration of velocities, s
+SETTLED = 1.0e-12  # negligible Σ x², rad² and m²
 #: Findings of `compare`, as bits.
 OUT_OF_RANGE, JUMPED, STUCK, STUCK_MOTION, JOINTS_REPEAT, BASE_REPEATS = 1, 2, 4, 8, 16, 32
 
@@ -192,10 +189,8 @@ def compare(memory: StateMemory, q: StridedVector, v: StridedVector, dt: float, 
     return found
 
 
-#: Largest time between two compared samples, s.
-SAMPLE_GAP = 0.1
-#: Rate of change of a velocity, in largest velocities per s.
-VELOCITY_RATE = 20.0
+SAMPLE_GAP = 0.1  # largest time between two compared samples, s
+VELOCITY_RATE = 20.0  # rate of change of a velocity, in largest velocities per s
 #: Findings of `compare_sample`, with the index of a value.
 SAMPLE_LARGE, SAMPLE_FAST, SAMPLE_JUMP, SAMPLE_STEP = 0, 1, 2, 3
 

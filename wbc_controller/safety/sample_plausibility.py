@@ -22,8 +22,7 @@ _MISMATCH = {
 }  # fmt: skip
 #: Velocity change by an impact, as a share of the largest velocity; a joint may bounce off its stop.
 _JOINT_STEP, _BASE_STEP = 1.5, 0.25
-#: Number of consecutive rejections that is a fault.
-SEQUENCE = 3
+SEQUENCE = 3  # number of consecutive rejections that is a fault
 
 
 class SampleCheck:

@@ -31,8 +31,7 @@ from wbc_controller.safety.supervisor_kernels import CommandLimits, follow
 from wbc_controller.settings.service import SafetySettings
 
 _ACTIVE, _HOLDING = Mode.ACTIVE, Mode.HOLDING
-#: Look-ahead to position limits during holding, s.
-_AHEAD = 0.05
+_AHEAD = 0.05  # look-ahead to position limits during holding, s
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,16 +26,12 @@ from wbc_controller.walking.footsteps_kernels import StepSizes, periodic_step
 from wbc_controller.walking.pendulum_kernels import before, later
 from wbc_controller.walking.swing_kernels import integrate_foot
 
-#: Weights of place and offset, 1/m², and of time.
-W_PLACE, W_OFFSET, W_TIME = 1.0, 200.0, 0.02
+W_PLACE, W_OFFSET, W_TIME = 1.0, 200.0, 0.02  # weights of place and offset, 1/m², and of time
 #: Shortest and longest single support, as shares of the nominal one; a faster foot would hit the edges of rough ground.
 SHORTEST, SHORTEST_ROUGH, LONGEST = 0.4, 0.65, 1.6
-#: Rate of change of the step time, and the one of a large decrease.
-TIME_RATE, SHORTENING = 1.0, 10.0
-#: Shortest remaining time of an adaptation, s.
-_AHEAD = 0.04
-#: Largest mean speed of the swing foot, m/s, and vertical acceleration, m/s².
-FOOT_SPEED, FOOT_ACCELERATION = 3.0, 20.0
+TIME_RATE, SHORTENING = 1.0, 10.0  # rate of change of the step time, and the one of a large decrease
+_AHEAD = 0.04  # shortest remaining time of an adaptation, s
+FOOT_SPEED, FOOT_ACCELERATION = 3.0, 20.0  # largest mean speed of the swing foot, m/s, and vertical acceleration, m/s²
 
 
 @compiled

@@ -23,10 +23,8 @@ from wbc_controller.walking.footsteps_kernels import StepSizes
 
 #: Time for which the DCM must be out of reach, s: an impact of a foot changes the velocity for a few cycles.
 PERSISTS = 0.02
-#: Largest distance of the DCM from the support of a standing robot, as a share of its height.
-STANDING = 0.22
-#: Margin of the reach, m, for the errors of the estimate and of the model.
-MARGIN = 0.05
+STANDING = 0.22  # largest distance of the DCM from the support of a standing robot, as a share of its height
+MARGIN = 0.05  # margin of the reach, m, for the errors of the estimate and of the model
 
 
 @part

@@ -4,8 +4,7 @@ import math
 
 from wbc_controller.walking.fall_kernels import PERSISTS
 
-#: Time between predictions of a fall, s.
-_PERIOD = 0.012
+_PERIOD = 0.012  # time between predictions of a fall, s
 
 
 class FallWatch:

@@ -14,8 +14,7 @@ from wbc_controller.walking.feet_kernels import motion_of_sole, move_sole
 from wbc_controller.walking.swing_kernels import DESCENT, Landing
 from wbc_controller.walking.terrain import Ground
 
-#: Shares of the half length and half width of the sole that the centre of pressure may use.
-_SOLE_SHARE = (0.8, 0.7)
+_SOLE_SHARE = (0.8, 0.7)  # shares of the half length and half width of the sole that the centre of pressure may use
 
 
 class Sole(NamedTuple):

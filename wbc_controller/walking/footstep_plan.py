@@ -12,10 +12,8 @@ from wbc_controller.walking.footsteps_kernels import swing_push
 from wbc_controller.walking.gait import Gait
 from wbc_controller.walking.pendulum_kernels import periodic_offset, previous_offset
 
-#: Largest angle between the feet, rad.
-MAX_TURN = 0.5
-#: Steps that determine the next one: each later one counts by e^{-ωT}, a tenth.
-_AHEAD = 3
+MAX_TURN = 0.5  # largest angle between the feet, rad
+_AHEAD = 3  # steps that determine the next one: each later one counts by e^{-ωT}, a tenth
 _NAMES = {1: "left", -1: "right"}
 
 

@@ -6,8 +6,7 @@ from wbc_controller.records import Array
 from wbc_controller.walking.footsteps_kernels import periodic_step
 from wbc_controller.walking.gait import Gait, SpeedLimits
 
-#: Largest backward speed, as a share of the forward speed.
-BACKWARD = 0.5
+BACKWARD = 0.5  # largest backward speed, as a share of the forward speed
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,8 +8,7 @@ from wbc_controller.compilation import Struct, compiled
 from wbc_controller.walking.pendulum_kernels import periodic_offset
 from wbc_controller.walking.swing_kernels import integrate_axis
 
-#: Margin of the nominal width over the smallest one, m.
-_MARGIN = 0.01
+_MARGIN = 0.01  # margin of the nominal width over the smallest one, m
 
 
 class StepSizes(Struct):

@@ -9,10 +9,8 @@ from wbc_controller.walking.gait import SpeedLimits
 
 #: Distance and angle at which the robot stops, m and rad: the last steps, with the feet apart, keep the place.
 NEAR, NEAR_ANGLE = 0.03, 0.05
-#: Distance above which the robot walks facing the goal, m; nearer, it has the heading of the goal.
-_FAR = 1.0
-#: Steps in which a small error would vanish at its velocity.
-_STEPS = 2.0
+_FAR = 1.0  # distance above which the robot walks facing the goal, m; nearer, it has the heading of the goal
+_STEPS = 2.0  # steps in which a small error would vanish at its velocity
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,10 +10,8 @@ from wbc_controller.records import Array
 from wbc_controller.walking.gait import Phase
 from wbc_controller.walking.swing_kernels import Landing, moved
 
-#: Points of the path of a swing foot.
-_POINTS = 10
-#: Distance within which a point counts as on an edge, m.
-_ON_EDGE = 1.0e-9
+_POINTS = 10  # points of the path of a swing foot
+_ON_EDGE = 1.0e-9  # distance within which a point counts as on an edge, m
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,10 +22,8 @@ from wbc_controller.walking.touchdown import COUNTS, lands, rebounds
 from wbc_controller.walking.trot_kernels import motion_of_body, next_pair
 from wbc_controller.walking.walker import STILL, Decision, TaskSets, Walker
 
-#: Time before touchdown in which the target of the step is constant, s.
-_FREEZE = 0.03
-#: Largest distance of the reference of the centre of mass from the measured one, m.
-_LAG = 0.06
+_FREEZE = 0.03  # time before touchdown in which the target of the step is constant, s
+_LAG = 0.06  # largest distance of the reference of the centre of mass from the measured one, m
 #: Largest distance of a foot from its nominal place for a stop, m, and largest commanded speed, m/s and rad/s.
 _NOMINAL, _SLOW = 0.06, 0.02
 

@@ -7,8 +7,7 @@ import math
 from wbc_controller.compilation import Matrix, OutVector, compiled
 from wbc_controller.inverse_dynamics.robot.placement_kernels import put, three
 
-#: Rate at which a height follows its goal, 1/s, and its largest rate, m/s.
-_HEIGHT_RATE, _FASTEST_HEIGHT = 3.0, 0.2
+_HEIGHT_RATE, _FASTEST_HEIGHT = 3.0, 0.2  # rate at which a height follows its goal, 1/s, and its largest rate, m/s
 
 
 @compiled

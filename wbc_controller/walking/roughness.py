@@ -2,8 +2,7 @@
 
 from wbc_controller.walking.swing_kernels import TOUCHDOWN_SPEED
 
-#: Share of the unevenness kept from one foothold to the next.
-_KEPT = 0.8
+_KEPT = 0.8  # share of the unevenness kept from one foothold to the next
 #: Additional touchdown speed per unevenness, 1/s, and largest speed, m/s: a slow foot lands late on lower ground.
 _FASTER, _FASTEST = 20.0, 0.3
 #: Largest error of a height on even ground, and least one on rough ground, m, and share of the roughness kept from one

@@ -15,17 +15,13 @@ from wbc_controller.compilation import Matrix, OutMatrix, compiled, part
 from wbc_controller.inverse_dynamics.robot.placement_kernels import Vector3
 from wbc_controller.records import Array
 
-#: Share of the step at which the foot is highest.
-APEX = 0.45
-#: Downward speed at touchdown on even ground, m/s.
-TOUCHDOWN_SPEED = 0.1
-#: Downward acceleration and speed of a late foot, m/s² and m/s.
-_LATE_ACCELERATION, LATE_SPEED = 10.0, 0.5
+APEX = 0.45  # share of the step at which the foot is highest
+TOUCHDOWN_SPEED = 0.1  # downward speed at touchdown on even ground, m/s
+_LATE_ACCELERATION, LATE_SPEED = 10.0, 0.5  # downward acceleration and speed of a late foot, m/s² and m/s
 #: Time before the apex at which the plan changes from the apex to the ground, s: later, small changes need large
 #: accelerations.
 DESCENT = 0.06
-#: Shortest remaining time of a new plan, s.
-_SHORTEST = 0.0005
+_SHORTEST = 0.0005  # shortest remaining time of a new plan, s
 #: Shares of the step on rough ground in which the foot only rises and only descends, beside the edges of stones, and
 #: shortest remaining time of a plan for the end of the horizontal motion, s.
 _RISING, _DESCENDING, _ENDING = 0.2, 0.15, 0.05

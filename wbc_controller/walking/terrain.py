@@ -15,10 +15,8 @@ import numpy as np
 from wbc_controller.records import Array
 from wbc_controller.walking.terrain_kernels import plane_below
 
-#: Number of footholds of the plane.
-FOOTHOLDS = 4
-#: Standard deviations of heights σ_z, m, and slopes σ_g of footholds from a plane.
-_HEIGHT, _SLOPE = 0.01, 0.1
+FOOTHOLDS = 4  # number of footholds of the plane
+_HEIGHT, _SLOPE = 0.01, 0.1  # standard deviations of heights σ_z, m, and slopes σ_g of footholds from a plane
 
 
 @dataclass(slots=True)  # not frozen: faster construction

@@ -6,21 +6,15 @@ from wbc_controller.records import Array
 from wbc_controller.walking.feet import Sole
 from wbc_controller.walking.swing_kernels import Landing
 
-#: Least share of the planned swing for a touchdown.
-COUNTS = 0.6
-#: Share of the reference's downward speed below which the ground has stopped the foot.
-_STOPPED = 0.5
-#: Least downward speed of the reference for the comparison of the motion, m/s.
-_DESCENDING = 0.07
-#: Largest speed of a foot stopped by the ground, m/s.
-_SLOW = 0.2
+COUNTS = 0.6  # least share of the planned swing for a touchdown
+_STOPPED = 0.5  # share of the reference's downward speed below which the ground has stopped the foot
+_DESCENDING = 0.07  # least downward speed of the reference for the comparison of the motion, m/s
+_SLOW = 0.2  # largest speed of a foot stopped by the ground, m/s
 #: Least horizontal angular velocity of a sole turned by an edge, rad/s, and largest speed and vertical velocity of its
 #: centre, m/s: an obstacle throws a foot up.
 _TURNED, _TURNED_SPEED, _TURNED_RISE = 1.5, 0.4, 0.1
-#: Longest time after the planned touchdown until the foot counts as landed, s.
-LATEST = 0.15
-#: Height of a sole and its reference below which a touchdown counts at once, as a share of the clearance.
-_LOW = 0.5
+LATEST = 0.15  # longest time after the planned touchdown until the foot counts as landed, s
+_LOW = 0.5  # height of a sole and its reference below which a touchdown counts at once, as a share of the clearance
 #: Height above the planned touchdown, m, from which a sole must rest for a time, s; time and largest speed, m/s, for a
 #: sole that is not low: limited torques stop it in the air.
 _HIGHER, _RESTS, _RESTS_HIGH, _AT_REST = 0.01, 0.02, 0.04, 0.05

@@ -18,8 +18,7 @@ from wbc_controller.walking.goal import Goal, velocity_to
 from wbc_controller.walking.plan import WalkingPlan
 from wbc_controller.walking.references_kernels import body_references
 
-#: Acceleration of a reference without one.
-STILL = freeze(np.zeros(3))
+STILL = freeze(np.zeros(3))  # acceleration of a reference without one
 
 
 @dataclass(slots=True)

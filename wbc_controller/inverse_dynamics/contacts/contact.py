@@ -12,8 +12,7 @@ from wbc_controller.inverse_dynamics.robot.instruction import Instruction
 from wbc_controller.inverse_dynamics.tunable import Tunable
 from wbc_controller.records import Array, frozen
 
-#: Indices in f of the tangential forces and of the yaw moment of a unilateral contact.
-_TANGENTIAL = (0, 1, 5)
+_TANGENTIAL = (0, 1, 5)  # indices in f of the tangential forces and of the yaw moment of a unilateral contact
 
 
 class Contact(Tunable, ABC):

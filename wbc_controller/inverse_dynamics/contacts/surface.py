@@ -15,8 +15,7 @@ from wbc_controller.records import Array
 
 #: Share of the yaw moment of corner forces of a single sole; evenly loaded, it exerts 0.54 (square) to 0.71 (narrow).
 _YAW_SHARE = 0.5
-#: Factor of the damping of rotations without an anchor: a sole on an edge tips slower.
-_ROTATION = 2.5
+_ROTATION = 2.5  # factor of the damping of rotations without an anchor: a sole on an edge tips slower
 
 
 class SurfaceContact(MountedContact, UnilateralContact):

@@ -9,8 +9,7 @@ from wbc_controller.inverse_dynamics.arrays import sum_of_squares
 from wbc_controller.inverse_dynamics.formulation.problem_kernels import Constraints, LeastSquares, residuals
 from wbc_controller.records import Array
 
-#: N and N·m, for similar magnitudes of all variables; first-order solvers need it.
-FORCE_UNIT = 100.0
+FORCE_UNIT = 100.0  # N and N·m, for similar magnitudes of all variables; first-order solvers need it
 
 
 class QuadraticCost:

@@ -90,8 +90,7 @@ class WalkFootsteps:
     poses: Array  # as `WalkTo.pose`, (n, 3)
 
 
-#: Changes for the walker.
-WalkingChange = Walk | WalkTo | WalkFootsteps
+WalkingChange = Walk | WalkTo | WalkFootsteps  # changes for the walker
 Change = (
     SetSetpoint
     | SetTrajectory

@@ -35,8 +35,7 @@ from wbc_controller.records import Array
 
 #: Kinds of rows: tasks on frames, centre of mass, joints and capture point; surface and ball contacts; momentum rate.
 FRAME, COM, JOINTS, CAPTURE_POINT, SURFACE, BALL, MOMENTUM = range(7)
-#: Lower bound of the pendulum height, m, for lying robots.
-LOWEST_PENDULUM = 0.1
+LOWEST_PENDULUM = 0.1  # lower bound of the pendulum height, m, for lying robots
 #: Columns of the instructions: kind; first row in `out`, number of rows; link, other link; first twist component,
 #: number of components; first index in `places`, `numbers` and task errors.
 KIND, ROW, COUNT, LINK, OTHER, FIRST, SIZE, PLACE, NUMBER, ERROR = range(10)
