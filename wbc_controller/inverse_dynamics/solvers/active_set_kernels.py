@@ -80,6 +80,23 @@ def reduce_bound(place: int, sign: int, constraints: Constraints, equalities: in
 
 
 @part
+def assemble(
+    cost: LeastSquares, upper: Array, active: np.ndarray, sides: np.ndarray, equalities: int, base_map: Array
+) -> Array:
+    """Return B: rows of the equality constraints and of the levels above, active bounds, and cost rows."""
+    top, width = upper.shape
+    hard = top + len(active)
+    B = np.empty((hard + len(cost.weights), width))
+    for i in range(top):
+        for j in range(width):
+            B[i, j] = upper[i, j]
+    for i in range(len(active)):
+        reduce_bound(active[i], sides[0, active[i]], cost.constraints, equalities, base_map, B[top + i])
+    reduce_rows(cost.rows[: len(cost.weights)], base_map, B[hard:])
+    return B
+
+
+@part
 def system_matrix(B: Array, inverse: Array, first_soft: int, weights: Array) -> Array:
     """Compute K = B D⁻¹ Bᵀ + E, with E = 1 / w in the cost rows from `first_soft` on."""
     scaled = np.empty(B.shape)
@@ -148,6 +165,31 @@ def residual(B: Array, z: Array, p: Array, first_soft: int, weights: Array) -> A
 
 
 @part
+def solve_refined(
+    B: Array, K: Array, pivots: Array, inverse: Array, hard: int, weights: Array, beta: Array, z: Array, p: Array
+) -> tuple[bool, Array]:
+    """Solve K p = β and z = t + D⁻¹ Bᵀp in place, from z = t and p = 0, with the factors of K.
+
+    The refinement is needed as D⁻¹ magnifies rounding errors of z. Returns False if p is too large, and the residual.
+    """
+    left, last = beta, len(z) - 1
+    for _ in range(3):
+        correction = left.copy()
+        solve_factorized(K, pivots, correction)
+        for i in range(len(p)):
+            p[i] += correction[i]
+        if not dot(p, p) <= LARGEST * LARGEST:
+            return False, left
+        step = np.dot(correction, B)
+        for j in range(last):  # without the last entry, -1
+            z[j] += inverse[j] * step[j]
+        left = residual(B, z, p, hard, weights)
+        if largest_of(left) <= PRECISE:
+            break
+    return True, left
+
+
+@part
 def largest_of(values: Array) -> float:
     """Return the largest magnitude, or NaN; 0 without values."""
     largest = 0.0
@@ -211,17 +253,9 @@ def solve_condensed(
             return NOT_FOUND, 0.0, 0.0, 0.0
         reduce_rows(rows[:own], base_map, upper_rows)
         multipliers[:] = 0.0
-    # Assemble B = [equality constraints and rows of the levels above; active bounds; cost rows].
-    active = np.flatnonzero(sides[0])
-    top = above if above else own
+    active, top = np.flatnonzero(sides[0]), above if above else own
     hard = top + len(active)
-    B = np.empty((hard + soft, width))
-    for i in range(top):
-        for j in range(width):
-            B[i, j] = upper_rows[i, j]
-    for i in range(len(active)):
-        reduce_bound(active[i], sides[0, active[i]], constraints, end, base_map, B[top + i])
-    reduce_rows(cost.rows[:soft], base_map, B[hard:])
+    B = assemble(cost, upper_rows[:top], active, sides, end, base_map)
     inverse, z = np.zeros(width), np.empty(width)
     inverse[:last], z[:last], z[last] = 1.0 / cost.diagonal[base:], cost.target[base:], -1.0
     K, pivots = system_matrix(B, inverse, hard, weights), np.empty(len(B))
@@ -229,22 +263,11 @@ def solve_condensed(
         return NOT_FOUND, 0.0, 0.0, 0.0
     if above and np.count_nonzero(pivots[:top]) >= last:
         return NOTHING_FREE, 0.0, 0.0, 0.0
-    # Solve, with iterative refinement, as D⁻¹ magnifies rounding errors of z.
     p = np.zeros(len(B))
-    left = beta = residual(B, z, p, hard, weights)
-    for _ in range(3):
-        correction = left.copy()
-        solve_factorized(K, pivots, correction)
-        for i in range(len(p)):
-            p[i] += correction[i]
-        if not dot(p, p) <= LARGEST * LARGEST:
-            return NOT_FOUND, 0.0, 0.0, 0.0
-        step = np.dot(correction, B)
-        for j in range(last):  # without the last entry, -1
-            z[j] += inverse[j] * step[j]
-        left = residual(B, z, p, hard, weights)
-        if largest_of(left) <= PRECISE:
-            break
+    beta = residual(B, z, p, hard, weights)
+    bounded, left = solve_refined(B, K, pivots, inverse, hard, weights, beta, z, p)
+    if not bounded:
+        return NOT_FOUND, 0.0, 0.0, 0.0
     lost = largest_of(left[own:top])  # of the kept rows
     for i in range(base):
         found[i] = -dot(base_map[i], z)
