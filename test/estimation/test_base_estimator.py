@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -171,6 +172,22 @@ def test_tilt_and_accelerometer_bias_are_correlated_at_rest():
     deviation = np.sqrt(np.diag(scene.estimator.filter.P))
     np.testing.assert_allclose(deviation[:2], expected, rtol=0.05)
     np.testing.assert_allclose(deviation[-3:-1], scene.settings.estimation.accelerometer_bias, rtol=0.05)
+
+
+@pytest.mark.parametrize(("walking", "limit"), [(False, 0.1), (True, 0.3)])
+def test_a_contradiction_by_all_contacts_may_be_larger_while_the_robot_walks(walking, limit):
+    """Damping makes a walking robot fall, and its feet tip and slip for a short time."""
+    scene, sample, q, v = standing()
+    assert fed(scene, stream(sample, 300), q, v) == ""
+    shock = replace(sample, specific_force=np.array([2.0, 0.0, 9.81]))
+    speeds = []
+    for later in stream(shock, 500, 0.6):
+        scene.estimator.update([later], q, v, scene.contacts, walking=walking)
+        if scene.estimator.lost:
+            break
+        speeds.append(scene.estimator._running._consistency.speed)
+    assert f"m/s (limit {limit} m/s)" in scene.estimator.lost
+    assert 0.8 * limit < max(speeds) <= limit
 
 
 def test_samples_that_are_not_newer_change_nothing():

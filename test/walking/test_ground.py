@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import wbc_controller as wbc
+from wbc_controller.estimation.base_estimator import BaseEstimator
 from wbc_controller.inverse_dynamics.robot.instruction import placement_numbers
 from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
 from wbc_controller.validation.accuracy.walk_grounds import terrain_of
@@ -150,6 +151,21 @@ def test_a_robot_walks_on_uneven_ground(short_rest):
     trial.walk(5.3, lambda now: np.array([0.3, 0.0, 0.0]))
     assert trial.mock.plant.state()[0][0] > 1.2
     assert trial.controller.walker._roughness.unevenness > 0.005
+
+
+def test_the_base_estimator_knows_whether_the_robot_walks(monkeypatch):
+    told, update = [], BaseEstimator.update
+
+    def record(self, *arguments, walking=False):
+        told.append((trial.controller.is_walking, walking))
+        update(self, *arguments, walking=walking)
+
+    monkeypatch.setattr(BaseEstimator, "update", record)
+    trial = WalkTrial("g1", "good", 0)
+    trial.stand()
+    trial.walk(0.5, lambda now: np.array([0.2, 0.0, 0.0]))
+    assert {walking for _, walking in told} == {False, True}
+    assert all(walks == walking for walks, walking in told)
 
 
 def test_after_a_foothold_at_an_unexpected_height_the_feet_land_faster():

@@ -136,6 +136,11 @@ class ControlCycle:
         return self.supervisor.fault
 
     @property
+    def is_walking(self) -> bool:
+        """True while the robot walks or is about to."""
+        return self.walker is not None and self.walker.moves
+
+    @property
     def period(self) -> float:
         """Configured period, 1 / ``control.rate``, s."""
         return self.qp.formulation.period
@@ -331,7 +336,7 @@ class ControlCycle:
         try:
             if starts:
                 self._start(state)
-            elif changes or self.board.slipping or (self.walker is not None and self.walker.moves):
+            elif changes or self.board.slipping or self.is_walking:
                 self.qp.formulation.prepare(state)  # anchors and steps begin at the present state
             if changes:
                 self._update_contact_forces()

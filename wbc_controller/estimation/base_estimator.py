@@ -121,19 +121,28 @@ class BaseEstimator:
         self._running, self._still = None, []
         self.lost, self._waits_for = "", "no IMU data received"
 
-    def update(self, samples: Sequence[ImuSample], q: Array, v: Array, active_contacts: Collection[str]) -> None:
+    def update(
+        self,
+        samples: Sequence[ImuSample],
+        q: Array,
+        v: Array,
+        active_contacts: Collection[str],
+        *,
+        walking: bool = False,
+    ) -> None:
         """Process the new measurements.
 
         Args:
             samples: IMU samples by increasing stamp.
             q: joint positions, (nj,) in rad; velocities v in rad/s.
+            walking: the robot walks: larger velocities of all contacts are tolerated.
         """
         self._kinematics.update(q, v)
         active = [name for name in self._kinematics.points if name in active_contacts]
         if self._running is None:
             self._wait_for_rest(samples, active)
             return
-        self._after_update(self._running.update(samples, active))
+        self._after_update(self._running.update(samples, active, walking=walking))
 
     def correct(self, samples: list[PoseSample], *, controlled: bool) -> list[str]:
         """Correct the estimate by absolute poses (`AbsolutePoses.correct`), after `update`."""

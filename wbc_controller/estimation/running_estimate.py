@@ -12,7 +12,7 @@ from scipy.special import chdtri
 
 from wbc_controller.estimation.absolute_pose import AbsolutePoses
 from wbc_controller.estimation.anchoring import Anchoring
-from wbc_controller.estimation.consistency import LIMIT, ContactConsistency
+from wbc_controller.estimation.consistency import LIMIT, WALKING_LIMIT, ContactConsistency
 from wbc_controller.estimation.invariant_filter import InvariantFilter
 from wbc_controller.estimation.leg_kinematics import ContactPoints, LegKinematics
 from wbc_controller.estimation.rolling import Rolling
@@ -78,7 +78,9 @@ class RunningEstimate:
         """Names of slipping contacts."""
         return tuple(self._moving)
 
-    def update(self, samples: Sequence[ImuSample], active_contacts: Sequence[str]) -> str | None:
+    def update(
+        self, samples: Sequence[ImuSample], active_contacts: Sequence[str], *, walking: bool = False
+    ) -> str | None:
         """Process measurements; return the reason for a loss of the estimate, or None."""
         before = self.stamp
         for sample in samples:
@@ -91,7 +93,8 @@ class RunningEstimate:
             self._correct_by_contacts(active_contacts)
         except np.linalg.LinAlgError as error:
             return str(error)
-        lost = self.invalid_reason() or self._check_contacts(tuple(active_contacts), self.stamp - before)
+        limit = WALKING_LIMIT if walking else LIMIT
+        lost = self.invalid_reason() or self._check_contacts(tuple(active_contacts), self.stamp - before, limit)
         if lost is None and self.stamp - self._compared >= PERIOD:
             lost = self._compare_turns(tuple(active_contacts))
         if lost is None and self.poses is not None:
@@ -106,12 +109,12 @@ class RunningEstimate:
             return "the state is not finite"
         return None
 
-    def _check_contacts(self, active_contacts: tuple[str, ...], elapsed: float) -> str | None:
-        """Return a message if all contacts move relative to the world; None if one is at rest."""
+    def _check_contacts(self, active_contacts: tuple[str, ...], elapsed: float, limit: float) -> str | None:
+        """Return a message if all contacts move faster than a limit, m/s; None if one is at rest."""
         found, contacts = self.filter, self._consistency
         omega = self._last.angular_velocity - found.gyroscope_bias
         contacts.update(active_contacts, found.rotation, found.velocity, omega, elapsed)
-        if contacts.speed <= LIMIT:
+        if contacts.speed <= limit:
             return None
         wrong_axes = self._compare_turns(active_contacts, known_wrong=True)
         if wrong_axes is not None:
@@ -120,7 +123,7 @@ class RunningEstimate:
         wrong = "accelerometer (the gyroscope agrees with the legs)" if agree else "IMU"
         return (
             f"the IMU contradicts all contacts ({', '.join(active_contacts)}): the slowest of them moves at "
-            f"{contacts.speed:.2f} m/s (limit {LIMIT:g} m/s); the {wrong} is wrong, or all contacts slip"
+            f"{contacts.speed:.2f} m/s (limit {limit:g} m/s); the {wrong} is wrong, or all contacts slip"
         )
 
     def _compare_turns(self, active_contacts: tuple[str, ...], *, known_wrong: bool = False) -> str | None:

@@ -194,12 +194,13 @@ class Inputs:
             return StampTracker()
         return StampTracker(self._clock.clock_offset, self.clock_tolerance)
 
-    def latch(self, holding: Collection[str] = (), *, controlled: bool = False) -> LatchedInputs:
+    def latch(self, holding: Collection[str] = (), *, controlled: bool = False, walking: bool = False) -> LatchedInputs:
         """Decode the newest states, assemble the robot's state, and take the decoded requests.
 
         Args:
             holding: commanded contacts, for the base estimate unless contact sensors disagree.
             controlled: True if the robot is under control: contradicting absolute poses must not move its world.
+            walking: True if the robot walks (`BaseEstimator.update`).
         """
         refused: list[str] = []
         for queue in self._queues:
@@ -211,7 +212,7 @@ class Inputs:
             while queue.pending:
                 self._decode(queue, refused)
         if self.estimator is not None:
-            refused += self._estimate(self.estimator, holding, controlled=controlled)
+            refused += self._estimate(self.estimator, holding, controlled=controlled, walking=walking)
         joints: JointStates | None = self._joints.newest
         base, state = self._newest_base(), None
         if joints is not None and base is not None:
@@ -280,7 +281,9 @@ class Inputs:
         odometry = self._sources["odom"].newest
         return None if odometry is None else (odometry.pose, odometry.twist)
 
-    def _estimate(self, estimator: BaseEstimator, holding: Collection[str], *, controlled: bool) -> list[str]:
+    def _estimate(
+        self, estimator: BaseEstimator, holding: Collection[str], *, controlled: bool, walking: bool
+    ) -> list[str]:
         """Update the base estimate; return a sentence per new sensor timeout, slipping contact and refused pose."""
         measured, sentences = self._contact_sensors.update_active(self._clock.now(), holding)
         # A hanging robot has no contact forces at the start.
@@ -291,7 +294,7 @@ class Inputs:
             del self._poses[:-_MAX_POSES]
             return sentences
         slipping = estimator.slipping
-        estimator.update(imu, joints.position, joints.velocity, self.holding)
+        estimator.update(imu, joints.position, joints.velocity, self.holding, walking=walking)
         poses, self._poses = self._poses, []
         contradictions = estimator.correct(poses, controlled=controlled) if "pose" in self._sources else []
         if contradictions:

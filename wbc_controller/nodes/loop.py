@@ -96,7 +96,8 @@ class ControlLoop:
         """Run one cycle."""
         timer, clock, controller, outputs = self._timer, self._clock, self.controller, self._outputs
         started = timer()
-        latched = self._inputs.latch(controller.holding, controlled=controller.mode in _UNDER_CONTROL)
+        controlled, walking = controller.mode in _UNDER_CONTROL, controller.is_walking
+        latched = self._inputs.latch(controller.holding, controlled=controlled, walking=walking)
         timeout, ages, stall = controller.state_timeout, latched.ages, latched.clock_stall
         now = clock.now()
         self._fresh_until = now + timeout - ages["joint_states"]
@@ -172,8 +173,8 @@ class ControlLoop:
             trusted = result.solution if result.mode is Mode.ACTIVE else None
             audit = self._audit.check(state, qp.dynamics, trusted, result.command)
             # Torques do not explain impacts of the feet, and zero torque would drop a walking robot.
-            walks = controller.walker is not None and controller.walker.moves
-            self._bring_up.check(state, qp.dynamics, None if walks else trusted, result.command, qp.contact_jacobian)
+            explained = None if controller.is_walking else trusted
+            self._bring_up.check(state, qp.dynamics, explained, result.command, qp.contact_jacobian)
         stages = {
             "read": read,
             **result.stage_seconds,
