@@ -80,24 +80,21 @@ def velocity_message(velocity: Sequence[float] | Array) -> Any:
 
 def com_trajectory(times: Sequence[float], positions: Array, *, task: str = "com", stamp: int = 0) -> Any:
     """Make a trajectory of the centre of mass through points, (n, 3) in m; stamp of its start in ns, 0 for now."""
-    points = [
-        message(
-            "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint",
-            transforms=[message("geometry_msgs/msg/Transform", translation=position)],
-            time_from_start=time_fields(round(1e9 * time)),
-        )
-        for time, position in zip(times, positions, strict=True)
-    ]
-    return message(
-        "trajectory_msgs/msg/MultiDOFJointTrajectory", header=header(stamp, "world"), joint_names=[task], points=points
-    )
+    points = [{"transforms": [message("geometry_msgs/msg/Transform", translation=position)]} for position in positions]
+    return _trajectory("MultiDOFJointTrajectory", [task], times, points, stamp)
 
 
 def joint_trajectory(joints: Sequence[str], times: Sequence[float], positions: Array) -> Any:
     """Make an immediate joint trajectory, (n, k) in rad."""
-    kind = "trajectory_msgs/msg/JointTrajectory"
-    points = [
-        message(f"{kind}Point", positions=position, time_from_start=time_fields(round(1e9 * time)))
-        for time, position in zip(times, positions, strict=True)
+    return _trajectory("JointTrajectory", joints, times, [{"positions": position} for position in positions])
+
+
+def _trajectory(
+    kind: str, names: Sequence[str], times: Sequence[float], points: Sequence[dict[str, Any]], stamp: int = 0
+) -> Any:
+    made = [
+        message(f"trajectory_msgs/msg/{kind}Point", **point, time_from_start=time_fields(round(1e9 * time)))
+        for time, point in zip(times, points, strict=True)
     ]
-    return message(kind, header=header(0, "world"), joint_names=list(joints), points=points)
+    top = header(stamp, "world")
+    return message(f"trajectory_msgs/msg/{kind}", header=top, joint_names=list(names), points=made)
