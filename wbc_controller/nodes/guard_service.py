@@ -228,11 +228,7 @@ class GuardService:
         text = guard.mode.value + (f" {guard.reason}{stale}" if guard.reason else "")
         changed = text != self._published_text
         if changed:
-            if guard.reason or self._published_text.partition(" ")[0] in (
-                GuardMode.DAMPING,
-                GuardMode.ZERO,
-                GuardMode.RELEASED,
-            ):
+            if guard.reason or " " in self._published_text:  # the last text had a reason
                 self._unlogged += 1
             self._published_text = text
             self._publish["state"](encode(message("std_msgs/msg/String", data=text)))
