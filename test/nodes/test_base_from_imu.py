@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from imu_robot import GRAVITY, IMU, Standing
 
 from wbc_controller.controller.build.contacts import make_contact
 from wbc_controller.controller.build.estimation import contact_normals, estimates_base, make_estimator
@@ -15,39 +16,12 @@ from wbc_controller.middleware.codec import message
 from wbc_controller.middleware.setpoints import wrench_stamped
 from wbc_controller.records import Mode
 from wbc_controller.settings.config import load
-from wbc_controller.simulation.measurement import imu_message
-
-IMU = {"estimation": {"base_state": "imu", "settling": 0.1, "imu_frame": ""}}
-GRAVITY = (0.0, 0.0, 9.81)
 
 
 @pytest.fixture
 def robot(bench):
     """Go2 with an IMU, standing on its feet."""
     return Standing(bench("go2", IMU))
-
-
-class Standing:
-    def __init__(self, bench):
-        self.bench = bench
-
-    def imu(self, turning=(0.0, 0.0, 0.0), force=GRAVITY, frame="base", time=None):
-        stamp, vectors = self.bench.time if time is None else time, (np.array(turning), np.array(force))
-        self.bench.send("imu", imu_message(stamp, frame, np.zeros(4), *vectors))
-
-    def cycle(self, count=1, *, imu=True, **changes):
-        for _ in range(count):
-            self.bench.clock.time += self.bench.period
-            if imu:
-                self.imu(**changes)
-            self.bench.joints()
-            report = self.bench.loop.cycle()
-        return report
-
-    def activate(self):
-        self.cycle(80)
-        self.bench.command("activate")
-        return self.cycle()
 
 
 def test_activation_after_settling_and_standing_on_the_estimate(robot):
