@@ -4,15 +4,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from peer import Peer
+from services import make_estimator, topics_of
 from starved import StarvedThread
 
 from wbc_controller import Simulation
 from wbc_controller.middleware.codec import encode, message, nanoseconds
 from wbc_controller.middleware.setpoints import wrench_stamped
-from wbc_controller.middleware.topics import ESTIMATOR_NODE, ESTIMATOR_TOPICS, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.clock import ManualClock
-from wbc_controller.nodes.estimator_service import EstimatorService
 from wbc_controller.simulation.measurement import measure
 
 FEET = {"front_left_foot", "front_right_foot", "rear_left_foot", "rear_right_foot"}
@@ -26,9 +25,8 @@ class Robot(Peer):
         self.controller = self.simulation.controller
         self.model, settings = self.controller.model, self.controller.config.settings
         bus, self.clock = MemoryBus(), ManualClock()
-        topics = endpoints(ESTIMATOR_TOPICS, ESTIMATOR_NODE, contacts=settings.contacts)
-        self.node = EstimatorService(settings, self.model, topics, transport(bus), self.clock)
-        super().__init__(bus, topics)
+        self.node = make_estimator(settings, self.model, transport(bus), self.clock)
+        super().__init__(bus, topics_of("estimator", settings))
 
     def send(self, key, content, subject=""):
         self.raw(key, content if isinstance(content, bytes) else encode(content), subject)

@@ -8,6 +8,7 @@ import threading
 import numpy as np
 import pytest
 from peer import Peer
+from services import make_guard
 from starved import StarvedThread
 
 from wbc_controller.controller.build.guard import make_guard_damping
@@ -18,7 +19,7 @@ from wbc_controller.middleware.topics import GUARD_NODE, GUARD_TOPICS, counterpa
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes import guard_service
 from wbc_controller.nodes.clock import ManualClock
-from wbc_controller.nodes.guard_service import GuardService, run_guard
+from wbc_controller.nodes.guard_service import run_guard
 from wbc_controller.safety.guard import GuardMode
 from wbc_controller.settings.files import shipped_configurations
 from wbc_controller.settings.robot import RobotSettings
@@ -36,10 +37,8 @@ class Stage(Peer):
         self.make = make
         self.clock = ManualClock(100.0)
         self.bus = MemoryBus()
-        robot = describe(self.model.urdf, self.settings.robot)
         self.guard_transport = transport(self.bus)
-        damping = make_guard_damping(self.settings, self.model)
-        self.service = GuardService(self.settings, robot, damping, TABLE, self.guard_transport, self.clock)
+        self.service = make_guard(self.settings, self.model, self.guard_transport, self.clock)
         super().__init__(self.bus, TABLE)
 
     def command(self, torques=1.0, names=None, time=1):

@@ -4,18 +4,14 @@ import copy
 
 import numpy as np
 import pytest
+from services import make_guard
 
-from wbc_controller.controller.build.guard import make_guard_damping
-from wbc_controller.controller.build.robot_description import describe
 from wbc_controller.controller.controller import Controller
-from wbc_controller.middleware.topics import GUARD_NODE, GUARD_TOPICS, endpoints
+from wbc_controller.middleware.topics import GUARD_NODE
 from wbc_controller.middleware.transports.memory import MemoryTransport
 from wbc_controller.nodes.controller_service import make_loop
-from wbc_controller.nodes.guard_service import GuardService
 from wbc_controller.nodes.takeover import Takeover
 from wbc_controller.records import Mode
-
-TABLE = endpoints(GUARD_TOPICS, GUARD_NODE)
 
 
 class Rig:
@@ -33,8 +29,7 @@ class Rig:
             timer=self.bench.clock.now,
         )
         transport = MemoryTransport(self.bench.bus, GUARD_NODE)
-        damping, robot = make_guard_damping(settings, model), describe(model.urdf, settings.robot)
-        self.guard = GuardService(settings, robot, damping, TABLE, transport, self.bench.clock)
+        self.guard = make_guard(settings, model, transport, self.bench.clock)
         self.step = settings.limits.torque_rate * self.bench.period * model.effort_limits
         self.bench.command("activate")
         self.run(120)

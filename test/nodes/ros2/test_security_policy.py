@@ -4,20 +4,17 @@ from xml.etree import ElementTree
 
 import pytest
 from click.testing import CliRunner
+from services import make_estimator, make_guard
 
 from wbc_controller.cli import main
-from wbc_controller.controller.build.guard import make_guard_damping
 from wbc_controller.controller.build.robot import make_model
-from wbc_controller.controller.build.robot_description import describe
 from wbc_controller.controller.controller import Controller
-from wbc_controller.middleware.topics import ESTIMATOR_NODE, ESTIMATOR_TOPICS, GUARD_TOPICS, Direction, endpoints
+from wbc_controller.middleware.topics import ESTIMATOR_NODE, Direction
 from wbc_controller.middleware.topics import GUARD_NODE as GUARD
 from wbc_controller.middleware.topics import MOCK_NODE as MOCK
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.clock import ManualClock
 from wbc_controller.nodes.controller_service import make_loop
-from wbc_controller.nodes.estimator_service import EstimatorService
-from wbc_controller.nodes.guard_service import GuardService
 from wbc_controller.nodes.ros2.command_outcomes import RECORD, SERVICES
 from wbc_controller.nodes.ros2.security_policy import (
     CLOCK,
@@ -83,11 +80,8 @@ def opened(settings, model, namespace="/", remappings=None):
     make_loop(Controller(settings, preflight=False, model=model), controller, ManualClock(), topics)
     for lockstep in (False, True):
         MockRobot(model, settings, mock, lockstep=lockstep, **places)
-    robot = describe(model.urdf, settings.robot)
-    damping = make_guard_damping(settings, model)
-    GuardService(settings, robot, damping, endpoints(GUARD_TOPICS, GUARD, **places), guard, ManualClock())
-    topics = endpoints(ESTIMATOR_TOPICS, ESTIMATOR_NODE, contacts=settings.contacts, **places)
-    EstimatorService(settings, model, topics, estimator, ManualClock())
+    make_guard(settings, model, guard, ManualClock(), **places)
+    make_estimator(settings, model, estimator, ManualClock(), **places)
     return {CONTROLLER: controller, MOCK: mock, GUARD: guard, ESTIMATOR_NODE: estimator}
 
 
