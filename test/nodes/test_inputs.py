@@ -51,17 +51,8 @@ class Wire:
 
 
 @pytest.fixture
-def wire(robot_of, stance_of):
-    def build(name="go2", settings=None):
-        own, model = robot_of(name)
-        return Wire(settings or own, model, stance_of(name))
-
-    return build
-
-
-@pytest.fixture
-def go2(wire):
-    return wire("go2")
+def go2(robot_of, stance_of):
+    return Wire(*robot_of("go2"), stance_of("go2"))
 
 
 @pytest.fixture
