@@ -6,7 +6,6 @@ import subprocess
 import sys
 import threading
 from contextlib import closing
-from functools import partial
 
 import numpy as np
 import pytest
@@ -102,8 +101,8 @@ def test_the_end_of_the_terminal_ends_each_process_and_the_controller_with_zero_
             ("/effort_controller/commands", "std_msgs/msg/Float64MultiArray", COMMAND_OUT, torques),
             ("/guard/state", "std_msgs/msg/String", LATCHED, guard_states),
         ):
-            receive = partial(lambda kind, heard, payload: heard.append(decode(payload, kind).data), kind, heard)
-            transport.subscribe(Endpoint("test", "", name, kind, Direction.IN, qos), receive)
+            topic = Endpoint("test", "", name, kind, Direction.IN, qos)
+            transport.subscribe(topic, lambda payload, kind=kind, heard=heard: heard.append(decode(payload, kind).data))
         for name, *options in (("mock",), ("guard",), ("controller", "--activate")):
             processes.start(name, *options)
         until(lambda: len(torques) > 50 and np.any(torques[-1]) and guard_states[-1:] == ["watching"])
