@@ -6,21 +6,13 @@ from typing import Any
 import numpy as np
 
 from wbc_controller.middleware.codec import header, message, time_fields
-from wbc_controller.middleware.message_layout import Template
+from wbc_controller.middleware.message_layout import Template, number_paths
 from wbc_controller.records import Array
 
 #: Field of the JointState, by kind of task with references by joint name.
 JOINT_FIELDS = {"posture": "position", "torque": "effort"}
-#: Numeric fields of a geometry_msgs/WrenchStamped, and of the other types.
+#: Numeric fields of a geometry_msgs/WrenchStamped.
 WRENCH = tuple(f"wrench.{part}.{axis}" for part in ("force", "torque") for axis in "xyz")
-_NUMBERS = {
-    "geometry_msgs/msg/PoseStamped": (
-        *(f"pose.position.{axis}" for axis in "xyz"), *(f"pose.orientation.{part}" for part in "xyzw"),
-    ),
-    "geometry_msgs/msg/WrenchStamped": WRENCH,
-    "geometry_msgs/msg/PointStamped": tuple(f"point.{axis}" for axis in "xyz"),
-    "geometry_msgs/msg/Vector3Stamped": tuple(f"vector.{axis}" for axis in "xyz"),
-}  # fmt: skip
 
 
 def setpoint_message(
@@ -52,7 +44,7 @@ class SetpointTemplate:
     ) -> None:
         """Lay out the message, as `setpoint_message`."""
         content = setpoint_message(type_name, kind, position, frame=frame, joints=joints)
-        paths = (JOINT_FIELDS[kind],) if kind in JOINT_FIELDS else _NUMBERS[type_name]
+        paths = [JOINT_FIELDS[kind]] if kind in JOINT_FIELDS else number_paths(content)
         size = len(position) if kind in JOINT_FIELDS else len(paths)
         self._template, self._numbers = Template(content, paths), np.zeros(size)
         places = np.arange(min(len(position), size))
