@@ -7,6 +7,7 @@ import threading
 
 import numpy as np
 import pytest
+from busy import patience
 from peer import Peer
 from services import make_guard
 from starved import StarvedThread
@@ -317,10 +318,10 @@ def test_the_urdf_may_come_by_topic(robot_of, make, changed):
     thread = threading.Thread(target=run_guard, args=(settings, MemoryTransport(bus), stop))
     thread.start()
     try:
-        assert said.wait(5.0)
+        assert said.wait(patience(5.0))
     finally:
         stop.set()
-        thread.join(5.0)
+        thread.join(patience(5.0))
     assert not thread.is_alive()
 
 
