@@ -9,7 +9,6 @@ from services import make_guard
 from wbc_controller.controller.controller import Controller
 from wbc_controller.middleware.topics import GUARD_NODE
 from wbc_controller.middleware.transports.memory import MemoryTransport
-from wbc_controller.nodes.controller_service import make_loop
 from wbc_controller.nodes.takeover import Takeover
 from wbc_controller.records import Mode
 
@@ -21,13 +20,7 @@ class Rig:
         # The standing torques of Go2 are several periods of this rate.
         self.bench = bench(changes={"limits": {"torque_rate": 20.0}, **changes})
         settings, model = self.bench.settings, self.bench.model
-        self.bench.loop = make_loop(
-            Controller(settings, preflight=False, model=model),
-            self.bench.transport,
-            self.bench.clock,
-            self.bench.topics,
-            timer=self.bench.clock.now,
-        )
+        self.bench.loop._timer = self.bench.clock.now
         transport = MemoryTransport(self.bench.bus, GUARD_NODE)
         self.guard = make_guard(settings, model, transport, self.bench.clock)
         self.step = settings.limits.torque_rate * self.bench.period * model.effort_limits

@@ -132,7 +132,7 @@ def test_task_errors_are_lines_to_the_reference(bench, make):
     np.testing.assert_allclose(points(found["references", 0]), line[1:])
 
 
-def test_kinds_of_tasks_that_have_a_place(bench, make):
+def test_kinds_of_tasks_that_have_a_place(bench):
     tasks = {
         "hand": {"type": "frame_pose", "frame": "left_rubber_hand"},
         "foot": {"type": "frame_position", "frame": "left_ankle_roll_link"},

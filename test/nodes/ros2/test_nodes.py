@@ -15,7 +15,6 @@ from participants import Ros2Participants
 from waiting import until as wait_until
 
 try:
-    from rclpy.node import NodeNameNonExistentError
     from rclpy.qos import DurabilityPolicy, QoSProfile
     from std_msgs.msg import Float64MultiArray, String
 except ImportError as error:
@@ -57,14 +56,6 @@ def start(graph, tmp_path):
         process.wait(20 * slowness())
     for log in tmp_path.glob("*.log"):
         print(log.read_text())  # shown after a failure
-
-
-def topics_of(look, name):
-    """Return the topics of a node by a function of the graph; empty before its discovery."""
-    try:
-        return {topic for topic, _ in look(name, "/")}
-    except NodeNameNonExistentError:
-        return set()
 
 
 def test_they_open_what_the_policy_allows_and_the_guard_follows_a_killed_controller(graph, start, robot_of):

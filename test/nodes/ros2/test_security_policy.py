@@ -169,7 +169,7 @@ def test_it_follows_the_schema_and_has_no_wildcard(robot_of):
             assert set(element.attrib.values()) == {"ALLOW"}
 
 
-def test_the_command_prints_it(robot_of, tmp_path):
+def test_the_command_prints_it(robot_of):
     settings, model = robot_of("go2")
     result = CliRunner().invoke(main, ["security-policy", "go2", "--namespace", "/r1", "--remap", "odom:=/base"])
     assert result.exit_code == 0
