@@ -8,7 +8,7 @@ from services import make_estimator, topics_of
 from starved import StarvedThread
 
 from wbc_controller import Simulation
-from wbc_controller.middleware.codec import encode, message, nanoseconds
+from wbc_controller.middleware.codec import message, nanoseconds
 from wbc_controller.middleware.setpoints import wrench_stamped
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.clock import ManualClock
@@ -27,9 +27,6 @@ class Robot(Peer):
         bus, self.clock = MemoryBus(), ManualClock()
         self.node = make_estimator(settings, self.model, transport(bus), self.clock)
         super().__init__(bus, topics_of("estimator", settings))
-
-    def send(self, key, content, subject=""):
-        self.raw(key, content if isinstance(content, bytes) else encode(content), subject)
 
     def sense(self, imu=True, turning=0.0):
         stamp = round(1e9 * self.simulation.time) + 1
@@ -175,7 +172,7 @@ def test_the_true_forces_of_the_feet_are_heard_and_one_that_is_silent_is_named(r
 
 
 def test_refusals_are_reported(robot, make):
-    robot.send("holds", b"\x00\x01", "rear_left_foot")
+    robot.raw("holds", b"\x00\x01", "rear_left_foot")
     robot.sense()
     names = list(robot.model.joints[:-1])
     robot.send("joint_states", make.joint_state(names, np.zeros(11), np.zeros(11), time=2))

@@ -55,8 +55,7 @@ def test_an_input_is_stale_one_cycle_after_the_timeout(bench, missing):
 def test_the_fault_contains_the_last_refusal(bench):
     controller = bench().activated()
     for _ in range(30):
-        controller.clock.time += controller.period
-        controller.base()
+        controller.give_state(joints=False)
         controller.joints(position=np.full(controller.model.na, np.nan))
         report = controller.loop.cycle()
     assert report.mode is Mode.DAMPING
