@@ -39,9 +39,7 @@ def setpoint_message(
 class SetpointTemplate:
     """Serializer of one task's setpoints, with the bytes of `setpoint_message`."""
 
-    def __init__(
-        self, type_name: str, kind: str, position: Array, *, frame: str = "world", joints: Sequence[str] = ()
-    ) -> None:
+    def __init__(self, type_name: str, kind: str, position: Array, *, frame: str, joints: Sequence[str]) -> None:
         """Lay out the message, as `setpoint_message`."""
         content = setpoint_message(type_name, kind, position, frame=frame, joints=joints)
         paths = [JOINT_FIELDS[kind]] if kind in JOINT_FIELDS else number_paths(content)
