@@ -45,14 +45,6 @@ class Robot(Peer):
     def run(self, seconds):
         self.simulation.run(seconds, lambda _: self.sense())
 
-    @property
-    def said(self):
-        return self.all("diagnostics")[-1].status[0]
-
-    @property
-    def values(self):
-        return {each.key: each.value for each in self.said.values}
-
 
 @pytest.fixture
 def robot():
@@ -65,7 +57,7 @@ def push(time=1):
 
 def test_each_joint_state_is_answered_by_odometry(robot):
     robot.run(0.7)
-    assert (robot.said.level, robot.said.message) == (0, "the base is estimated")
+    assert (robot.status.level, robot.status.message) == (0, "the base is estimated")
     assert set(robot.values["holding"].split(", ")) == FEET
     com = robot.controller.dynamics.com.copy()
     robot.controller.follow("com", [0.4], [com + [0.0, 0.03, -0.03]])
@@ -100,8 +92,8 @@ def test_each_joint_state_is_answered_by_odometry(robot):
 def test_no_odometry_before_settling_and_after_a_long_imu_gap(robot):
     robot.run(0.3)
     assert robot.all("odom") == robot.all("tf") == []
-    assert (robot.said.name, robot.said.level) == ("base_estimator: base", 1)
-    assert robot.said.message == "the robot has to stand still for 0.5 s"
+    assert (robot.status.name, robot.status.level) == ("base_estimator: base", 1)
+    assert robot.status.message == "the robot has to stand still for 0.5 s"
     robot.run(0.4)
     before = len(robot.all("odom"))
     assert before > 0
@@ -113,7 +105,7 @@ def test_no_odometry_before_settling_and_after_a_long_imu_gap(robot):
     before = len(robot.all("odom"))
     robot.run(0.1)
     assert len(robot.all("odom")) == before
-    assert robot.said.message == (
+    assert robot.status.message == (
         "the base estimate was lost: the IMU was silent for 0.202 s; the robot has to stand still for 0.5 s"
     )
     robot.run(0.6)

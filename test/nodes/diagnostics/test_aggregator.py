@@ -45,8 +45,7 @@ def status_name(node, settings, model, namespace, bench):
     peer = Peer(bus, topics_of(node, settings, namespace=namespace))
     make = {"guard": make_guard, "estimator": make_estimator}[node]
     make(settings, model, MemoryTransport(bus), ManualClock(100.0), namespace).cycle()
-    (status,) = peer.all("diagnostics")[0].status
-    return status.name
+    return peer.status.name
 
 
 @pytest.mark.parametrize("namespace", ["", "/r1"])
