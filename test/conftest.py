@@ -229,9 +229,13 @@ class Bench:
             report = self.loop.cycle()
         return report
 
-    def activate(self) -> Any:
-        self.command("activate")
+    def request(self, word: str) -> Any:
+        """Send a command, and run a cycle."""
+        self.command(word)
         return self.cycle()
+
+    def activate(self) -> Any:
+        return self.request("activate")
 
     def activated(self, cycles: int = 0) -> "Bench":
         """The bench itself, activated some cycles ago."""

@@ -22,14 +22,12 @@ def base(robot):
 
 def test_activation_requires_a_first_pose_only(robot):
     robot.cycle(80)
-    robot.bench.command("activate")
-    assert robot.cycle().mode is Mode.INACTIVE
+    assert robot.request("activate").mode is Mode.INACTIVE
     (refusal,) = robot.refused
     assert "base estimate has not arrived" in refusal
     assert "no absolute pose received (estimation.absolute_pose)" in refusal
     robot.cycle(600, pose=THERE)
-    robot.bench.command("activate")
-    assert robot.cycle().mode is Mode.ACTIVE
+    assert robot.request("activate").mode is Mode.ACTIVE
     np.testing.assert_allclose(base(robot), THERE, atol=1e-3)
     report = robot.cycle(100)
     assert report.mode is Mode.ACTIVE  # missing poses are no fault

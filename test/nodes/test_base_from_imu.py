@@ -26,8 +26,7 @@ def robot(bench):
 
 def test_activation_after_settling_and_standing_on_the_estimate(robot):
     robot.cycle(5)
-    robot.bench.command("activate")
-    report = robot.cycle()
+    report = robot.request("activate")
     assert report.mode is Mode.INACTIVE
     (refusal,) = report.refused
     assert "'activate' is refused: base estimate has not arrived" in refusal
@@ -162,8 +161,7 @@ def test_a_lost_estimate_restarts(robot):
         "the base estimate was lost: the state is not finite; the robot has to stand still for 0.1 s",
     )
     robot.cycle(80)
-    robot.bench.command("reset")
-    robot.cycle()
+    robot.request("reset")
     assert robot.activate().mode is Mode.ACTIVE
 
 
@@ -213,14 +211,12 @@ def test_after_a_shock_on_the_hoist_the_estimate_starts_again_with_a_small_veloc
     assert estimator.base is None
     assert estimator.waits_for.startswith("the base estimate was lost: the IMU contradicts all contacts")
     assert estimator.waits_for.endswith("the IMU turns at 5 rad/s (limit 0.5): the robot moves, or the gyroscope fails")
-    robot.bench.command("activate")
-    (refusal,) = robot.cycle(turning=(5.0, 0.0, 0.0)).refused
+    (refusal,) = robot.request("activate", turning=(5.0, 0.0, 0.0)).refused
     assert refusal == f"command 'activate' is refused: {estimator.waits_for}"
     for _ in range(150):
         robot.cycle()
         assert estimator.base is None or np.abs(estimator.base[1]).max() < 1e-3
-    robot.bench.command("activate")
-    assert robot.cycle().mode is Mode.ACTIVE
+    assert robot.request("activate").mode is Mode.ACTIVE
 
 
 def test_reset_restarts_the_settling(robot):
@@ -232,8 +228,7 @@ def test_reset_restarts_the_settling(robot):
     estimator = robot.bench.loop._inputs.estimator
     assert estimator.base is not None
     robot.bench.command("reset")
-    robot.bench.command("activate")
-    report = robot.cycle()
+    report = robot.request("activate")
     assert (report.mode, estimator.base) == (Mode.INACTIVE, None)
     (refusal,) = report.refused
     assert "'activate' is refused: base estimate has not arrived" in refusal

@@ -519,8 +519,7 @@ def test_a_fault_is_logged_once_for_as_long_as_it_lasts(bench, caplog):
     controller.activate()
     controller.cycle(30, joints=False, base=False)
     controller.cycle(700)  # damping, and 1.2 s of the fault
-    controller.command("reset")
-    controller.cycle()
+    controller.request("reset")
     said = [re.sub("is .*", "is …", said) for said in caplog.messages if not said.startswith("scheduling")]
     assert "; ".join(said) == (
         "command 'activate' accepted; mode: active; command 'deactivate' accepted; mode: inactive; "

@@ -42,7 +42,10 @@ class Standing:
             self.refused += report.refused
         return report
 
+    def request(self, word, **changes):
+        self.bench.command(word)
+        return self.cycle(**changes)
+
     def activate(self):
         self.cycle(80)
-        self.bench.command("activate")
-        return self.cycle()
+        return self.request("activate")
