@@ -249,6 +249,17 @@ class Bench:
         self.loop._outputs.finish()
         return [decode(payload, self._types[key, subject]) for payload in self._payloads[key, subject]]
 
+    @property
+    def status(self) -> Any:
+        """The newest status of the controller, the only one of its message."""
+        (status,) = self.received("diagnostics")[-1].status
+        return status
+
+    @property
+    def values(self) -> dict[str, str]:
+        """The values of the newest status by key."""
+        return {each.key: each.value for each in self.status.values}
+
     def efforts(self) -> np.ndarray:
         return np.array([content.data for content in self.received("effort")]).reshape(-1, self.model.na)
 

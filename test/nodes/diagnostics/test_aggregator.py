@@ -38,8 +38,7 @@ def status_name(node, settings, model, namespace, bench):
     if node == "controller":
         robot = bench("go2")
         robot.cycle()
-        (status,) = robot.received("diagnostics")[0].status
-        assert status.name == StatusSummary(f"/{NODE_NAME}", "")._name
+        assert robot.status.name == StatusSummary(f"/{NODE_NAME}", "")._name
         return StatusSummary(f"{namespace}/{NODE_NAME}", "")._name
     bus = MemoryBus()
     peer = Peer(bus, topics_of(node, settings, namespace=namespace))
