@@ -354,8 +354,8 @@ class Inputs:
             if name in self._refusals:
                 notes[name] = f"last refusal: {self._refusals[name]}"
             elif transit_time > _MIN_DELAY:
-                or_else = ", or the clocks are not synchronized" if self.clock_tolerance is not None else ""
-                notes[name] = f"{transit_time:.3f} s of it in transit{or_else}"
+                alternative = ", or the clocks are not synchronized" if self.clock_tolerance is not None else ""
+                notes[name] = f"{transit_time:.3f} s of it in transit{alternative}"
         return notes
 
     def _pose_notes(self) -> dict[str, str]:
