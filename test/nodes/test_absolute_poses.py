@@ -17,7 +17,7 @@ def robot(bench):
 
 
 def base(robot):
-    return robot.bench.loop.estimator.base[0]
+    return robot.inputs.estimator.base[0]
 
 
 def test_activation_requires_a_first_pose_only(robot):

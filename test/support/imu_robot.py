@@ -15,6 +15,7 @@ class Standing:
 
     def __init__(self, bench):
         self.bench, self.count, self.refused = bench, 0, []
+        self.inputs = bench.loop._inputs
 
     def imu(self, turning=(0.0, 0.0, 0.0), force=GRAVITY, frame="base", time=None):
         stamp, vectors = self.bench.time if time is None else time, (np.array(turning), np.array(force))
