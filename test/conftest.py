@@ -229,9 +229,13 @@ class Bench:
             report = self.loop.cycle()
         return report
 
-    def activate(self) -> Any:
-        self.command("activate")
+    def request(self, word: str) -> Any:
+        """Send a command, and run a cycle."""
+        self.command(word)
         return self.cycle()
+
+    def activate(self) -> Any:
+        return self.request("activate")
 
     def activated(self, cycles: int = 0) -> "Bench":
         """The bench itself, activated some cycles ago."""
@@ -244,6 +248,17 @@ class Bench:
         """What has come on a topic, with what is still being composed."""
         self.loop._outputs.finish()
         return [decode(payload, self._types[key, subject]) for payload in self._payloads[key, subject]]
+
+    @property
+    def status(self) -> Any:
+        """The newest status of the controller, the only one of its message."""
+        (status,) = self.received("diagnostics")[-1].status
+        return status
+
+    @property
+    def values(self) -> dict[str, str]:
+        """The values of the newest status by key."""
+        return {each.key: each.value for each in self.status.values}
 
     def efforts(self) -> np.ndarray:
         return np.array([content.data for content in self.received("effort")]).reshape(-1, self.model.na)

@@ -19,39 +19,30 @@ def expand(table=topics.CONTROLLER_TOPICS, **changes):
 
 
 @pytest.mark.parametrize(
-    ("name", "node", "namespace", "expected"),
+    ("name", "namespace", "remappings", "expected"),
     [
-        ("odom", "wbc", "/", "/odom"),
-        ("odom", "wbc", "/robot", "/robot/odom"),
-        ("odom", "wbc", "/robot/", "/robot/odom"),
-        ("/odom", "wbc", "/robot", "/odom"),
-        ("~/state", "wbc", "/", "/wbc/state"),
-        ("~/state", "wbc", "/a/b", "/a/b/wbc/state"),
-        ("~", "wbc", "/a", "/a/wbc"),
-        ("~state", "wbc", "/a", "/a/~state"),
+        ("odom", "/", None, "/odom"),
+        ("odom", "/robot", None, "/robot/odom"),
+        ("odom", "/robot/", None, "/robot/odom"),
+        ("/odom", "/robot", None, "/odom"),
+        ("~/state", "/", None, "/wbc/state"),
+        ("~/state", "/a/b", None, "/a/b/wbc/state"),
+        ("~", "/a", None, "/a/wbc"),
+        ("~state", "/a", None, "/a/~state"),
+        ("odom", "/robot", {"odom": "estimator/odom"}, "/robot/estimator/odom"),
+        ("odom", "/robot", {"odom": "/estimator/odom"}, "/estimator/odom"),
+        ("odom", "/robot", {"/robot/odom": "/o"}, "/o"),
+        ("odom", "/robot", {"/odom": "/o"}, "/robot/odom"),
+        ("~/state", "/robot", {"~/state": "~/mode"}, "/robot/wbc/mode"),
+        ("~/state", "/robot", {"/robot/wbc/state": "mode"}, "/robot/mode"),
+        ("a", "/", {"a": "b", "b": "c"}, "/b"),
     ],
 )
-def test_names_resolve_as_in_ros_2(name, node, namespace, expected):
-    assert topics.resolve(name, node, namespace) == expected
-
-
-@pytest.mark.parametrize(
-    ("source", "target", "name", "expected"),
-    [
-        ("odom", "estimator/odom", "odom", "/robot/estimator/odom"),
-        ("odom", "/estimator/odom", "odom", "/estimator/odom"),
-        ("/robot/odom", "/o", "odom", "/o"),
-        ("/odom", "/o", "odom", "/robot/odom"),
-        ("~/state", "~/mode", "~/state", "/robot/wbc/mode"),
-        ("/robot/wbc/state", "mode", "~/state", "/robot/mode"),
-    ],
-)
-def test_remappings_are_expanded_by_the_same_rules(source, target, name, expected):
-    assert topics.resolve(name, "wbc", "/robot", {source: target}) == expected
+def test_names_and_remappings_are_resolved_as_in_ros_2(name, namespace, remappings, expected):
+    assert topics.resolve(name, "wbc", namespace, remappings) == expected
 
 
 def test_remappings_namespaces_and_topics_of_the_guard():
-    assert topics.resolve("a", "wbc", "/", {"a": "b", "b": "c"}) == "/b"
     assert topics.parse_remapping("odom:=/estimator/odom") == ("odom", "/estimator/odom")
     for text in ("", ":=", "a:=", ":=b", "a=b", "a:b"):
         with pytest.raises(ConfigurationError, match="from:=to"):
@@ -95,10 +86,8 @@ def test_types_exist_and_endpoints_are_compatible():
         assert set(columns.values()) <= set(TYPES.types)
     assert set(topics.TASK_TYPES) == set(types_of(TaskSettings))
     mock = topics.endpoints(topics.MOCK_TOPICS, "mock_robot", contacts=("left", "right"))
-    both = {
-        endpoint.name: endpoint
-        for endpoint in topics.endpoints(topics.CONTROLLER_TOPICS, "wbc_controller", task_kinds=KINDS)
-    }
+    controller = topics.endpoints(topics.CONTROLLER_TOPICS, "wbc_controller", task_kinds=KINDS)
+    both = {endpoint.name: endpoint for endpoint in controller}
     pairs = [(endpoint, both[endpoint.name]) for endpoint in mock if endpoint.name in both]
     for endpoint, other in pairs:
         assert_compatible(endpoint, other)

@@ -2,80 +2,49 @@
 
 import numpy as np
 import pytest
+from imu_robot import IMU, THERE, Standing
 
 from wbc_controller.middleware.codec import pose_with_covariance
 from wbc_controller.records import Mode
-from wbc_controller.simulation.measurement import imu_message
 
-POSES = {"estimation": {"base_state": "imu", "settling": 0.1, "imu_frame": "", "absolute_pose": True}}
-THERE = np.array([3.0, -2.0, 0.5, 0.0, 0.0, np.sin(1.0), np.cos(1.0)])
-
-
-class Standing:
-    """Standing Go2 with absolute poses every 50 ms."""
-
-    def __init__(self, bench):
-        self.bench, self.count, self.refused = bench, 0, []
-
-    def send(self, pose=THERE, *, frame="map", time=None, variance=None, covariance=None):
-        content = pose_with_covariance(self.bench.time if time is None else time, frame, np.array(pose), 0.0, 0.0)
-        if variance is not None:
-            content.pose.covariance[0] = variance
-        if covariance is not None:
-            content.pose.covariance[:] = covariance
-        self.bench.send("pose", content)
-
-    def cycle(self, count=1, pose=None):
-        for _ in range(count):
-            bench = self.bench
-            bench.clock.time += bench.period
-            level, still, gravity = np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3), np.array([0.0, 0.0, 9.81])
-            bench.send("imu", imu_message(bench.time, "base", level, still, gravity))
-            if pose is not None and self.count % 25 == 0:
-                self.send(pose)
-            self.count += 1
-            bench.joints()
-            report = bench.loop.cycle()
-            self.refused += report.refused
-        return report
-
-    @property
-    def base(self):
-        return self.bench.loop.estimator.base[0]
+POSES = {"estimation": IMU["estimation"] | {"absolute_pose": True}}
 
 
 @pytest.fixture
 def robot(bench):
+    """Go2 with an IMU and absolute poses."""
     return Standing(bench("go2", POSES))
+
+
+def base(robot):
+    return robot.inputs.estimator.base[0]
 
 
 def test_activation_requires_a_first_pose_only(robot):
     robot.cycle(80)
-    robot.bench.command("activate")
-    assert robot.cycle().mode is Mode.INACTIVE
+    assert robot.request("activate").mode is Mode.INACTIVE
     (refusal,) = robot.refused
     assert "base estimate has not arrived" in refusal
     assert "no absolute pose received (estimation.absolute_pose)" in refusal
-    robot.cycle(600, THERE)
-    robot.bench.command("activate")
-    assert robot.cycle().mode is Mode.ACTIVE
-    np.testing.assert_allclose(robot.base, THERE, atol=1e-3)
+    robot.cycle(600, pose=THERE)
+    assert robot.request("activate").mode is Mode.ACTIVE
+    np.testing.assert_allclose(base(robot), THERE, atol=1e-3)
     report = robot.cycle(100)
     assert report.mode is Mode.ACTIVE  # missing poses are no fault
     assert float(report.inputs.estimate["pose/age"].split()[0]) > 0.2
-    before = robot.base.copy()
+    before = base(robot).copy()
     off = THERE + [0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
-    report = robot.cycle(600, off)  # SLAM relocalized elsewhere
+    report = robot.cycle(600, pose=off)  # SLAM relocalized elsewhere
     assert report.mode is Mode.ACTIVE
-    np.testing.assert_allclose(robot.base, before, atol=2e-3)
+    np.testing.assert_allclose(base(robot), before, atol=2e-3)
     said = [sentence for sentence in robot.refused if sentence.startswith("/pose: ")]
     assert len(said) == 2, said
     assert "rejected while the controller is active" in report.inputs.estimate["pose/contradiction"]
     statuses = [status for each in robot.bench.received("diagnostics") for status in each.status]
     assert any("rejected while the controller is active" in status.message for status in statuses)
     robot.bench.command("deactivate")
-    robot.cycle(600, off)
-    np.testing.assert_allclose(robot.base, off, atol=1e-3)
+    robot.cycle(600, pose=off)
+    np.testing.assert_allclose(base(robot), off, atol=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -94,7 +63,7 @@ def test_activation_requires_a_first_pose_only(robot):
 )
 def test_invalid_poses_are_refused_with_the_value(robot, changes, said):
     robot.cycle(5)
-    robot.send(**changes)
+    robot.send_pose(**changes)
     robot.cycle()
     (sentence,) = robot.refused
     assert sentence.startswith("/pose: ")
@@ -103,9 +72,9 @@ def test_invalid_poses_are_refused_with_the_value(robot, changes, said):
 
 def test_stamps_that_go_back_and_messages_that_are_too_large_are_refused(robot):
     robot.cycle(5)
-    robot.send()
+    robot.send_pose()
     robot.cycle()
-    robot.send(time=robot.bench.time - 50_000_000)
+    robot.send_pose(time=robot.bench.time - 50_000_000)
     robot.bench.send_bytes("pose", b"\x00" * (1 << 17))
     robot.cycle()
     assert any("before the last message" in sentence for sentence in robot.refused)
@@ -113,9 +82,9 @@ def test_stamps_that_go_back_and_messages_that_are_too_large_are_refused(robot):
 
 
 def test_a_bad_value_is_refused_after_many_good_ones(robot):
-    robot.cycle(200, THERE)
+    robot.cycle(200, pose=THERE)
     assert robot.refused == []
-    robot.send(variance=-1.0)
+    robot.send_pose(variance=-1.0)
     robot.cycle()
     assert "they must not be negative" in robot.refused[0]
 

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from imu_robot import GRAVITY, IMU, Standing
 
 from wbc_controller.controller.build.contacts import make_contact
 from wbc_controller.controller.build.estimation import contact_normals, estimates_base, make_estimator
@@ -15,10 +16,6 @@ from wbc_controller.middleware.codec import message
 from wbc_controller.middleware.setpoints import wrench_stamped
 from wbc_controller.records import Mode
 from wbc_controller.settings.config import load
-from wbc_controller.simulation.measurement import imu_message
-
-IMU = {"estimation": {"base_state": "imu", "settling": 0.1, "imu_frame": ""}}
-GRAVITY = (0.0, 0.0, 9.81)
 
 
 @pytest.fixture
@@ -27,33 +24,9 @@ def robot(bench):
     return Standing(bench("go2", IMU))
 
 
-class Standing:
-    def __init__(self, bench):
-        self.bench = bench
-
-    def imu(self, turning=(0.0, 0.0, 0.0), force=GRAVITY, frame="base", time=None):
-        stamp, vectors = self.bench.time if time is None else time, (np.array(turning), np.array(force))
-        self.bench.send("imu", imu_message(stamp, frame, np.zeros(4), *vectors))
-
-    def cycle(self, count=1, *, imu=True, **changes):
-        for _ in range(count):
-            self.bench.clock.time += self.bench.period
-            if imu:
-                self.imu(**changes)
-            self.bench.joints()
-            report = self.bench.loop.cycle()
-        return report
-
-    def activate(self):
-        self.cycle(80)
-        self.bench.command("activate")
-        return self.cycle()
-
-
 def test_activation_after_settling_and_standing_on_the_estimate(robot):
     robot.cycle(5)
-    robot.bench.command("activate")
-    report = robot.cycle()
+    report = robot.request("activate")
     assert report.mode is Mode.INACTIVE
     (refusal,) = report.refused
     assert "'activate' is refused: base estimate has not arrived" in refusal
@@ -63,7 +36,7 @@ def test_activation_after_settling_and_standing_on_the_estimate(robot):
     assert report.mode is Mode.ACTIVE
     assert report.refused == ()
     assert set(report.inputs.ages) == {"joint_states", "imu", "base estimate"}
-    state = robot.bench.loop._inputs.latch().state
+    state = robot.inputs.latch().state
     np.testing.assert_allclose(state.q[:7], [0.0, 0.0, robot.bench.q[2], 0.0, 0.0, 0.0, 1.0], atol=2e-3)
     np.testing.assert_allclose(state.v, 0.0, atol=1e-6)
     report = robot.cycle(50)
@@ -98,10 +71,10 @@ def test_imu_data_that_end_are_a_fault_within_the_deadline(robot):
 )
 def test_imu_data_that_cannot_be_used_are_refused_and_change_nothing(robot, changes, said):
     robot.activate()
-    before = robot.bench.loop._inputs.latch().state
+    before = robot.inputs.latch().state
     report = robot.cycle(**changes)
     assert [said in sentence for sentence in report.refused] == [True]
-    np.testing.assert_allclose(robot.bench.loop._inputs.latch().state.q, before.q, atol=1e-9)
+    np.testing.assert_allclose(robot.inputs.latch().state.q, before.q, atol=1e-9)
     assert robot.cycle().mode is Mode.ACTIVE
 
 
@@ -110,14 +83,14 @@ def test_all_data_since_the_last_cycle_count(robot):
     robot.activate()
     bench, turned = robot.bench, []
     for fast in (False, True):
-        before = bench.loop._inputs.latch().state.q[5]
+        before = robot.inputs.latch().state.q[5]
         start = bench.time
         bench.clock.time += bench.period
         for i in range(4):
             robot.imu(turning=(0.0, 0.0, 1.0 if fast and i == 1 else 0.0), time=start + (i + 1) * 500_000)
         bench.joints()
         bench.loop.cycle()
-        turned.append(2.0 * (bench.loop._inputs.latch().state.q[5] - before))
+        turned.append(2.0 * (robot.inputs.latch().state.q[5] - before))
     assert turned[0] == pytest.approx(0.0, abs=1e-6)
     assert turned[1] == pytest.approx(0.0005, rel=0.2)  # 1 rad/s for half a millisecond
 
@@ -162,12 +135,12 @@ def test_an_imu_without_a_fixed_contact_or_frame_is_refused(robot_of, changed):
 
 def test_a_restart_of_the_clock_ends_the_estimate(robot):
     robot.activate()
-    robot.bench.loop._inputs.restart()
-    latched = robot.bench.loop._inputs.latch()
+    robot.inputs.restart()
+    latched = robot.inputs.latch()
     assert (latched.state, latched.ages["base estimate"]) == (None, np.inf)
     assert robot.cycle().fault.code == "STALE_INPUT"
     assert robot.cycle(10).fault is not None  # it must be at rest again
-    assert robot.bench.loop._inputs.latch().state is None
+    assert robot.inputs.latch().state is None
 
 
 def test_imu_data_without_joint_states_are_not_kept(robot):
@@ -175,21 +148,20 @@ def test_imu_data_without_joint_states_are_not_kept(robot):
         robot.bench.clock.time += robot.bench.period
         robot.imu()
         robot.bench.loop.cycle()
-    assert robot.bench.loop._inputs._imu == []
+    assert robot.inputs._imu == []
 
 
 def test_a_lost_estimate_restarts(robot):
     """No valid measurement was found that causes it, so the filter is corrupted directly."""
     robot.activate()
-    robot.bench.loop._inputs.estimator._running.filter.P[:] = np.nan
+    robot.inputs.estimator._running.filter.P[:] = np.nan
     fault = robot.cycle().fault
     assert (fault.code, fault.sentence) == (
         "ESTIMATE_LOST",
         "the base estimate was lost: the state is not finite; the robot has to stand still for 0.1 s",
     )
     robot.cycle(80)
-    robot.bench.command("reset")
-    robot.cycle()
+    robot.request("reset")
     assert robot.activate().mode is Mode.ACTIVE
 
 
@@ -226,27 +198,25 @@ def test_a_gyroscope_bias_that_the_contacts_reveal_is_estimated(robot):
     for _ in range(1500):
         assert robot.cycle(turning=(0.0, 0.1, 0.0)).mode is Mode.ACTIVE
         assert np.abs(robot.bench.reports[-1].inputs.state.v[:3]).max() < 0.11
-    bias = robot.bench.loop._inputs.estimator.filter.gyroscope_bias
+    bias = robot.inputs.estimator.filter.gyroscope_bias
     np.testing.assert_allclose(bias, [0.0, 0.1, 0.0], atol=0.015)
 
 
 def test_after_a_shock_on_the_hoist_the_estimate_starts_again_with_a_small_velocity(robot):
     """After 5 rad/s for 1.5 s the velocity had grown to 1,500 m/s on valid data."""
     robot.cycle(80)
-    estimator = robot.bench.loop._inputs.estimator
+    estimator = robot.inputs.estimator
     assert estimator.base is not None
     robot.cycle(round(1.5 / robot.bench.period), turning=(5.0, 0.0, 0.0))
     assert estimator.base is None
     assert estimator.waits_for.startswith("the base estimate was lost: the IMU contradicts all contacts")
     assert estimator.waits_for.endswith("the IMU turns at 5 rad/s (limit 0.5): the robot moves, or the gyroscope fails")
-    robot.bench.command("activate")
-    (refusal,) = robot.cycle(turning=(5.0, 0.0, 0.0)).refused
+    (refusal,) = robot.request("activate", turning=(5.0, 0.0, 0.0)).refused
     assert refusal == f"command 'activate' is refused: {estimator.waits_for}"
     for _ in range(150):
         robot.cycle()
         assert estimator.base is None or np.abs(estimator.base[1]).max() < 1e-3
-    robot.bench.command("activate")
-    assert robot.cycle().mode is Mode.ACTIVE
+    assert robot.request("activate").mode is Mode.ACTIVE
 
 
 def test_reset_restarts_the_settling(robot):
@@ -255,11 +225,10 @@ def test_reset_restarts_the_settling(robot):
     assert robot.cycle().mode is Mode.ACTIVE
     robot.bench.command("damp")
     robot.cycle(10)
-    estimator = robot.bench.loop._inputs.estimator
+    estimator = robot.inputs.estimator
     assert estimator.base is not None
     robot.bench.command("reset")
-    robot.bench.command("activate")
-    report = robot.cycle()
+    report = robot.request("activate")
     assert (report.mode, estimator.base) == (Mode.INACTIVE, None)
     (refusal,) = report.refused
     assert "'activate' is refused: base estimate has not arrived" in refusal
@@ -280,8 +249,7 @@ def force(robot, newtons, foot=FEET[0], frame="", time=None):
 
 
 def holding(robot):
-    filter = robot.bench.loop._inputs.estimator.filter
-    return {name.partition("/")[0] for name in filter.names}
+    return {name.partition("/")[0] for name in robot.inputs.estimator.filter.names}
 
 
 def test_a_fresh_force_sensor_decides_with_hysteresis(robot):
@@ -343,9 +311,8 @@ def test_forces_before_a_restart_of_the_clock_are_ignored(robot):
     robot.activate()
     force(robot, 0.0)
     robot.cycle()
-    robot.bench.loop._inputs.restart()
-    inputs = robot.bench.loop._inputs
-    assert (inputs.latch(FEET).refused, set(inputs.holding)) == ((), set(FEET))
+    robot.inputs.restart()
+    assert (robot.inputs.latch(FEET).refused, set(robot.inputs.holding)) == ((), set(FEET))
 
 
 def test_the_normal_is_known_in_the_frames_in_which_forces_are_measured(robot_of, changed):

@@ -25,13 +25,11 @@ def test_a_stop_is_never_merged_away_and_passes_a_flood_of_other_requests(bench)
     assert len(robot.efforts()) == sent + 1
     assert robot.received("state")[-1].data.startswith("fault ESTOP")
     assert said(report, "command 'reset' is refused in the cycle of an emergency stop")
-    robot.command("reset")
-    robot.cycle()
+    robot.request("reset")
     assert robot.activate().mode is Mode.ACTIVE
     for _ in range(1000):
         robot.command("activate")
-    robot.command("estop")
-    report = robot.cycle()
+    report = robot.request("estop")
     assert (report.mode, report.fault.code) == (Mode.FAULT, "ESTOP")
     assert not report.command.tau.any()
 

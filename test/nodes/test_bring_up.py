@@ -107,7 +107,7 @@ def test_after_a_stop_the_robot_can_be_activated_again(robot_of):
     assert (report.mode, report.fault) == (Mode.ACTIVE, None)
 
 
-def test_the_supervisor_does_not_damp_after_it(robot_of, bench):
+def test_the_supervisor_does_not_damp_after_it(bench):
     on = bench("go2").activated(100)
     assert on.efforts()[-1].any()
     on.v[on.model.v_index] = 0.1

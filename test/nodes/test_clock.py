@@ -23,18 +23,14 @@ def time_message(nanoseconds):
 
 
 @pytest.fixture
-def clock_and_bytes():
-    """A simulated clock, and a function that publishes bytes on its topic."""
+def clock_and_time():
+    """A simulated clock, and a function that publishes a time, ns, or bytes."""
     bus = MemoryBus()
     topics = endpoints([topic for topic in CONTROLLER_TOPICS if topic.key == "clock"], "controller")
-    return SimulatedClock(topics, MemoryTransport(bus)), MemoryTransport(bus).advertise(counterpart(topics[0]))
-
-
-@pytest.fixture
-def clock_and_time(clock_and_bytes):
-    """A simulated clock, and a function that publishes a time, ns."""
-    clock, publish = clock_and_bytes
-    return clock, lambda nanoseconds: publish(encode(time_message(nanoseconds)))
+    publish = MemoryTransport(bus).advertise(counterpart(topics[0]))
+    return SimulatedClock(topics, MemoryTransport(bus)), lambda content: publish(
+        content if isinstance(content, bytes) else encode(time_message(content))
+    )
 
 
 def test_a_simulated_clock_shows_the_messages_and_never_goes_back(clock_and_time):
@@ -89,20 +85,20 @@ def test_a_flood_of_times_costs_a_bounded_number_of_reads(clock_and_time, monkey
     assert len(reads) <= 10
 
 
-def test_messages_that_are_no_time_are_refused_and_logged_once_a_second(clock_and_bytes, monkeypatch, caplog):
-    clock, publish = clock_and_bytes
-    now = [100.0]
+def test_messages_that_are_no_time_are_refused_and_logged_once_a_second(clock_and_time, monkeypatch, caplog):
+    clock, publish = clock_and_time
+    now, negative = [100.0], encode(message("rosgraph_msgs/msg/Clock", clock={"sec": -1}))
     monkeypatch.setattr(clock_module.time, "monotonic", lambda: now[0])
-    publish(encode(time_message(5_000_000_000)))
+    publish(5_000_000_000)
     for _ in range(3):
         publish(b"\0\1\0\0")
-        publish(encode(message("rosgraph_msgs/msg/Clock", clock={"sec": -1})))
+        publish(negative)
         clock.refresh()
     assert clock.stamp() == 5_000_000_000
     assert len(caplog.records) == 1
     assert "/clock: refused: 4 bytes are not a rosgraph_msgs/msg/Clock" in caplog.text
     now[0] += 1.0
-    publish(encode(message("rosgraph_msgs/msg/Clock", clock={"sec": -1})))
+    publish(negative)
     clock.refresh()
     assert "clock has sec = -1" in caplog.records[1].message
 
@@ -126,12 +122,16 @@ def test_waiting_takes_simulated_time(clock_and_time):
     assert not waiting.is_alive()
 
 
+def on_simulated_time(bench, changes=None):
+    controller = bench(changes=changes)
+    controller.loop = controller.remake(SimulatedClock(controller.topics, controller.transport))
+    return controller
+
+
 @pytest.fixture
 def simulated(bench):
     """A controller on a bench, and a function that publishes a time and its state, and runs a cycle."""
-    controller = bench()
-    clock = SimulatedClock(controller.topics, controller.transport)
-    controller.loop = controller.remake(clock)
+    controller = on_simulated_time(bench)
 
     def cycle(seconds, **parts):
         controller.clock.time = seconds
@@ -267,9 +267,7 @@ def test_clocks_that_part_are_a_fault_that_says_by_how_much(bench, skew, said):
 
 @pytest.mark.parametrize("changes", [None, SYNCHRONIZED])
 def test_a_stall_of_simulated_time_is_a_fault_and_damping_continues(bench, changes):
-    controller = bench(changes=changes)
-    clock = SimulatedClock(controller.topics, controller.transport)
-    controller.loop = controller.remake(clock)
+    controller = on_simulated_time(bench, changes)
     controller.command("activate")
     for _ in range(120):
         controller.send("clock", time_message(controller.time))
@@ -328,12 +326,10 @@ def test_the_simulator_may_pause(starved):
 
 
 def time_and_state(controller, *, with_time=True):
-    """Advance by a period, and send time and state."""
-    controller.clock.time += controller.period
+    """Send the time after a period, and give the state."""
     if with_time:
-        controller.send("clock", time_message(controller.time))
-    controller.base()
-    controller.joints()
+        controller.send("clock", time_message(round((controller.clock.time + controller.period) * 1e9)))
+    controller.give_state()
 
 
 def states_with_time(controller, count, every=1):
@@ -358,8 +354,7 @@ def states_with_time(controller, count, every=1):
 )
 def test_with_a_coarse_clock_activation_is_refused_with_its_step(bench, changes, rate, asked, said):
     """Activation in the first step of the clock, at one of its times, or between two."""
-    controller = bench(changes=changes)
-    controller.loop = controller.remake(SimulatedClock(controller.topics, controller.transport))
+    controller = on_simulated_time(bench, changes)
     every, refused = round(1.0 / (rate * controller.period)), []
     for number in range(160):
         time_and_state(controller, with_time=number % every == 0)
@@ -373,8 +368,7 @@ def test_with_a_coarse_clock_activation_is_refused_with_its_step(bench, changes,
 
 
 def test_an_activation_at_the_start_waits_for_the_step_of_the_clock(bench):
-    controller = bench()
-    controller.loop = controller.remake(SimulatedClock(controller.topics, controller.transport))
+    controller = on_simulated_time(bench)
     controller.loop._activate_when_fresh = True
     modes = []
     for number in range(20):
@@ -385,8 +379,7 @@ def test_an_activation_at_the_start_waits_for_the_step_of_the_clock(bench):
 
 @pytest.mark.parametrize(("changes", "rate"), [(None, 20), (SYNCHRONIZED, 100)])
 def test_a_clock_as_fine_as_the_limit_is_accepted(bench, changes, rate):
-    controller = bench(changes=changes)
-    controller.loop = controller.remake(SimulatedClock(controller.topics, controller.transport))
+    controller = on_simulated_time(bench, changes)
     every = round(1.0 / (rate * controller.period))
     states_with_time(controller, 3 * every, every=every)
     controller.command("activate")

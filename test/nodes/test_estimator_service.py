@@ -4,15 +4,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from peer import Peer
+from services import make_estimator, topics_of
 from starved import StarvedThread
 
 from wbc_controller import Simulation
-from wbc_controller.middleware.codec import encode, message, nanoseconds
+from wbc_controller.middleware.codec import message, nanoseconds
 from wbc_controller.middleware.setpoints import wrench_stamped
-from wbc_controller.middleware.topics import ESTIMATOR_NODE, ESTIMATOR_TOPICS, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.clock import ManualClock
-from wbc_controller.nodes.estimator_service import EstimatorService
 from wbc_controller.simulation.measurement import measure
 
 FEET = {"front_left_foot", "front_right_foot", "rear_left_foot", "rear_right_foot"}
@@ -26,12 +25,8 @@ class Robot(Peer):
         self.controller = self.simulation.controller
         self.model, settings = self.controller.model, self.controller.config.settings
         bus, self.clock = MemoryBus(), ManualClock()
-        topics = endpoints(ESTIMATOR_TOPICS, ESTIMATOR_NODE, contacts=settings.contacts)
-        self.node = EstimatorService(settings, self.model, topics, transport(bus), self.clock)
-        super().__init__(bus, topics)
-
-    def send(self, key, content, subject=""):
-        self.raw(key, content if isinstance(content, bytes) else encode(content), subject)
+        self.node = make_estimator(settings, self.model, transport(bus), self.clock)
+        super().__init__(bus, topics_of("estimator", settings))
 
     def sense(self, imu=True, turning=0.0):
         stamp = round(1e9 * self.simulation.time) + 1
@@ -50,14 +45,6 @@ class Robot(Peer):
     def run(self, seconds):
         self.simulation.run(seconds, lambda _: self.sense())
 
-    @property
-    def said(self):
-        return self.all("diagnostics")[-1].status[0]
-
-    @property
-    def values(self):
-        return {each.key: each.value for each in self.said.values}
-
 
 @pytest.fixture
 def robot():
@@ -70,7 +57,7 @@ def push(time=1):
 
 def test_each_joint_state_is_answered_by_odometry(robot):
     robot.run(0.7)
-    assert (robot.said.level, robot.said.message) == (0, "the base is estimated")
+    assert (robot.status.level, robot.status.message) == (0, "the base is estimated")
     assert set(robot.values["holding"].split(", ")) == FEET
     com = robot.controller.dynamics.com.copy()
     robot.controller.follow("com", [0.4], [com + [0.0, 0.03, -0.03]])
@@ -105,8 +92,8 @@ def test_each_joint_state_is_answered_by_odometry(robot):
 def test_no_odometry_before_settling_and_after_a_long_imu_gap(robot):
     robot.run(0.3)
     assert robot.all("odom") == robot.all("tf") == []
-    assert (robot.said.name, robot.said.level) == ("base_estimator: base", 1)
-    assert robot.said.message == "the robot has to stand still for 0.5 s"
+    assert (robot.status.name, robot.status.level) == ("base_estimator: base", 1)
+    assert robot.status.message == "the robot has to stand still for 0.5 s"
     robot.run(0.4)
     before = len(robot.all("odom"))
     assert before > 0
@@ -118,7 +105,7 @@ def test_no_odometry_before_settling_and_after_a_long_imu_gap(robot):
     before = len(robot.all("odom"))
     robot.run(0.1)
     assert len(robot.all("odom")) == before
-    assert robot.said.message == (
+    assert robot.status.message == (
         "the base estimate was lost: the IMU was silent for 0.202 s; the robot has to stand still for 0.5 s"
     )
     robot.run(0.6)
@@ -177,7 +164,7 @@ def test_the_true_forces_of_the_feet_are_heard_and_one_that_is_silent_is_named(r
 
 
 def test_refusals_are_reported(robot, make):
-    robot.send("holds", b"\x00\x01", "rear_left_foot")
+    robot.raw("holds", b"\x00\x01", "rear_left_foot")
     robot.sense()
     names = list(robot.model.joints[:-1])
     robot.send("joint_states", make.joint_state(names, np.zeros(11), np.zeros(11), time=2))

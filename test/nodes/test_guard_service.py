@@ -7,7 +7,9 @@ import threading
 
 import numpy as np
 import pytest
+from busy import patience
 from peer import Peer
+from services import make_guard
 from starved import StarvedThread
 
 from wbc_controller.controller.build.guard import make_guard_damping
@@ -18,7 +20,7 @@ from wbc_controller.middleware.topics import GUARD_NODE, GUARD_TOPICS, counterpa
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes import guard_service
 from wbc_controller.nodes.clock import ManualClock
-from wbc_controller.nodes.guard_service import GuardService, run_guard
+from wbc_controller.nodes.guard_service import run_guard
 from wbc_controller.safety.guard import GuardMode
 from wbc_controller.settings.files import shipped_configurations
 from wbc_controller.settings.robot import RobotSettings
@@ -36,10 +38,8 @@ class Stage(Peer):
         self.make = make
         self.clock = ManualClock(100.0)
         self.bus = MemoryBus()
-        robot = describe(self.model.urdf, self.settings.robot)
         self.guard_transport = transport(self.bus)
-        damping = make_guard_damping(self.settings, self.model)
-        self.service = GuardService(self.settings, robot, damping, TABLE, self.guard_transport, self.clock)
+        self.service = make_guard(self.settings, self.model, self.guard_transport, self.clock)
         super().__init__(self.bus, TABLE)
 
     def command(self, torques=1.0, names=None, time=1):
@@ -137,12 +137,10 @@ def test_a_second_publisher_of_the_controllers_topics_is_reported(stage, caplog)
         second.advertise(topics[key])
     on.service.watch.check()
     on.run(0.1, commands=True)
-    (status,) = on.all("diagnostics")[-1].status
-    values = {each.key: each.value for each in status.values}
-    named = values["publishers/joint_commands"].split(", ")
+    named = on.values["publishers/joint_commands"].split(", ")
     assert "/stray" in named
     assert len(named) == 2  # this test publishes commands too
-    assert status.level == 1
+    assert on.status.level == 1
     (commands, _) = sorted(caplog.messages)
     assert commands.startswith("/wbc_controller/joint_commands has several publishers: ")
     assert commands.endswith("the guard cannot detect the end of the controller: stop all but one")
@@ -156,9 +154,7 @@ def test_a_command_that_is_not_finite_or_above_the_limits_is_no_command(stage, t
         on.command(torques)
         on.run(0.002)
     assert on.all("state")[-1].data.startswith("damping")
-    (status,) = on.all("diagnostics")[-1].status
-    values = {value.key: value.value for value in status.values}
-    assert " of 'FL_hip_joint' is " in values["refused/joint_commands"]
+    assert " of 'FL_hip_joint' is " in on.values["refused/joint_commands"]
     assert np.isfinite(on.efforts()).all()
 
 
@@ -190,15 +186,12 @@ def test_diagnostics_by_the_conventions(stage):
     on = stage()
     on.mode("active")
     on.run(1.0, commands=True)
-    (status,) = on.all("diagnostics")[-1].status
-    assert (status.level, status.name, status.message) == (0, "guard: commands", "watching")
-    assert status.hardware_id == "go2_description"  # the robot's name in its URDF
+    assert (on.status.level, on.status.name, on.status.message) == (0, "guard: commands", "watching")
+    assert on.status.hardware_id == "go2_description"  # the robot's name in its URDF
     assert 9 <= len(on.all("diagnostics")) <= 12
     on.run(0.1)
-    (status,) = on.all("diagnostics")[-1].status
-    values = {value.key: value.value for value in status.values}
-    assert status.level == 2
-    assert (values["mode"], values["takeovers"], values["controller"]) == ("damping", "1", "active")
+    assert on.status.level == 2
+    assert [on.values[key] for key in ("mode", "takeovers", "controller")] == ["damping", "1", "active"]
 
 
 def test_before_a_takeover_it_looks_again_for_commands_that_wait_to_be_read(stage, monkeypatch):
@@ -318,10 +311,10 @@ def test_the_urdf_may_come_by_topic(robot_of, make, changed):
     thread = threading.Thread(target=run_guard, args=(settings, MemoryTransport(bus), stop))
     thread.start()
     try:
-        assert said.wait(5.0)
+        assert said.wait(patience(5.0))
     finally:
         stop.set()
-        thread.join(5.0)
+        thread.join(patience(5.0))
     assert not thread.is_alive()
 
 

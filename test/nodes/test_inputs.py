@@ -9,15 +9,14 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from peer import Peer
 
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.estimation.joint_velocity import VelocityFilter, delay
 from wbc_controller.inverse_dynamics.references.changes import EnableTask, SetWeight
 from wbc_controller.middleware import decoding
-from wbc_controller.middleware.codec import encode
 from wbc_controller.middleware.stamps import StampTracker
-from wbc_controller.middleware.topics import Direction, counterpart
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes import requests
 from wbc_controller.nodes.clock import ManualClock
@@ -27,41 +26,22 @@ from wbc_controller.nodes.wiring import controller_endpoints, make_vocabulary
 NAN = float("nan")
 
 
-class Wire:
+class Wire(Peer):
     """`Inputs`, and a publisher."""
 
     def __init__(self, settings, model, q, velocity_filter=None, clock_tolerance=None):
-        self.settings, self.model, self.q = settings, model, q
-        self.clock = ManualClock(50.0)
-        bus = MemoryBus()
-        topics = controller_endpoints(settings, model)
+        self.model, self.q, self.clock = model, q, ManualClock(50.0)
+        bus, topics = MemoryBus(), controller_endpoints(settings, model)
         self.inputs = Inputs(
             model, make_vocabulary(settings, model), topics, MemoryTransport(bus), self.clock,
             velocity_filter=velocity_filter, clock_tolerance=clock_tolerance,
         )  # fmt: skip
-        user = MemoryTransport(bus)
-        self.publish = {
-            (topic.key, topic.subject): user.advertise(counterpart(topic))
-            for topic in topics
-            if topic.direction is Direction.IN
-        }
-
-    def send(self, key, content, subject=""):
-        self.publish[key, subject](encode(content))
+        super().__init__(bus, topics)
 
 
 @pytest.fixture
-def wire(robot_of, stance_of):
-    def build(name="go2", settings=None):
-        own, model = robot_of(name)
-        return Wire(settings or own, model, stance_of(name))
-
-    return build
-
-
-@pytest.fixture
-def go2(wire):
-    return wire("go2")
+def go2(robot_of, stance_of):
+    return Wire(*robot_of("go2"), stance_of("go2"))
 
 
 @pytest.fixture
@@ -122,7 +102,7 @@ def test_after_a_bad_joint_state_the_last_good_one_stays_and_ages(go2, state, ma
 def test_bytes_that_are_no_message_are_refused(go2, state, key, payload):
     state(go2)
     go2.inputs.latch()
-    go2.publish[key, ""](payload)
+    go2.raw(key, payload)
     latched = go2.inputs.latch()
     (sentence,) = latched.refused
     assert f"{len(payload)} bytes are not a " in sentence
@@ -269,7 +249,7 @@ def test_a_fixed_base_needs_no_odometry(robot_on, make):
     fixed, model = robot_on("fixed")
     bench = Wire(fixed, model, None)
     bench.send("joint_states", make.joint_state(model.joints, model.posture, np.zeros(model.na)))
-    bench.publish["odom", ""](b"whatever")
+    bench.raw("odom", b"whatever")
     latched = bench.inputs.latch()
     assert set(latched.ages) == {"joint_states"}
     assert latched.state.q.shape == (model.na,)
@@ -350,21 +330,21 @@ def test_the_state_is_that_of_the_newest_accepted_messages(robot_on, stance_of, 
     [("joint_states", "", 1 << 18), ("odom", "", 1 << 16), ("trajectory", "com", 1 << 20), ("command", "", 1 << 18)],
 )
 def test_each_topic_has_its_largest_message(go2, key, subject, largest):
-    go2.publish[key, subject](b"\x00" * (largest + 1))
+    go2.raw(key, b"\x00" * (largest + 1), subject)
     (sentence,) = go2.inputs.latch().refused
     assert sentence.endswith(f": 1 messages dropped: more than {largest} bytes")
-    go2.publish[key, subject](b"\x00" * largest)
+    go2.raw(key, b"\x00" * largest, subject)
     assert "more than" not in go2.inputs.latch().refused[0]
 
 
-def test_an_oversized_message_neither_wakes_nor_displaces(go2, make, state):
+def test_an_oversized_message_neither_wakes_nor_displaces(go2, state):
     state(go2)
-    go2.publish["joint_states", ""](b"\x00" * ((1 << 18) + 1))
+    go2.raw("joint_states", b"\x00" * ((1 << 18) + 1))
     assert go2.inputs.wait(0.0)
     latched = go2.inputs.latch()
     assert latched.state is not None
     assert [": 1 messages dropped" in sentence for sentence in latched.refused] == [True]
-    go2.publish["joint_states", ""](b"\x00" * ((1 << 18) + 1))
+    go2.raw("joint_states", b"\x00" * ((1 << 18) + 1))
     assert not go2.inputs.wait(0.01)
 
 

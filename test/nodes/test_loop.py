@@ -16,11 +16,6 @@ from wbc_controller.records import Mode
 TIMEOUT = 0.05
 
 
-def last_status(controller):
-    (status,) = controller.received("diagnostics")[-1].status
-    return status
-
-
 def test_activation_is_refused_until_the_inputs_are_fresh(bench):
     controller = bench()
     controller.command("activate")
@@ -28,7 +23,7 @@ def test_activation_is_refused_until_the_inputs_are_fresh(bench):
     assert sentence == (
         "command 'activate' is refused: joint_states has not arrived (limit 50 ms); odom has not arrived (limit 50 ms)"
     )
-    assert sentence in last_status(controller).message
+    assert sentence in controller.status.message
     controller.command("activate")
     assert "odom has not arrived" in controller.cycle(base=False).refused[0]
     assert controller.activate().mode is Mode.ACTIVE
@@ -55,15 +50,14 @@ def test_an_input_is_stale_one_cycle_after_the_timeout(bench, missing):
 def test_the_fault_contains_the_last_refusal(bench):
     controller = bench().activated()
     for _ in range(30):
-        controller.clock.time += controller.period
-        controller.base()
+        controller.give_state(joints=False)
         controller.joints(position=np.full(controller.model.na, np.nan))
         report = controller.loop.cycle()
     assert report.mode is Mode.DAMPING
     assert "joint_states is 52 ms old (limit 50 ms); last refusal: position of 'FL_hip_joint' is nan rad" in (
         report.fault.sentence
     )
-    assert "refused /joint_states: position of 'FL_hip_joint' is nan rad" in last_status(controller).message
+    assert "refused /joint_states: position of 'FL_hip_joint' is nan rad" in controller.status.message
 
 
 def test_damping_opposes_fresh_velocities_and_lets_stale_ones_sink(bench):
@@ -137,7 +131,7 @@ def test_a_failure_is_explained_once_and_the_explanation_stays(bench, monkeypatc
     for mode, count in ((Mode.HOLDING, 20), (Mode.DAMPING, 10), (Mode.FAULT, 60)):
         report = controller.cycle(count)
         assert (report.mode, report.fault.infeasibility) == (mode, why)
-        assert why.sentence in last_status(controller).message
+        assert why.sentence in controller.status.message
     assert not report.command.tau.any()
     assert len(searches) == 1
     assert searches[0] is not threading.current_thread()  # the loop continues meanwhile
@@ -229,7 +223,7 @@ def test_single_implausible_samples_are_rejected_and_counted_and_a_sequence_damp
             np.testing.assert_allclose(report.command.tau, torques, atol=0.5)
         controller.cycle(20)
     controller.cycle(110)
-    assert {each.key: each.value for each in last_status(controller).values}[f"rejected/{key}"] == "4"
+    assert controller.values[f"rejected/{key}"] == "4"
     for _ in range(3):
         controller.give_state(joints=key != "joint_states", base=key != "odom")
         sample(controller)
@@ -245,9 +239,8 @@ def test_several_publishers_of_joint_states_are_on_diagnostics_and_in_the_reason
         if topic.key == "joint_states":
             second.advertise(counterpart(topic))
     controller.cycle(190)  # the graph is checked four times per second
-    status = last_status(controller)
-    assert status.level == 0
-    assert {"publishers//joint_states": "/gui, /memory"}.items() <= {v.key: v.value for v in status.values}.items()
+    assert controller.status.level == 0
+    assert controller.values["publishers//joint_states"] == "/gui, /memory"
     controller.give_state(joints=False)
     zeros_on_joint_states(controller)
     (sentence,) = controller.loop.cycle().refused
@@ -295,7 +288,7 @@ def test_commands_to_an_inactive_controller_are_refused_in_words(bench, make):
     report = controller.cycle()
     assert report.refused == ("2 task or contact commands: the controller is inactive; send 'activate' first",)
     controller.cycle(5)  # finish pending diagnostics first
-    assert report.refused[0] in last_status(controller).message
+    assert report.refused[0] in controller.status.message
 
 
 def test_commands_in_the_cycle_of_the_activation_or_of_a_failure_are_not_lost(bench, make):
@@ -476,7 +469,7 @@ def test_while_another_node_publishes_torques_activation_is_refused(bench):
     assert sentence.startswith(
         "command 'activate' is refused: torques on /effort_controller/commands are published by /wbc_controller too"
     )
-    status = last_status(controller)
+    status = controller.status
     assert status.level == 1
     assert "published by /wbc_controller too" in status.message
     rival.close()
@@ -484,7 +477,7 @@ def test_while_another_node_publishes_torques_activation_is_refused(bench):
     assert controller.activate().mode is Mode.ACTIVE
     rival_of(controller, "guard")
     controller.cycle(130)
-    assert last_status(controller).level == 0
+    assert controller.status.level == 0
 
 
 def test_a_second_publisher_of_torques_is_reported_under_control(bench, caplog):
@@ -494,7 +487,7 @@ def test_a_second_publisher_of_torques_is_reported_under_control(bench, caplog):
     report = controller.cycle(round(0.25 / controller.period) + 1)  # the period of the checks
     assert report.mode is Mode.ACTIVE
     assert len(controller.received("diagnostics")) == said + 1
-    status = last_status(controller)
+    status = controller.status
     assert (status.level, "published by /stranger too" in status.message) == (2, True)
     assert "published by /stranger too" in caplog.text
     assert controller.cycle(130).mode is Mode.ACTIVE
@@ -520,8 +513,7 @@ def test_a_fault_is_logged_once_for_as_long_as_it_lasts(bench, caplog):
     controller.activate()
     controller.cycle(30, joints=False, base=False)
     controller.cycle(700)  # damping, and 1.2 s of the fault
-    controller.command("reset")
-    controller.cycle()
+    controller.request("reset")
     said = [re.sub("is .*", "is …", said) for said in caplog.messages if not said.startswith("scheduling")]
     assert "; ".join(said) == (
         "command 'activate' accepted; mode: active; command 'deactivate' accepted; mode: inactive; "

@@ -124,7 +124,7 @@ def test_diagnostics_without_subscription_come_once_per_second(bench, monkeypatc
     assert came(3 * second + 4) == 4
     controller.command("actvate")
     assert came(1) == 1
-    (status,) = controller.received("diagnostics")[-1].status
+    status = controller.status
     assert "refused command 'actvate' is unknown; did you mean 'activate'?" in status.message
     assert (status.level, status.name) == (1, "wbc_controller: control loop")
     assert status.hardware_id == "go2_description"  # the robot's name in its URDF

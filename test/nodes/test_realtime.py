@@ -253,9 +253,8 @@ def test_a_thread_that_computes_can_stand_behind_all_others(monkeypatch, name, p
 def test_the_scheduling_is_in_the_diagnostics(bench):
     controller = bench("go2")
     controller.cycle()
-    values = {value.key: value.value for value in controller.received("diagnostics")[-1].status[0].values}
-    assert values["scheduling"] == describe_scheduling()
-    assert values["scheduling"].startswith(("other on processor", "fifo", "rr"))
+    assert controller.values["scheduling"] == describe_scheduling()
+    assert controller.values["scheduling"].startswith(("other on processor", "fifo", "rr"))
 
 
 def test_a_controller_runs_on_its_configured_processors_or_does_not_start(restored):

@@ -5,7 +5,7 @@ import signal
 import subprocess
 import sys
 import threading
-from functools import partial
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -13,9 +13,9 @@ from busy import patience
 from domains import own_domain
 from waiting import until
 
-from wbc_controller import load
 from wbc_controller.middleware.codec import decode
 from wbc_controller.middleware.topics import COMMAND_OUT, LATCHED, Direction, Endpoint
+from wbc_controller.nodes.processes import Processes
 from wbc_controller.nodes.signals import set_by_signals
 
 #: Main thread that waits for the event in a loop, with a signal at any moment.
@@ -91,40 +91,24 @@ def test_a_process_under_nohup_continues():
 def test_the_end_of_the_terminal_ends_each_process_and_the_controller_with_zero_torques(tmp_path):
     from wbc_controller.middleware.transports.dds import DdsTransport
 
-    domain = own_domain()
-    types = ("/effort_controller/commands", "std_msgs/msg/Float64MultiArray"), ("/guard/state", "std_msgs/msg/String")
-    heard = {name: [] for name, _ in types}
-    transport = DdsTransport("listener", domain_id=domain, discovery_range="LOCALHOST")
-    for name, kind in types:
-        receive = partial(lambda kind, into, payload: into.append(decode(payload, kind).data), kind, heard[name])
-        qos = LATCHED if kind.endswith("String") else COMMAND_OUT
-        transport.subscribe(Endpoint("test", "", name, kind, Direction.IN, qos), receive)
-    environment = os.environ | {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    # Timeout for a busy computer.
-    path = tmp_path / "go2.yaml"
-    path.write_text(
-        load("go2").replace({"safety.state_timeout": 0.5, "guard.patience": 0.4, "mock.command_timeout": 1.0}).to_yaml()
-    )
-    torques, running = heard["/effort_controller/commands"], {}
-    try:
-        for words in (("mock",), ("guard",), ("run", "--activate")):
-            running[words[0]] = subprocess.Popen(
-                [sys.executable, "-m", "wbc_controller", words[0], str(path), *words[1:]],
-                env=environment, stderr=subprocess.PIPE, text=True,
-                preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL),
-            )  # fmt: skip
-        until(lambda: len(torques) > 50 and np.any(torques[-1]) and heard["/guard/state"][-1:] == ["watching"])
-        for name in ("run", "guard", "mock"):
-            running[name].send_signal(signal.SIGHUP)
-            assert running[name].wait(patience(20.0)) == 0
-            if name == "run":
+    domain, torques, guard_states = own_domain(), [], []
+    changes = {"safety.state_timeout": 0.5, "guard.patience": 0.4, "mock.command_timeout": 1.0}  # for a busy computer
+    with (
+        closing(Processes("go2", tmp_path, domain, changes)) as processes,
+        closing(DdsTransport("listener", domain_id=domain, discovery_range="LOCALHOST")) as transport,
+    ):
+        for name, kind, qos, heard in (
+            ("/effort_controller/commands", "std_msgs/msg/Float64MultiArray", COMMAND_OUT, torques),
+            ("/guard/state", "std_msgs/msg/String", LATCHED, guard_states),
+        ):
+            topic = Endpoint("test", "", name, kind, Direction.IN, qos)
+            transport.subscribe(topic, lambda payload, kind=kind, heard=heard: heard.append(decode(payload, kind).data))
+        for name, *options in (("mock",), ("guard",), ("controller", "--activate")):
+            processes.start(name, *options)
+        until(lambda: len(torques) > 50 and np.any(torques[-1]) and guard_states[-1:] == ["watching"])
+        for name in ("controller", "guard", "mock"):
+            assert processes.stop(name, signal.SIGHUP) == 0
+            if name == "controller":
                 until(lambda: not np.any(torques[-1]))
+            assert "Traceback" not in processes.log(name)
         assert not np.any(torques[-1])
-        for process in running.values():
-            assert "Traceback" not in process.stderr.read()
-    finally:
-        for process in running.values():
-            process.kill()
-            process.wait(10)
-            process.stderr.close()
-        transport.close()

@@ -4,18 +4,13 @@ import copy
 
 import numpy as np
 import pytest
+from services import make_guard
 
-from wbc_controller.controller.build.guard import make_guard_damping
-from wbc_controller.controller.build.robot_description import describe
 from wbc_controller.controller.controller import Controller
-from wbc_controller.middleware.topics import GUARD_NODE, GUARD_TOPICS, endpoints
+from wbc_controller.middleware.topics import GUARD_NODE
 from wbc_controller.middleware.transports.memory import MemoryTransport
-from wbc_controller.nodes.controller_service import make_loop
-from wbc_controller.nodes.guard_service import GuardService
 from wbc_controller.nodes.takeover import Takeover
 from wbc_controller.records import Mode
-
-TABLE = endpoints(GUARD_TOPICS, GUARD_NODE)
 
 
 class Rig:
@@ -25,16 +20,9 @@ class Rig:
         # The standing torques of Go2 are several periods of this rate.
         self.bench = bench(changes={"limits": {"torque_rate": 20.0}, **changes})
         settings, model = self.bench.settings, self.bench.model
-        self.bench.loop = make_loop(
-            Controller(settings, preflight=False, model=model),
-            self.bench.transport,
-            self.bench.clock,
-            self.bench.topics,
-            timer=self.bench.clock.now,
-        )
+        self.bench.loop._timer = self.bench.clock.now
         transport = MemoryTransport(self.bench.bus, GUARD_NODE)
-        damping, robot = make_guard_damping(settings, model), describe(model.urdf, settings.robot)
-        self.guard = GuardService(settings, robot, damping, TABLE, transport, self.bench.clock)
+        self.guard = make_guard(settings, model, transport, self.bench.clock)
         self.step = settings.limits.torque_rate * self.bench.period * model.effort_limits
         self.bench.command("activate")
         self.run(120)

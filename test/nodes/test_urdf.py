@@ -1,7 +1,7 @@
 """Waiting for the URDF on a topic."""
 
+import contextlib
 import itertools
-import logging
 import os
 import threading
 import time
@@ -23,65 +23,60 @@ from wbc_controller.nodes.urdf import wait_for_urdf
 
 
 class Kept(MemoryTransport):
-    """Transport that records the payloads still held by its callbacks."""
+    """Transport that keeps its callback."""
 
     def subscribe(self, endpoint, callback):
         self.callback = callback
         super().subscribe(endpoint, callback)
 
 
-@pytest.fixture
-def told():
-    """Return the payloads after the wait, and the callback."""
-
-    def tell(*payloads):
-        bus = MemoryBus()
-        publish = MemoryTransport(bus).advertise(counterpart(ENDPOINT))
-        transport, stop, found = Kept(bus), threading.Event(), []
-        waiting = threading.Thread(target=lambda: found.append(wait_for_urdf(transport, stop, [ENDPOINT])))
-        for payload in payloads:  # latched: the last payload arrives on subscribing
-            publish(payload)
-        waiting.start()
-        waiting.join(10.0)
+@contextlib.contextmanager
+def waiting(transport):
+    """Wait for the URDF on a thread until the end of the block; yield the thread and the list of its result."""
+    stop, found = threading.Event(), []
+    thread = threading.Thread(target=lambda: found.append(wait_for_urdf(transport, stop, [ENDPOINT])))
+    thread.start()
+    try:
+        yield thread, found
+    finally:
         stop.set()
-        assert not waiting.is_alive()
-        return found[0], transport.callback
-
-    return tell
+        thread.join(10.0)
+    assert not thread.is_alive()
 
 
 def text(content: str) -> bytes:
     return encode(message("std_msgs/msg/String", data=content))
 
 
-def test_the_urdf_comes_and_later_ones_are_not_kept(told):
-    found, callback = told(text("<robot/>"))
-    assert found == "<robot/>"
-    before = [cell.cell_contents for cell in callback.__closure__]
+def test_the_urdf_comes_and_later_ones_are_not_kept():
+    bus = MemoryBus()
+    transport = Kept(bus)
+    MemoryTransport(bus).advertise(counterpart(ENDPOINT))(text("<robot/>"))  # latched
+    with waiting(transport) as (thread, found):
+        thread.join(10.0)
+    assert found == ["<robot/>"]
+    before = [cell.cell_contents for cell in transport.callback.__closure__]
     for i in range(5):
-        callback(text(f"<robot name='{i}'/>"))
-    assert [cell.cell_contents for cell in callback.__closure__] == before
+        transport.callback(text(f"<robot name='{i}'/>"))
+    assert [cell.cell_contents for cell in transport.callback.__closure__] == before
     assert not [cell for cell in before if isinstance(cell, list)]
 
 
 def test_invalid_descriptions_are_refused_once_and_the_wait_continues(caplog):
-    bus, stop, found = MemoryBus(), threading.Event(), []
-    transport = Kept(bus)
-    waiting = threading.Thread(target=lambda: found.append(wait_for_urdf(transport, stop, [ENDPOINT])))
-    with caplog.at_level(logging.WARNING):
-        waiting.start()
+    transport = Kept(MemoryBus())
+    with waiting(transport) as (thread, found):
         while not hasattr(transport, "callback"):
             time.sleep(0.01)
         for _ in range(3):
             transport.callback(text("x" * (LARGEST_URDF + 20)))
             transport.callback(b"\0\1\0\0\xff\xff\xff\x7f")
-        assert waiting.is_alive()
+        assert thread.is_alive()
         transport.callback(text("x" * LARGEST_URDF))
-        waiting.join(10.0)
+        thread.join(10.0)
     assert found == ["x" * LARGEST_URDF]
-    assert len(caplog.messages) == 1
-    assert caplog.messages[0].startswith("refused /robot_description: URDF has 40000")
-    assert caplog.messages[0].endswith(f"bytes (limit {LARGEST_URDF})")
+    (refusal,) = caplog.messages
+    assert refusal.startswith("refused /robot_description: URDF has 40000")
+    assert refusal.endswith(f"bytes (limit {LARGEST_URDF})")
 
 
 @pytest.mark.parametrize(
@@ -93,16 +88,12 @@ def test_invalid_descriptions_are_refused_once_and_the_wait_continues(caplog):
 )
 def test_the_warning_names_the_probable_cause(caplog, monkeypatch, publisher, cause):
     monkeypatch.setattr("wbc_controller.nodes.urdf._WARNING_PERIOD", 0.01)
-    bus, stop = MemoryBus(), threading.Event()
+    bus = MemoryBus()
     if publisher is not None:
         MemoryTransport(bus, publisher).advertise(counterpart(ENDPOINT))
-    waiting = threading.Thread(target=wait_for_urdf, args=(MemoryTransport(bus), stop, [ENDPOINT]))
-    with caplog.at_level(logging.WARNING):
-        waiting.start()
+    with waiting(MemoryTransport(bus)):
         while not caplog.messages:
             time.sleep(0.005)
-        stop.set()
-        waiting.join(10.0)
     assert caplog.messages[0] == f"robot.urdf is empty: still waiting for the URDF on /robot_description; {cause}"
 
 

@@ -38,6 +38,17 @@ class Peer:
         """All messages of a topic."""
         return [content for received, _, content in self.received if received == key]
 
+    @property
+    def status(self) -> Any:
+        """The newest status of the node, the only one of its message."""
+        (status,) = self.all("diagnostics")[-1].status
+        return status
+
+    @property
+    def values(self) -> dict[str, str]:
+        """The values of the newest status by key."""
+        return {each.key: each.value for each in self.status.values}
+
     def raw(self, key: str, payload: bytes, subject: str = "") -> None:
         self._publish[key, subject](payload)
 

@@ -6,21 +6,13 @@ from typing import Any
 import numpy as np
 
 from wbc_controller.middleware.codec import header, message, time_fields
-from wbc_controller.middleware.message_layout import Template
+from wbc_controller.middleware.message_layout import Template, number_paths
 from wbc_controller.records import Array
 
 #: Field of the JointState, by kind of task with references by joint name.
 JOINT_FIELDS = {"posture": "position", "torque": "effort"}
-#: Numeric fields of a geometry_msgs/WrenchStamped, and of the other types.
+#: Numeric fields of a geometry_msgs/WrenchStamped.
 WRENCH = tuple(f"wrench.{part}.{axis}" for part in ("force", "torque") for axis in "xyz")
-_NUMBERS = {
-    "geometry_msgs/msg/PoseStamped": (
-        *(f"pose.position.{axis}" for axis in "xyz"), *(f"pose.orientation.{part}" for part in "xyzw"),
-    ),
-    "geometry_msgs/msg/WrenchStamped": WRENCH,
-    "geometry_msgs/msg/PointStamped": tuple(f"point.{axis}" for axis in "xyz"),
-    "geometry_msgs/msg/Vector3Stamped": tuple(f"vector.{axis}" for axis in "xyz"),
-}  # fmt: skip
 
 
 def setpoint_message(
@@ -47,12 +39,10 @@ def setpoint_message(
 class SetpointTemplate:
     """Serializer of one task's setpoints, with the bytes of `setpoint_message`."""
 
-    def __init__(
-        self, type_name: str, kind: str, position: Array, *, frame: str = "world", joints: Sequence[str] = ()
-    ) -> None:
+    def __init__(self, type_name: str, kind: str, position: Array, *, frame: str, joints: Sequence[str]) -> None:
         """Lay out the message, as `setpoint_message`."""
         content = setpoint_message(type_name, kind, position, frame=frame, joints=joints)
-        paths = (JOINT_FIELDS[kind],) if kind in JOINT_FIELDS else _NUMBERS[type_name]
+        paths = [JOINT_FIELDS[kind]] if kind in JOINT_FIELDS else number_paths(content)
         size = len(position) if kind in JOINT_FIELDS else len(paths)
         self._template, self._numbers = Template(content, paths), np.zeros(size)
         places = np.arange(min(len(position), size))
@@ -80,24 +70,21 @@ def velocity_message(velocity: Sequence[float] | Array) -> Any:
 
 def com_trajectory(times: Sequence[float], positions: Array, *, task: str = "com", stamp: int = 0) -> Any:
     """Make a trajectory of the centre of mass through points, (n, 3) in m; stamp of its start in ns, 0 for now."""
-    points = [
-        message(
-            "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint",
-            transforms=[message("geometry_msgs/msg/Transform", translation=position)],
-            time_from_start=time_fields(round(1e9 * time)),
-        )
-        for time, position in zip(times, positions, strict=True)
-    ]
-    return message(
-        "trajectory_msgs/msg/MultiDOFJointTrajectory", header=header(stamp, "world"), joint_names=[task], points=points
-    )
+    points = [{"transforms": [message("geometry_msgs/msg/Transform", translation=position)]} for position in positions]
+    return _trajectory("MultiDOFJointTrajectory", [task], times, points, stamp)
 
 
 def joint_trajectory(joints: Sequence[str], times: Sequence[float], positions: Array) -> Any:
     """Make an immediate joint trajectory, (n, k) in rad."""
-    kind = "trajectory_msgs/msg/JointTrajectory"
-    points = [
-        message(f"{kind}Point", positions=position, time_from_start=time_fields(round(1e9 * time)))
-        for time, position in zip(times, positions, strict=True)
+    return _trajectory("JointTrajectory", joints, times, [{"positions": position} for position in positions])
+
+
+def _trajectory(
+    kind: str, names: Sequence[str], times: Sequence[float], points: Sequence[dict[str, Any]], stamp: int = 0
+) -> Any:
+    made = [
+        message(f"trajectory_msgs/msg/{kind}Point", **point, time_from_start=time_fields(round(1e9 * time)))
+        for time, point in zip(times, points, strict=True)
     ]
-    return message(kind, header=header(0, "world"), joint_names=list(joints), points=points)
+    top = header(stamp, "world")
+    return message(f"trajectory_msgs/msg/{kind}", header=top, joint_names=list(names), points=made)

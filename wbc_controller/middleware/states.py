@@ -1,6 +1,6 @@
 """Decoders of odometry, IMU, absolute poses and contact forces."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -107,10 +107,7 @@ class ImuReader(StateReader):
         return ImuData(stamp, rate[:3], force[:3])
 
     def _check_text(self, content: Any) -> None:
-        if content.header.frame_id not in ("", self._frame):
-            raise InputRefused(
-                f"header.frame_id is {content.header.frame_id!r}; it must be the IMU's frame {self._frame!r}"
-            )
+        _require_frame(content, ("", self._frame), f"it must be the IMU's frame {self._frame!r}")
 
 
 class PoseReader(StateReader):
@@ -131,11 +128,7 @@ class PoseReader(StateReader):
         return AbsolutePose(stamp, pose, _checked_covariance(values[7:]))
 
     def _check_text(self, content: Any) -> None:
-        frame = content.header.frame_id
-        if frame not in POSE_FRAMES:
-            raise InputRefused(
-                f"header.frame_id is {frame!r}; valid for an absolute pose: {', '.join(POSE_FRAMES[1:])}"
-            )
+        _require_frame(content, POSE_FRAMES, f"valid for an absolute pose: {', '.join(POSE_FRAMES[1:])}")
 
 
 class ContactForceReader(StateReader):
@@ -161,13 +154,14 @@ class ContactForceReader(StateReader):
         return ContactForce(stamp, float(self._normal @ force))
 
     def _check_text(self, content: Any) -> None:
-        frame = content.header.frame_id
-        if frame not in self._normals:
-            raise InputRefused(
-                f"header.frame_id is {frame!r}; valid for the force at contact {self._contact!r}: "
-                f"{', '.join(sorted(filter(None, self._normals)))}"
-            )
-        self._normal = self._normals[frame]
+        frames = ", ".join(sorted(filter(None, self._normals)))
+        _require_frame(content, self._normals, f"valid for the force at contact {self._contact!r}: {frames}")
+        self._normal = self._normals[content.header.frame_id]
+
+
+def _require_frame(content: Any, valid: Collection[str], remedy: str) -> None:
+    if content.header.frame_id not in valid:
+        raise InputRefused(f"header.frame_id is {content.header.frame_id!r}; {remedy}")
 
 
 def _check_measured(what: str, values: Array, covariance: Array, limit: float, unit: str) -> None:

@@ -70,14 +70,8 @@ def run_controller(
         apply_realtime(settings.control.realtime)
         topics = controller_endpoints(settings, controller.model, namespace=namespace, remappings=remappings)
         full_name = f"{namespace.rstrip('/')}/{NODE_NAME}"
-        loop = make_loop(
-            controller,
-            transport,
-            make_clock(settings, topics, transport, use_sim_time=use_sim_time),
-            topics,
-            recorder=recorder,
-            node=full_name,
-        )
+        clock = make_clock(settings, topics, transport, use_sim_time=use_sim_time)
+        loop = make_loop(controller, transport, clock, topics, recorder=recorder, node=full_name)
         _log.info("%s: %d joints, waiting for 'activate' on %s/command", NODE_NAME, controller.model.nj, full_name)
         loop.run(stop, activate=activate)
 
@@ -120,16 +114,12 @@ def make_loop(
         velocity_filter=estimation.make_velocity_filter(settings),
         plausibility=settings.safety,
     )
-    recorded = recorder.status if recorder is not None else lambda: {"recorder": NOT_RECORDED}
-    outputs = Outputs(
-        controller,
-        vocabulary,
-        topics,
-        transport,
-        node,
-        scheduling,
-        lambda: {**inputs.status(), **recorded(), **walk_values(controller.walker)},
-    )
+
+    def values() -> dict[str, str]:
+        recorded = recorder.status() if recorder is not None else {"recorder": NOT_RECORDED}
+        return {**inputs.status(), **recorded, **walk_values(controller.walker)}
+
+    outputs = Outputs(controller, vocabulary, topics, transport, node, scheduling, values)
     publishers = settings.safety.torque_publishers
     ownership = Ownership(graph, topics, publishers, node, simulated=isinstance(clock, SimulatedClock))
     takeover = Takeover(model, topics, transport, settings.guard.patience)

@@ -29,7 +29,7 @@ from wbc_controller.middleware.joint_states import JointStateReader
 from wbc_controller.middleware.log_limit import LogLimit
 from wbc_controller.middleware.topics import GUARD_NODE, GUARD_TOPICS, Direction, Endpoint, endpoints
 from wbc_controller.middleware.transports.graph_watch import GraphWatch, OtherPublishers
-from wbc_controller.middleware.transports.transport import Publish, Stream, Transport
+from wbc_controller.middleware.transports.transport import Publish, Transport
 from wbc_controller.nodes.clock import Clock, MonotonicClock
 from wbc_controller.nodes.urdf import find_urdf
 from wbc_controller.records import Array, Mode
@@ -43,6 +43,7 @@ _WARNING_PERIOD = 1.0
 _RECHECK_DELAY = 0.001  # in which late commands of a busy computer can still arrive, s
 
 _CONTROLLER_KEYS = ("joint_commands", "controller_state")  # topics of the controller alone
+_TAKEOVER_MODES = (GuardMode.DAMPING, GuardMode.ZERO, GuardMode.RELEASED)
 _LARGEST_TORQUE = 1.0 + 1.0e-6  # multiple of the effort limit, for rounding
 
 _log = logging.getLogger(__name__)
@@ -103,16 +104,14 @@ class GuardService:
             "controller_state": self._process_mode,
             "joint_states": self._store_joint_states,
         }
-        self._streams: dict[str, Stream] = {}
         for topic in topics:
             if topic.key in readers:
                 transport.subscribe(topic, readers[topic.key])
-            if topic.key in _CONTROLLER_KEYS:
-                self._streams[topic.key] = transport.stream(topic, 1)
-        watched = {topic.key: topic for topic in topics if topic.key in _CONTROLLER_KEYS}
-        self._names = {key: topic.name for key, topic in watched.items()}
+        watched = [topic for topic in topics if topic.key in _CONTROLLER_KEYS]
+        self._streams = {topic.key: transport.stream(topic, 1) for topic in watched}
+        self._names = {topic.key: topic.name for topic in watched}
         self._shared: dict[str, str] = {}  # of topics with several publishers, by key
-        self.watch = GraphWatch(transport, watched.values(), self._update_publishers)
+        self.watch = GraphWatch(transport, watched, self._update_publishers)
 
     def _process_newest(self) -> None:
         newest = {key: payload for key, stream in self._streams.items() for payload in stream.take()}
@@ -207,12 +206,8 @@ class GuardService:
             payload = encode(torques(self._drive.command(tau)))
             if received.command_at == self._received.command_at:  # no command arrived during this cycle
                 self._publish["effort"](payload)
-                own = message(
-                    "sensor_msgs/msg/JointState",
-                    header=header(received.command_stamp),
-                    name=self._joints,
-                    effort=self._drive.at_joints(tau),
-                )
+                top, effort = header(received.command_stamp), self._drive.at_joints(tau)
+                own = message("sensor_msgs/msg/JointState", header=top, name=self._joints, effort=effort)
                 self._publish["guard_commands"](encode(own))
         self._publish_diagnostics(now, received)
         if self.guard.sending:
@@ -228,11 +223,7 @@ class GuardService:
         text = guard.mode.value + (f" {guard.reason}{stale}" if guard.reason else "")
         changed = text != self._published_text
         if changed:
-            if guard.reason or self._published_text.partition(" ")[0] in (
-                GuardMode.DAMPING,
-                GuardMode.ZERO,
-                GuardMode.RELEASED,
-            ):
+            if guard.reason or self._published_text.partition(" ")[0] in _TAKEOVER_MODES:
                 self._unlogged += 1
             self._published_text = text
             self._publish["state"](encode(message("std_msgs/msg/String", data=text)))

@@ -356,10 +356,9 @@ class Inputs:
             transit_time = part.stamps.transit_time(now)
             if name in self._refusals:
                 notes[name] = f"last refusal: {self._refusals[name]}"
-            elif transit_time > _MIN_DELAY and self.clock_tolerance is not None:
-                notes[name] = f"{transit_time:.3f} s of it in transit, or the clocks are not synchronized"
             elif transit_time > _MIN_DELAY:
-                notes[name] = f"{transit_time:.3f} s of it in transit"
+                alternative = ", or the clocks are not synchronized" if self.clock_tolerance is not None else ""
+                notes[name] = f"{transit_time:.3f} s of it in transit{alternative}"
         return notes
 
     def _pose_notes(self) -> dict[str, str]:

@@ -175,13 +175,8 @@ class ControlLoop:
             # Torques do not explain impacts of the feet, and zero torque would drop a walking robot.
             explained = None if controller.is_walking else trusted
             self._bring_up.check(state, qp.dynamics, explained, result.command, qp.contact_jacobian)
-        stages = {
-            "read": read,
-            **result.stage_seconds,
-            "write": sent - decided,
-            "total": sent - started,
-            "audit": timer() - sent,
-        }
+        stages = {"read": read, **result.stage_seconds, "write": sent - decided, "total": sent - started}
+        stages["audit"] = timer() - sent
         report = self._report(latched, result, stages, refused, audit)
         outputs.publish_report(report, now, clock.stamp())
         if self._logged or report.refused or report.fault is not None or report.mode is not self._logged_mode:

@@ -5,7 +5,6 @@ require subscriptions; diagnostics without a subscription are composed once per 
 """
 
 from collections.abc import Callable, Generator, Iterable, Mapping
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -28,26 +27,6 @@ from wbc_controller.records import Fault, Mode, RobotState
 _ON_DEMAND = ("contact_wrench", "task_reference", "task_value", "markers", "diagnostics")
 _UNREAD_PERIOD = 1.0  # of diagnostics without a subscription, s
 _QUERY_PERIOD = 0.1  # of the subscriptions, s
-
-
-class _Subscriptions:
-    """Subscriptions of the topics on demand: `subjects` (contacts, tasks, empty name) by row of the topic table."""
-
-    def __init__(self, transport: Transport, endpoints: Iterable[Endpoint]) -> None:
-        self._queries = [
-            (endpoint.key, endpoint.subject, partial(transport.has_reader, endpoint))
-            for endpoint in endpoints
-            if endpoint.key in _ON_DEMAND
-        ]
-        self._due = -np.inf
-        self.subjects: dict[str, tuple[str, ...]] = dict.fromkeys(_ON_DEMAND, ())
-
-    def update(self, now: float) -> None:
-        if now < self._due:
-            return
-        self._due = now + _QUERY_PERIOD
-        read = [(key, subject) for key, subject, has_reader in self._queries if has_reader()]
-        self.subjects = {key: tuple(subject for of, subject in read if of == key) for key in _ON_DEMAND}
 
 
 class Outputs:
@@ -74,7 +53,11 @@ class Outputs:
         self._publish: dict[tuple[str, str], Publish] = {
             (endpoint.key, endpoint.subject): transport.advertise(endpoint) for endpoint in outgoing
         }
-        self._subscriptions = _Subscriptions(transport, outgoing)
+        self._has_reader = transport.has_reader
+        self._on_demand = [endpoint for endpoint in outgoing if endpoint.key in _ON_DEMAND]
+        #: Subscribed contacts and tasks (or the empty subject) by row of the topic table.
+        self._subscribed: dict[str, tuple[str, ...]] = dict.fromkeys(_ON_DEMAND, ())
+        self._query_due = -np.inf
         no_torques, joints = self._actuation.command(np.zeros(model.na)), np.zeros(model.nj)
         self._zeros = encode(torques(no_torques))
         # Messages of every cycle are written in place.
@@ -84,8 +67,8 @@ class Outputs:
         )
         self._joint_commands = Template(commands, ["position"], ["velocity"], ["effort"])
         self._wrenches = {
-            name: Template(wrench_stamped(np.zeros(6), contact.wrench_frame), WRENCH)
-            for name, contact in ((name, qp.contacts[name]) for name in vocabulary.contacts)
+            name: Template(wrench_stamped(np.zeros(6), qp.contacts[name].wrench_frame), WRENCH)
+            for name in vocabulary.contacts
         }
         self._published_mode: Mode | None = None
         self._published_footsteps: int | None = None
@@ -106,7 +89,7 @@ class Outputs:
 
     def publish_command(self, result: CycleResult) -> None:
         """Send torques and contact wrenches."""
-        command, publish, wrenches = result.command, self._publish, self._subscriptions.subjects["contact_wrench"]
+        command, publish, wrenches = result.command, self._publish, self._subscribed["contact_wrench"]
         if command is not None:
             tau, actuation = command.tau, self._actuation
             publish["effort", ""](self._efforts.write(0, actuation.command(tau)))
@@ -142,23 +125,29 @@ class Outputs:
         if report.refused or report.contested != self._published_contested:
             self._diagnostics_requested, self._published_contested = True, report.contested
         period = self._diagnostics_period
-        if period < _UNREAD_PERIOD and not self._subscriptions.subjects["diagnostics"]:
+        if period < _UNREAD_PERIOD and not self._subscribed["diagnostics"]:
             period = _UNREAD_PERIOD
         if now - self._diagnostics_begun >= period or (
             self._diagnostics_requested and "diagnostics" not in self._composed
         ):
             self._diagnostics_requested, self._diagnostics_begun = False, now
             self._begin("diagnostics", self._summary.compose(wall, self._shortfalls))
-        self._subscriptions.update(now)
+        if now >= self._query_due:
+            self._query_due = now + _QUERY_PERIOD
+            self._query_subscriptions()
         if report.result.state is not None:
             self._publish_tasks(now, report.result, report.result.state)
             if now >= self._markers_due:
                 self._markers_due = now + self._markers_period
-                if self._subscriptions.subjects["markers"]:
+                if self._subscribed["markers"]:
                     plan = None if walker is None or report.solution is None else walker.plan()
                     drawing = self._scene.compose(report.result.state, report.result.references, report.solution, plan)
                     self._begin("markers", drawing)
         self.compose()
+
+    def _query_subscriptions(self) -> None:
+        found = [(topic.key, topic.subject) for topic in self._on_demand if self._has_reader(topic)]
+        self._subscribed = {key: tuple(subject for of, subject in found if of == key) for key in _ON_DEMAND}
 
     def _publish_tasks(self, now: float, result: CycleResult, state: RobotState) -> None:
         """Send value and reference of the next task with a subscription, and update the shortfalls of all tasks."""
@@ -168,8 +157,7 @@ class Outputs:
             return
         if now >= self._tasks_due:
             self._tasks_due = now + self._diagnostics_period
-            subjects = self._subscriptions.subjects
-            self._tasks.begin({*subjects["task_reference"], *subjects["task_value"]})
+            self._tasks.begin({*self._subscribed["task_reference"], *self._subscribed["task_value"]})
             self._shortfalls = self._shortfall.sentences(now, dynamics, references, solution)
         states = self._tasks.next(state.stamp, dynamics, references)
         if states is not None:

@@ -57,11 +57,8 @@ def wait_for_urdf(transport: Transport, stop: threading.Event, topics: Iterable[
     while not arrived.wait(_WARNING_PERIOD if not stop.is_set() else 0.0):
         if stop.is_set():
             return ""
-        _log.warning(
-            "robot.urdf is empty: still waiting for the URDF on %s; %s",
-            endpoint.name,
-            _missing_cause(transport, endpoint),
-        )
+        cause = _missing_cause(transport, endpoint)
+        _log.warning("robot.urdf is empty: still waiting for the URDF on %s; %s", endpoint.name, cause)
     return found
 
 

@@ -13,16 +13,13 @@ from wbc_controller.settings.contacts import FixedContact, SurfaceContact
 def make_vocabulary(settings: Settings, model: RobotModel) -> Vocabulary:
     """Collect the valid names of messages."""
     kinds = {name: task.type for name, task in settings.tasks.items()}
-    joints = {
-        name: tuple(task.joints) or model.driven_joints
-        for name, task in settings.tasks.items()
-        if isinstance(task, schema.PostureTask | schema.TorqueTask)
-    }
-    reference_frames = {
-        name: task.reference_frame for name, task in settings.tasks.items() if isinstance(task, schema.RelativePoseTask)
-    }
+    joints, reference_frames = {}, {}
     for name, task in settings.tasks.items():
-        if isinstance(task, schema.ContactWrenchTask):
+        if isinstance(task, schema.PostureTask | schema.TorqueTask):
+            joints[name] = tuple(task.joints) or model.driven_joints
+        elif isinstance(task, schema.RelativePoseTask):
+            reference_frames[name] = task.reference_frame
+        elif isinstance(task, schema.ContactWrenchTask):
             contact = settings.contacts[task.contact]
             whole = isinstance(contact, SurfaceContact | FixedContact)
             frame = contact.frame if whole else contact.against  # None: world axes, for a point or wheel on the world

@@ -25,15 +25,7 @@ def texts(payloads):
     return [decode(payload, STRING).data for payload in payloads]
 
 
-@pytest.mark.parametrize(
-    ("node", "table"),
-    [
-        ("wbc_controller", topics.CONTROLLER_TOPICS),
-        ("mock_robot", topics.MOCK_TOPICS),
-        ("guard", topics.GUARD_TOPICS),
-        ("base_estimator", topics.ESTIMATOR_TOPICS),
-    ],
-)
+@pytest.mark.parametrize(("node", "table"), topics.NODES.values(), ids=topics.NODES)
 def test_every_row_of_the_table_carries_its_message(request, join, eventually, example, node, table):
     owner, other = join(node), join("other")
     kinds = {kind: kind for kind in topics.TASK_TYPES}

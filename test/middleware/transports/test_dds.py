@@ -41,11 +41,7 @@ LOOPBACK = "<General><Interfaces><NetworkInterface address='127.0.0.1'/></Interf
 INFO = "rmw_dds_common/msg/ParticipantEntitiesInfo"
 
 TABLE_TYPES = sorted(
-    {
-        row.type
-        for row in (*topics.CONTROLLER_TOPICS, *topics.MOCK_TOPICS, *topics.GUARD_TOPICS, *topics.ESTIMATOR_TOPICS)
-        if "/" in row.type
-    }
+    {row.type for _, table in topics.NODES.values() for row in table if "/" in row.type}
     | {type_name for columns in topics.TASK_TYPES.values() for type_name in columns.values()}
     | {INFO}
 )

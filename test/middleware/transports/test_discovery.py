@@ -118,10 +118,7 @@ def test_ros2_nodes_of_another_host_hear_only_subnet(network):
     """Also with a ROS 2 node with SUBNET, discovered by the other host, beside the embedded DDS."""
     pytest.importorskip("rclpy")
     environment = {name: value for name, value in os.environ.items() if name not in _SHELL}
-    environment |= {
-        "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
-        "ROS_DOMAIN_ID": "7",
-    }
+    environment |= {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "ROS_DOMAIN_ID": "7"}
 
     started = []
 

@@ -11,11 +11,6 @@ from wbc_controller.middleware.topics import Direction, Endpoint, endpoints
 
 pytestmark = pytest.mark.live
 
-TABLES = {
-    "controller": topics.CONTROLLER_TOPICS, "mock": topics.MOCK_TOPICS, "guard": topics.GUARD_TOPICS,
-    "estimator": topics.ESTIMATOR_TOPICS,
-}  # fmt: skip
-
 
 @pytest.fixture
 def pair(monkeypatch):
@@ -33,7 +28,7 @@ def pair(monkeypatch):
 def test_every_row_crosses(pair, eventually, example, to_dds):
     writer, reader = pair if to_dds else reversed(pair)
     opened = []  # all topics are discovered at the same time
-    for node, table in TABLES.items():
+    for node, table in topics.NODES.values():
         kinds = {kind: kind for kind in topics.TASK_TYPES}
         for row in endpoints(table, node, task_kinds=kinds, contacts=("left",), frames=("pelvis",)):
             if is_omitted(row):

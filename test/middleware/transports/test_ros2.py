@@ -4,6 +4,7 @@ import importlib.util
 import itertools
 import logging
 import time
+from contextlib import closing
 from types import SimpleNamespace
 
 import pytest
@@ -15,38 +16,25 @@ from wbc_controller.middleware.codec import encode, message
 
 try:
     import rclpy
-    from rclpy.callback_groups import ReentrantCallbackGroup
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.node import NodeNameNonExistentError
     from rclpy.parameter import Parameter
-    from rclpy.waitable import NumberOfEntities, Waitable
 except ImportError as error:
     pytest.skip(f"rclpy is not importable: {error}", allow_module_level=True)
 
 from wbc_controller.middleware.transports import ros2_graph
 from wbc_controller.middleware.transports.ros2 import Ros2Transport
-from wbc_controller.nodes.ros2.process import spinning
+from wbc_controller.nodes.ros2.process import Pacer, spinning
 
 pytestmark = pytest.mark.live
 
 TEXT = text("text")
 
 
-class Counter(Waitable):
-    """Counter of the waits of a node's executor."""
+class Counter(Pacer):
+    """Counter of the waits of a node's executor, without a pause."""
 
-    def __init__(self):
-        super().__init__(ReentrantCallbackGroup())
-        self.waits = 0
-
-    def __enter__(self):
-        pass
-
-    def __exit__(self, *error):
-        pass
-
-    def get_num_entities(self):
-        return NumberOfEntities()
+    waits = 0
 
     def add_to_wait_set(self, wait_set):
         pass
@@ -92,10 +80,8 @@ def spun(context):
 @pytest.fixture
 def peer():
     """A transport of another process's kind."""
-    participants = DdsParticipants()
-    transport = participants.transport("peer")
-    yield transport
-    transport.close()
+    with closing(DdsParticipants().transport("peer")) as transport:
+        yield transport
 
 
 def at_500_hz(publish, payload, arrived, count=250):
@@ -238,13 +224,9 @@ def test_publishers_that_kilted_does_not_name_are_named_by_the_topics_of_the_nod
 def test_tf_is_omitted_without_its_package(monkeypatch, caplog):
     find = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda name, *a: None if name == "tf2_msgs" else find(name, *a))
-    participants = Ros2Participants()
-    transport = participants.transport("node")
-    try:
-        publish = transport.advertise(endpoint("/tf", topics.TF_OUT, "tf2_msgs/msg/TFMessage"))
+    tf = endpoint("/tf", topics.TF_OUT, "tf2_msgs/msg/TFMessage")
+    with closing(Ros2Participants()) as participants, closing(participants.transport("node")) as transport:
+        publish = transport.advertise(tf)
         publish(b"")
         assert caplog.messages == ["/tf is not published: the package tf2_msgs is not installed"]
-        assert not transport.has_reader(endpoint("/tf", topics.TF_OUT, "tf2_msgs/msg/TFMessage"))
-    finally:
-        transport.close()
-        participants.close()
+        assert not transport.has_reader(tf)

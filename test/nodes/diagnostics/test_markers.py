@@ -132,7 +132,7 @@ def test_task_errors_are_lines_to_the_reference(bench, make):
     np.testing.assert_allclose(points(found["references", 0]), line[1:])
 
 
-def test_kinds_of_tasks_that_have_a_place(bench, make):
+def test_kinds_of_tasks_that_have_a_place(bench):
     tasks = {
         "hand": {"type": "frame_pose", "frame": "left_rubber_hand"},
         "foot": {"type": "frame_position", "frame": "left_ankle_roll_link"},
@@ -167,8 +167,7 @@ def test_markers_before_activation_at_the_configured_rate_and_without_a_plan(ben
         assert expected[0] <= len(controller.received("markers")) <= expected[1], rate
     controller = at_rest(bench, "g1")
     assert not {"steps", "swing_paths"} & {namespace for namespace, _ in scene(controller)}
-    (status,) = controller.received("diagnostics")[-1].status
-    values = {value.key: value.value for value in status.values if value.key.startswith("walking/")}
+    values = {key: value for key, value in controller.values.items() if key.startswith("walking/")}
     assert values == {"walking/phase": "stand", "walking/steps": "0", "walking/command": "none"}
 
 
@@ -220,8 +219,7 @@ def test_the_plan_of_a_step_is_drawn_and_in_the_diagnostics(bench, make):
     assert path[:, 2].max() > plan.landings[foot][2] + 0.01  # the foot lands early, as this robot does not move
     wanted = points(found["capture_point", 1])[0]
     np.testing.assert_allclose(wanted[:2], [plan.wanted_dcm.real, plan.wanted_dcm.imag], atol=0.02)
-    (status,) = controller.received("diagnostics")[-1].status
-    values = {value.key: value.value for value in status.values}
+    values = controller.values
     assert values["walking/phase"] == "single support"
     assert values["walking/command"] == "0.200 0.100 m/s, 0.000 rad/s"
     assert values["walking/steps"] == "0"

@@ -46,12 +46,8 @@ def test_g1_stands_squats_and_ends_with_zero_torques(environment, user):
     node.create_subscription(Float64MultiArray, "/r1/effort_controller/commands", torques.append, 1)
     node.create_subscription(Odometry, "/r1/odom", lambda m: height.update(base=m.pose.pose.position.z), 1)
     for foot in ("left_foot", "right_foot"):
-        node.create_subscription(
-            WrenchStamped,
-            f"/r1/mock_robot/contacts/{foot}/wrench",
-            lambda message, foot=foot: forces.__setitem__(foot, message.wrench.force.z),
-            1,
-        )
+        topic = f"/r1/mock_robot/contacts/{foot}/wrench"
+        node.create_subscription(WrenchStamped, topic, lambda m, foot=foot: forces.update({foot: m.wrench.force.z}), 1)
     command = node.create_publisher(String, "/r1/wbc_controller/command", 10)
     hold = node.create_publisher(Bool, "/r1/mock_robot/hold", 10)
     setpoint = node.create_publisher(PointStamped, "/r1/wbc_controller/tasks/com/setpoint", 10)

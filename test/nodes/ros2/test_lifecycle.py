@@ -128,10 +128,8 @@ def robot(context):
     joints.velocity = [0.0] * len(joints.name)
     base = Odometry(child_frame_id="pelvis")
     base.pose.pose.position.z, base.pose.pose.orientation.w = 0.8, 1.0
-    odom, joint_states = (
-        node.create_publisher(Odometry, "odom", 1),
-        node.create_publisher(JointState, "joint_states", 1),
-    )
+    odom = node.create_publisher(Odometry, "odom", 1)
+    joint_states = node.create_publisher(JointState, "joint_states", 1)
 
     def publish(stamp=None):
         joints.header.stamp = base.header.stamp = stamp or node.get_clock().now().to_msg()

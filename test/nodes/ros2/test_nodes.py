@@ -5,17 +5,16 @@ import os
 import signal
 from functools import partial
 from importlib.util import find_spec
-from xml.etree import ElementTree
 
 import pytest
 from busy import slowness
 from domains import own_domain
 from forked import fork_node
 from participants import Ros2Participants
+from policies import read_policy
 from waiting import until as wait_until
 
 try:
-    from rclpy.node import NodeNameNonExistentError
     from rclpy.qos import DurabilityPolicy, QoSProfile
     from std_msgs.msg import Float64MultiArray, String
 except ImportError as error:
@@ -59,14 +58,6 @@ def start(graph, tmp_path):
         print(log.read_text())  # shown after a failure
 
 
-def topics_of(look, name):
-    """Return the topics of a node by a function of the graph; empty before its discovery."""
-    try:
-        return {topic for topic, _ in look(name, "/")}
-    except NodeNameNonExistentError:
-        return set()
-
-
 def test_they_open_what_the_policy_allows_and_the_guard_follows_a_killed_controller(graph, start, robot_of):
     said, torques = {"wbc_controller": "", "guard": ""}, []
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -79,13 +70,7 @@ def test_they_open_what_the_policy_allows_and_the_guard_follows_a_killed_control
     until(lambda: said["wbc_controller"] == "active" and said["guard"] == "watching", "an active controller")
 
     # The policy of this configuration, with markers_rate.
-    settings, model = robot_of("go2")
-    allowed = {}
-    root = ElementTree.fromstring(security_policy(settings, model))  # noqa: S314 - made by the code under test
-    for enclave in root.iter("enclave"):
-        for group in enclave.iter():
-            for qualifier in set(group.attrib) & {"publish", "subscribe", "reply"}:
-                allowed[enclave.get("path").strip("/"), qualifier] = {element.text for element in group}
+    allowed = read_policy(security_policy(*robot_of("go2")))
     until(lambda: set(NODES) <= set(graph.get_node_names()), "all nodes in the graph")
     for name in NODES:
         opened = {
@@ -94,16 +79,14 @@ def test_they_open_what_the_policy_allows_and_the_guard_follows_a_killed_control
             "reply": graph.get_service_names_and_types_by_node,
         }
         for qualifier, look in opened.items():
-            unused = {CLOCK} if qualifier == "subscribe" else set()
+            permitted, unused = allowed[f"/{name}"][qualifier], {CLOCK} if qualifier == "subscribe" else set()
             if (name, qualifier) == ("mock_robot", "subscribe"):
                 unused |= {"/wbc_controller/joint_commands"}  # in lockstep joint commands, otherwise torques
             if (name, qualifier) == ("mock_robot", "publish"):  # foot sensors, as from drivers
-                unused |= {
-                    topic for topic in allowed[name, qualifier] if topic.endswith(("/holds", "/measured_wrench"))
-                }
+                unused |= {topic for topic in permitted if topic.endswith(("/holds", "/measured_wrench"))}
                 if find_spec("tf2_msgs") is None:
                     unused.add("/tf")
-            expected = allowed[name, qualifier] - unused
+            expected = permitted - unused
             # The graph becomes known endpoint by endpoint, after the first messages.
             until(
                 lambda: {topic for topic, _ in look(name, "/")} == expected,  # noqa: B023 - called in this round only

@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 import pytest
 
 import wbc_controller
-from wbc_controller.middleware.topics import CONTROLLER_TOPICS, ESTIMATOR_TOPICS, GUARD_TOPICS, MOCK_TOPICS, TASK_TYPES
+from wbc_controller.middleware.topics import NODES, TASK_TYPES
 
 ROOT = Path(__file__).resolve().parents[3]
 PYPROJECT = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
@@ -43,12 +43,7 @@ def test_form_and_agreement_with_version_setup_py_and_licence():
 
 
 def test_packages_of_messages_imports_and_launch_files_are_dependencies():
-    types = {
-        topic.type
-        for table in (CONTROLLER_TOPICS, MOCK_TOPICS, GUARD_TOPICS, ESTIMATOR_TOPICS)
-        for topic in table
-        if "/" in topic.type
-    }
+    types = {topic.type for _, table in NODES.values() for topic in table if "/" in topic.type}
     types |= {name for kinds in TASK_TYPES.values() for name in kinds.values()}
     assert len(types) > 10
     assert {name.split("/")[0] for name in types} <= set(texts("exec_depend"))

@@ -4,20 +4,18 @@ from xml.etree import ElementTree
 
 import pytest
 from click.testing import CliRunner
+from policies import read_policy
+from services import make_estimator, make_guard
 
 from wbc_controller.cli import main
-from wbc_controller.controller.build.guard import make_guard_damping
 from wbc_controller.controller.build.robot import make_model
-from wbc_controller.controller.build.robot_description import describe
 from wbc_controller.controller.controller import Controller
-from wbc_controller.middleware.topics import ESTIMATOR_NODE, ESTIMATOR_TOPICS, GUARD_TOPICS, Direction, endpoints
+from wbc_controller.middleware.topics import ESTIMATOR_NODE, Direction
 from wbc_controller.middleware.topics import GUARD_NODE as GUARD
 from wbc_controller.middleware.topics import MOCK_NODE as MOCK
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.clock import ManualClock
 from wbc_controller.nodes.controller_service import make_loop
-from wbc_controller.nodes.estimator_service import EstimatorService
-from wbc_controller.nodes.guard_service import GuardService
 from wbc_controller.nodes.ros2.command_outcomes import RECORD, SERVICES
 from wbc_controller.nodes.ros2.security_policy import (
     CLOCK,
@@ -61,20 +59,6 @@ class Recorder(MemoryTransport):
         return {name for name, readers in self.bus.readers.items() if readers}
 
 
-def read(text):
-    """Return the names of each enclave by `publish`, `subscribe`, `request` and `reply`."""
-    allowed = {}
-    for enclave in ElementTree.fromstring(text).iter("enclave"):  # noqa: S314 - made by the code under test
-        rules = allowed[enclave.get("path")] = {}
-        for group in enclave.iter():
-            for qualifier in ("publish", "subscribe", "request", "reply"):
-                if group.get(qualifier) == "ALLOW":
-                    names = [element.text for element in group]
-                    assert len(names) == len(set(names))
-                    rules.setdefault(qualifier, set()).update(names)
-    return allowed
-
-
 def opened(settings, model, namespace="/", remappings=None):
     """Return the opened topics and services of each running node."""
     places = {"namespace": namespace, "remappings": remappings}
@@ -83,11 +67,8 @@ def opened(settings, model, namespace="/", remappings=None):
     make_loop(Controller(settings, preflight=False, model=model), controller, ManualClock(), topics)
     for lockstep in (False, True):
         MockRobot(model, settings, mock, lockstep=lockstep, **places)
-    robot = describe(model.urdf, settings.robot)
-    damping = make_guard_damping(settings, model)
-    GuardService(settings, robot, damping, endpoints(GUARD_TOPICS, GUARD, **places), guard, ManualClock())
-    topics = endpoints(ESTIMATOR_TOPICS, ESTIMATOR_NODE, contacts=settings.contacts, **places)
-    EstimatorService(settings, model, topics, estimator, ManualClock())
+    make_guard(settings, model, guard, ManualClock(), **places)
+    make_estimator(settings, model, estimator, ManualClock(), **places)
     return {CONTROLLER: controller, MOCK: mock, GUARD: guard, ESTIMATOR_NODE: estimator}
 
 
@@ -105,7 +86,7 @@ IMU = {"estimation": {"base_state": "imu", "absolute_pose": True}, "mock": {"pos
 def test_each_node_has_exactly_its_permissions(robot_of, changed, name, changes, namespace, remappings):
     settings, model = robot_of(name)
     settings = changed(settings, changes)
-    allowed = read(security_policy(settings, model, namespace, remappings))
+    allowed = read_policy(security_policy(settings, model, namespace, remappings))
     prefix = namespace.rstrip("/")
     assert set(allowed) == {f"{prefix}/{node}" for node in (CONTROLLER, MOCK, GUARD, ESTIMATOR_NODE, OPERATOR)}
     recorders = opened(settings, model, namespace, remappings)
@@ -129,7 +110,7 @@ def test_each_node_has_exactly_its_permissions(robot_of, changed, name, changes,
 
 def test_the_operator_may_command_and_listen_but_not_play_the_robot(robot_of):
     settings, model = robot_of("g1")
-    allowed = read(security_policy(settings, model))
+    allowed = read_policy(security_policy(settings, model))
     rules = allowed["/operator"]
     nodes = opened(settings, model)
     commands = {name for name in nodes[CONTROLLER].subscribed if name.startswith("/wbc_controller/")}
@@ -144,18 +125,18 @@ def test_the_operator_may_command_and_listen_but_not_play_the_robot(robot_of):
 
 def test_topics_without_use_are_not_permitted(robot_of, changed):
     settings, model = robot_of("go2")
-    assert "/robot_description" not in read(security_policy(settings, model))["/wbc_controller"]["subscribe"]
-    assert "/odom" in read(security_policy(settings, model))["/wbc_controller"]["subscribe"]
+    assert "/robot_description" not in read_policy(security_policy(settings, model))["/wbc_controller"]["subscribe"]
+    assert "/odom" in read_policy(security_policy(settings, model))["/wbc_controller"]["subscribe"]
     changes = {"robot": {"base": "fixed"}, "control": {"markers_rate": 0.0}}
     fixed = changed(settings, changes)
     model = make_model(fixed)
-    allowed = read(security_policy(fixed, model))
+    allowed = read_policy(security_policy(fixed, model))
     assert "/odom" not in allowed["/wbc_controller"]["subscribe"]
     assert not {"/odom", "/tf"} & allowed["/mock_robot"]["publish"]
     assert "/wbc_controller/markers" not in allowed["/wbc_controller"]["publish"]
     by_topic = changed(settings, {"robot": {"urdf": ""}})
     for node in ("/wbc_controller", "/guard"):
-        assert "/robot_description" in read(security_policy(by_topic, model))[node]["subscribe"]
+        assert "/robot_description" in read_policy(security_policy(by_topic, model))[node]["subscribe"]
 
 
 def test_it_follows_the_schema_and_has_no_wildcard(robot_of):
@@ -175,7 +156,7 @@ def test_it_follows_the_schema_and_has_no_wildcard(robot_of):
             assert set(element.attrib.values()) == {"ALLOW"}
 
 
-def test_the_command_prints_it(robot_of, tmp_path):
+def test_the_command_prints_it(robot_of):
     settings, model = robot_of("go2")
     result = CliRunner().invoke(main, ["security-policy", "go2", "--namespace", "/r1", "--remap", "odom:=/base"])
     assert result.exit_code == 0
@@ -188,7 +169,7 @@ def test_every_incoming_row_has_a_permitted_publisher(robot_of, changed):
     heard = set()
     for source in ("odom", "imu"):
         estimation = {"base_state": source, "absolute_pose": True}
-        allowed = read(security_policy(changed(settings, {"estimation": estimation}), model))
+        allowed = read_policy(security_policy(changed(settings, {"estimation": estimation}), model))
         may_publish = set().union(*(rules["publish"] for rules in allowed.values()))
         heard |= (subscribed := allowed["/wbc_controller"]["subscribe"])
         assert subscribed - {"/clock"} <= may_publish

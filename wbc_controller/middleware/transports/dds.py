@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import itertools
 import logging
 import os
 import threading
@@ -58,29 +59,30 @@ class DdsTransport:
         self._topics: dict[str, Any] = {}
         self._publications: dict[str, list[DdsPublication]] = {}  # by topic
         self._streams: list[_Stream] = []
-        self._dispatcher: _Dispatcher | None = None
-        self._announcement: NodeAnnouncement | None = None
         self._graph: Graph | None = None
-        self._participant: Any = None
         open_domain(self._settings)
-        try:
-            # ROS 2 requires the name of a security enclave.
-            qos = DdsQos(Policy.Userdata(b"enclave=/;"))
-            self._participant = DomainParticipant(self._settings.domain_id, qos)
-            self._announcement = NodeAnnouncement(self._participant, node, namespace)
-            self._dispatcher = _Dispatcher(self._participant, f"dds {node}")
-        except Exception as error:
-            self._delete_entities()
-            raise TransportError(f"cannot join DDS domain {self._settings.domain_id}: {error}") from error
+        with contextlib.ExitStack() as after_failure:
+            after_failure.callback(close_domain, self._settings)
+            try:
+                # ROS 2 requires the name of a security enclave.
+                qos = DdsQos(Policy.Userdata(b"enclave=/;"))
+                self._participant = DomainParticipant(self._settings.domain_id, qos)
+                after_failure.callback(dds_raw.delete, self._participant)
+                self._announcement = NodeAnnouncement(self._participant, node, namespace)
+                after_failure.callback(self._announcement.delete)
+                self._dispatcher = _Dispatcher(self._participant, f"dds {node}")
+            except Exception as error:
+                raise TransportError(f"cannot join DDS domain {self._settings.domain_id}: {error}") from error
+            after_failure.pop_all()
 
     def advertise(self, endpoint: Endpoint) -> "DdsPublication":
         """See `Transport`."""
         with self._lock, _translated(f"cannot advertise {endpoint.name}"):
-            announcement, _ = self._opened(endpoint)
+            self._require_open("open", endpoint)
             writer = DataWriter(self._participant, self._topic(endpoint), _writer_qos(endpoint))
             publication = DdsPublication(endpoint.name, writer)
             self._publications.setdefault(endpoint.name, []).append(publication)
-            announcement.add_writer(writer)
+            self._announcement.add_writer(writer)
             return publication
 
     @property
@@ -91,8 +93,7 @@ class DdsTransport:
     def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
         """See `Transport`."""
         with self._lock, _translated(f"cannot subscribe to {endpoint.name}"):
-            _, dispatcher = self._opened(endpoint)
-            dispatcher.add(endpoint, self._reader(endpoint), callback)
+            self._dispatcher.add(endpoint, self._reader(endpoint), callback)
 
     def stream(self, endpoint: Endpoint, depth: int) -> "_Stream":
         """See `Transport`."""
@@ -105,43 +106,36 @@ class DdsTransport:
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
         """See `Transport`."""
         with self._lock, _translated(f"cannot query {endpoint.name}"):
-            self._require_open(endpoint)
+            self._require_open("query", endpoint)
             self._graph = self._graph or Graph(self._participant)
             return self._graph.publishers(_dds_name(endpoint))
 
     def has_reader(self, endpoint: Endpoint) -> bool:
         """See `Transport`."""
         with _translated(f"cannot query {endpoint.name}"):  # without the lock, which would block the loop
-            self._require_open(endpoint)
+            self._require_open("query", endpoint)
             return any(each.has_reader for each in self._publications.get(endpoint.name, ()))
 
     def close(self) -> None:
         """See `Transport`; a call from a callback raises `TransportError`."""
-        if self._dispatcher is not None:
-            self._dispatcher.refuse_own_thread()
+        self._dispatcher.refuse_own_thread()
         with self._closing:
             with self._lock:
                 if self._closed:
                     return
                 self._closed = True
             # Without `_lock`: `stop` waits for a callback, which may open a topic.
-            if self._dispatcher is not None:
-                self._dispatcher.stop()
+            self._dispatcher.stop()
             self._delete_entities()
 
-    def _require_open(self, endpoint: Endpoint) -> None:
+    def _require_open(self, attempt: str, endpoint: Endpoint) -> None:
         if self._closed:
-            raise TransportError(f"cannot query {endpoint.name}: the transport is closed")
-
-    def _opened(self, endpoint: Endpoint) -> "tuple[NodeAnnouncement, _Dispatcher]":
-        if self._closed or self._announcement is None or self._dispatcher is None:
-            raise TransportError(f"cannot open {endpoint.name}: the transport is closed")
-        return self._announcement, self._dispatcher
+            raise TransportError(f"cannot {attempt} {endpoint.name}: the transport is closed")
 
     def _reader(self, endpoint: Endpoint) -> Any:
-        announcement, _ = self._opened(endpoint)
+        self._require_open("open", endpoint)
         reader = DataReader(self._participant, self._topic(endpoint), _reader_qos(endpoint))
-        announcement.add_reader(reader)
+        self._announcement.add_reader(reader)
         return reader
 
     def _topic(self, endpoint: Endpoint) -> Any:
@@ -151,17 +145,12 @@ class DdsTransport:
         return self._topics[endpoint.name]
 
     def _delete_entities(self) -> None:
-        for publications in self._publications.values():
-            for publication in publications:
-                publication.delete()
-        for stream in self._streams:
-            stream.delete()
-        for part in (self._dispatcher, self._announcement, self._graph):
+        publications = itertools.chain.from_iterable(self._publications.values())
+        for part in (*publications, *self._streams, self._dispatcher, self._announcement, self._graph):
             if part is not None:
                 part.delete()
         for entity in (*self._topics.values(), self._participant):
-            if entity is not None:
-                dds_raw.delete(entity)
+            dds_raw.delete(entity)
         close_domain(self._settings)
 
 

@@ -11,6 +11,7 @@ from typing import Any
 from rclpy.node import NodeNameNonExistentError
 from rclpy.qos import QoSCompatibility, qos_check_compatible
 
+from wbc_controller.middleware.topics import resolve
 from wbc_controller.middleware.transports.transport import UNNAMED
 
 _log = logging.getLogger(__name__)
@@ -24,7 +25,7 @@ _ERROR = "ERROR: "  # of incompatible policies in rclpy's reasons
 
 def node_name(info: Any) -> str:
     """Return the fully qualified name of the node of an endpoint, or `UNNAMED`."""
-    return UNNAMED if info.node_name in _UNKNOWN_NAMES else _full_name(info.node_name, info.node_namespace)
+    return UNNAMED if info.node_name in _UNKNOWN_NAMES else resolve("~", info.node_name, info.node_namespace)
 
 
 def publisher_names(node: Any, topic: str) -> list[str]:
@@ -35,14 +36,10 @@ def publisher_names(node: Any, topic: str) -> list[str]:
     """
     names = [node_name(info) for info in node.get_publishers_info_by_topic(topic)]
     for name, namespace in node.get_node_names_and_namespaces() if UNNAMED in names else ():
-        full_name = _full_name(name, namespace)
+        full_name = resolve("~", name, namespace)
         if UNNAMED in names and full_name not in names and topic in _topics_published_by(node, name, namespace):
             names[names.index(UNNAMED)] = full_name
     return sorted(names)
-
-
-def _full_name(name: str, namespace: str) -> str:
-    return f"{namespace.rstrip('/')}/{name}"
 
 
 def _topics_published_by(node: Any, name: str, namespace: str) -> list[str]:

@@ -124,11 +124,7 @@ class TaskStates:
 
     def _make_template(self, name: str, position: Array) -> SetpointTemplate:
         words, kind = self._vocabulary, self._vocabulary.kinds[name]
-        template = self._templates[name] = SetpointTemplate(
-            TASK_TYPES[kind]["setpoint"],
-            kind,
-            position,
-            frame=words.reference_frames.get(name, "world"),
-            joints=words.joints.get(name, ()),
-        )
+        frame, joints = words.reference_frames.get(name, "world"), words.joints.get(name, ())
+        template = SetpointTemplate(TASK_TYPES[kind]["setpoint"], kind, position, frame=frame, joints=joints)
+        self._templates[name] = template
         return template

@@ -159,8 +159,8 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         return TransitionCallbackReturn.SUCCESS
 
     def _configure(self) -> None:
-        node, namespace = self.get_name(), self.get_namespace()
-        settings, source = settings_from(values(self), self.get_fully_qualified_name(), self._arguments, self._own)
+        node, namespace, full_name = self.get_name(), self.get_namespace(), self.get_fully_qualified_name()
+        settings, source = settings_from(values(self), full_name, self._arguments, self._own)
         if not settings.robot.urdf and self._urdf is None:
             self._await_urdf()
             raise ConfigurationError("robot.urdf is empty, and no URDF was received on robot_description yet")
@@ -174,14 +174,10 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
                 apply_realtime(settings.control.realtime)
                 topics = controller_endpoints(settings, controller.model, node=node, namespace=namespace)
                 use_sim_time = bool(self.get_parameter("use_sim_time").value)
+                clock = make_clock(settings, topics, transport, use_sim_time=use_sim_time)
+                observers = (self._outcomes.observe,)
                 loop = make_loop(
-                    controller,
-                    gate,
-                    make_clock(settings, topics, transport, use_sim_time=use_sim_time),
-                    topics,
-                    observers=(self._outcomes.observe,),
-                    recorder=recorder,
-                    node=self.get_fully_qualified_name(),
+                    controller, gate, clock, topics, observers=observers, recorder=recorder, node=full_name
                 )
                 self._live.declare_settings(controller.live)
                 self._opened = opened.pop_all()

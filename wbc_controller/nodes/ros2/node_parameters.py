@@ -55,16 +55,15 @@ class LiveParameters:
 
     def declare_settings(self, live: LiveSettings) -> None:
         """Declare the settings as parameters with live changes."""
-        settings = {
-            key: (value, ParameterDescriptor(description=description, dynamic_typing=True))
-            for key, value, description in self._declarable(live)
-        }
-        for key, (_, descriptor) in settings.items():
+        new = []
+        for key, value, description in self._declarable(live):
+            descriptor = ParameterDescriptor(description=description, dynamic_typing=True)
             if self._node.has_parameter(key):
                 self._node.set_descriptor(key, descriptor)
-        new = {key: pair for key, pair in settings.items() if not self._node.has_parameter(key)}
-        self._node.declare_parameters("", [(key, *pair) for key, pair in new.items()])
-        self._declared = {key: value for key, (value, _) in new.items()}
+            else:
+                new.append((key, value, descriptor))
+        self._node.declare_parameters("", new)
+        self._declared = {key: value for key, value, _ in new}
         self._live = live
         live.changed = self._on_change
 
