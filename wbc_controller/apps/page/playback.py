@@ -1,10 +1,12 @@
 """Playback of a recording, with a time line."""
 
 import bisect
+import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -56,7 +58,7 @@ class Playback:
                 f"recording {recorded.path}: no robot state; record a controller with joint states"
             )
         self.duration = self._times[-1]
-        self._status_times, self._statuses = self._read_statuses()
+        self._statuses = list(self._read_statuses())
 
     def seek(self, seconds: float) -> None:
         """Set the present time, s."""
@@ -91,7 +93,7 @@ class Playback:
             for name in self._robot.contacts
             if np.isfinite(values[f"force/{name}"]).all()
         }
-        place = bisect.bisect_right(self._status_times, moved) - 1
+        place = bisect.bisect_right(self._statuses, moved, key=itemgetter(0)) - 1
         return Snapshot(
             stamp=cycle.time,
             age=0.0,
@@ -101,7 +103,7 @@ class Playback:
             torques=at_joints,
             forces=forces,
             references=_references(cycle.references, self._robot) if mode.startswith(("active", "holding")) else None,
-            status=self._statuses[place] if place >= 0 else None,
+            status=self._statuses[place][1] if place >= 0 else None,
             silence=0.0,
         )
 
@@ -136,10 +138,9 @@ class Playback:
         for number, fault in recorded.faults.items():
             yield Mark(recorded.elapsed(recorded.events[number]["time"]), "fault", f"{fault.code}: {fault.sentence}")
 
-    def _read_statuses(self) -> tuple[list[float], list[RobotStatus]]:
-        times: list[float] = []
-        found: list[RobotStatus] = []
-        count = 0
+    def _read_statuses(self) -> Iterator[tuple[float, RobotStatus]]:
+        """Yield times since the start, s, and statuses of the controller."""
+        before, count = math.inf, 0
         node = f"{self._recorded.about['node'].strip('/')}: control loop"
         for topic, stamp, payload in self._recorded.messages():
             if not topic.name.endswith("/diagnostics"):
@@ -149,11 +150,9 @@ class Playback:
                     values = {value.key: value.value for value in status.values}
                     now, number = self._recorded.elapsed(stamp), values.get("cycle", "")
                     cycle = int(number) if number.isdecimal() and len(number) <= _LONGEST_NUMBER else 0
-                    rate = (cycle - count) / (now - times[-1]) if times and now > times[-1] else float("nan")
-                    times.append(now)
-                    found.append(RobotStatus(status, rate, {}, ""))
-                    count = cycle
-        return times, found
+                    rate = (cycle - count) / (now - before) if now > before else math.nan
+                    yield now, RobotStatus(status, rate, {}, "")
+                    before, count = now, cycle
 
 
 class TimeLine:
