@@ -136,12 +136,12 @@ def _put_base(source: UrdfSource, base: Base | None, feet: Sequence[Foot], draft
 def _put_legged(
     draft: Draft, model: RobotModel, body: Body, feet: Sequence[Foot], postures: dict[str, dict[str, float]]
 ) -> None:
-    if not feet:
-        text = "contacts: no feet found. Name the links of the feet with --feet."
-        draft.put("contacts", {}, text, "missing")
-    posture = put_standing(model, feet, postures, draft) if feet else put_fixed(model, postures, draft)
     height = body.height
-    if feet:
+    if not feet:
+        draft.put("contacts", {}, "contacts: no feet found. Name the links of the feet with --feet.", "missing")
+        put_fixed(model, postures, draft)
+    else:
+        posture = put_standing(model, feet, postures, draft)
         feet = Body(model, body.elements, posture).remeasured(feet)
         placement = Legs(model, feet, posture, keep_feet=True).place_feet(posture)
         height = float(placement.com[2] - placement.bottoms.mean())
@@ -155,6 +155,5 @@ def _put_legged(
     imus = [str(frame.name) for frame in frames if "imu" in str(frame.name).lower()]
     if imus:
         draft.put("estimation.imu_frame", imus[-1], "From its name.", "guess")
-    if feet:
-        tuning.put_contacts(model, feet, draft)
+    tuning.put_contacts(model, feet, draft)
     tuning.put_standing_tasks(model, body.arms, feet, height, draft)

@@ -119,7 +119,7 @@ def _tasks(robot: Robot, status: RobotStatus) -> str:
 def _loop(status: RobotStatus) -> str:
     rows = "".join(
         f'<tr><td class="key">{escape(name)}</td><td>{escape(text)}</td></tr>'
-        for name, text in facts(status)
+        for name, text in facts(status).items()
         if name not in ("binding", "next")
     )
     rows += "".join(
