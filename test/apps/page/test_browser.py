@@ -1,6 +1,6 @@
 """`wbc play` in a real browser: effects of each button, a handle, a pull and a slider on topics and the robot."""
 
-# ruff: noqa: E402 - the package and its helpers are imported after the checks for viser and playwright
+# ruff: noqa: E402 - the package and its helpers are imported after the check for playwright
 
 import os
 import re
@@ -14,7 +14,6 @@ import time
 import numpy as np
 import pytest
 
-pytest.importorskip("viser", reason="the page requires viser: pip install 'wbc_controller[view]'")
 playwright = pytest.importorskip("playwright.sync_api", reason="a browser is driven by playwright, of requirements/dev")
 
 from domains import own_domain

@@ -8,8 +8,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
-
 from wbc_controller.apps.new.draft import new_configuration
 from wbc_controller.apps.page.camera import CameraFollower, camera
 from wbc_controller.apps.page.meshes import Mesh

@@ -5,15 +5,12 @@ import threading
 import time
 from contextlib import closing
 
+import msgspec
 import numpy as np
 import pytest
+from browser import Browser
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-
-pytest.importorskip("viser", reason="the page requires viser: pip install 'wbc_controller[view]'")
-
-import msgspec
-from browser import Browser
 from page_rig import Rig
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 

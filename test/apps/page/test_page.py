@@ -8,9 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-
-pytest.importorskip("viser", reason="the page requires viser: pip install 'wbc_controller[view]'")
-
 from browser import Browser
 from page_rig import Rig, status
 from waiting import repeated
