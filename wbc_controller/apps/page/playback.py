@@ -110,7 +110,7 @@ class Playback:
     def _read_cycles(self) -> Iterator[Mark]:
         recorded, every = self._recorded, max(1, -(-self._recorded.count // MAX_CYCLES))
         weight = self._robot.model.mass * self._robot.model.gravity
-        before: tuple[str, frozenset[str]] | None = None
+        mode, active = "", frozenset[str]()  # mode, and contacts with forces in the last active cycle
         pushed = -_PUSH_GAP
         for number, cycle in enumerate(recorded.cycles()):
             if not cycle.scalar("has_state"):
@@ -119,17 +119,16 @@ class Playback:
             if number % every == 0:
                 self._times.append(at)
                 self._cycles.append(cycle)
+            former_mode, formerly_active = mode, active
             mode = MODES[int(cycle.scalar("mode"))].value
-            active_contacts = frozenset(
-                name for name in self._robot.contacts if np.isfinite(cycle.values[f"force/{name}"]).all()
-            ) if mode == "active" else (before[1] if before is not None else frozenset())  # fmt: skip
-            if before is not None:
-                if mode != before[0]:
-                    yield Mark(at, "mode", mode)
-                if before[0] == mode == "active":
-                    yield from (Mark(at, "contact", f"{name} active") for name in sorted(active_contacts - before[1]))
-                    yield from (Mark(at, "contact", f"{name} inactive") for name in sorted(before[1] - active_contacts))
-            before = mode, active_contacts
+            if mode == "active":
+                contacts = self._robot.contacts
+                active = frozenset(name for name in contacts if np.isfinite(cycle.values[f"force/{name}"]).all())
+            if former_mode and mode != former_mode:
+                yield Mark(at, "mode", mode)
+            if former_mode == mode == "active":
+                yield from (Mark(at, "contact", f"{name} active") for name in sorted(active - formerly_active))
+                yield from (Mark(at, "contact", f"{name} inactive") for name in sorted(formerly_active - active))
             unmodelled_force = float(np.linalg.norm(cycle.values["audit/force"]))
             if unmodelled_force > _PUSH_FORCE * weight and mode == "active":
                 if at - pushed > _PUSH_GAP:
