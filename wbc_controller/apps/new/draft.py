@@ -52,7 +52,7 @@ def new_configuration(
     model = body.model
     kind = _put_base(source, base, found, draft)
     if kind == "fixed":
-        fixed = _model(draft, source, floating=False)
+        fixed = _model(draft, source)
         posture = put_fixed(fixed, postures, draft)
         tuning.put_armature(fixed, (), draft)
         tuning.put_limits(fixed, draft)
@@ -72,19 +72,16 @@ def _feet(
     draft.put("robot.urdf", source.address)
     draft.put("robot.base", "floating")
     choose_joints(source, draft, carrying)
-    model = _model(draft, source, floating=True)
+    model = _model(draft, source)
     body = Body(model, _shapes(model, source, draft), srdf_posture(model, postures)[1])
     return draft, body, body.feet_on_links(feet) if feet else body.feet()
 
 
-def _model(draft: Draft, source: UrdfSource, *, floating: bool) -> RobotModel:
+def _model(draft: Draft, source: UrdfSource) -> RobotModel:
     robot = draft.values["robot"]
     ranges = ranges_of(source, robot.get("joint_limits", {}))
     posture = [float(np.clip(0.0, *ranges[name])) for name in robot["joints"]]
-    values = {
-        "robot": robot | {"base": "floating" if floating else "fixed", "posture": posture},
-        "tasks": {"posture": {"type": "posture"}},
-    }
+    values = {"robot": robot | {"posture": posture}, "tasks": {"posture": {"type": "posture"}}}
     return make_model(parse_settings(values, source.address), source.text)
 
 
