@@ -1,6 +1,7 @@
 """Compilation of kernels: types, structs, cache on disk."""
 
 import ast
+import contextlib
 import importlib.util
 import inspect
 import os
@@ -163,28 +164,39 @@ def test_processes_that_start_together_compile_each_function_once_and_a_later_on
     assert start(tmp_path, script, NUMBA_CACHE_DIR=str(tmp_path)).communicate(timeout=300) == ("", "")
 
 
-@compiled_only
-def test_waiting_for_another_process_is_logged(tmp_path, monkeypatch, caplog):
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Return the cache folder."""
     monkeypatch.setattr(compilation, "_cache_folder", lambda: tmp_path)
-    monkeypatch.setattr(compilation, "_SLOW", 0.01)
+    return tmp_path
+
+
+@contextlib.contextmanager
+def locked(folder, name):
+    """Hold the lock of `total` as another process does; yield a thread that loads the module `name`."""
     compilation._log_wait.cache_clear()
-    with (tmp_path / "total.lock").open("w") as lock:
-        compilation.fcntl.flock(lock, compilation.fcntl.LOCK_EX)
-        waiting = threading.Thread(target=load, args=(tmp_path,), kwargs={"name": "waiting"})
+    with (folder / "total.lock").open("w") as lock:
+        compilation.fcntl.flock(lock, compilation.fcntl.LOCK_EX | compilation.fcntl.LOCK_NB)
+        waiting = threading.Thread(target=load, args=(folder,), kwargs={"name": name})
         waiting.start()
+        yield waiting
+    waiting.join()
+
+
+@compiled_only
+def test_waiting_for_another_process_is_logged(folder, monkeypatch, caplog):
+    monkeypatch.setattr(compilation, "_SLOW", 0.01)
+    with locked(folder, "waiting") as waiting:
         while "waiting for another process" not in caplog.text:
             assert waiting.is_alive()
             time.sleep(0.01)
-    waiting.join()
     assert sys.modules["waiting"].total(np.ones(3), 2.0) == 6.0
 
 
 @compiled_only
-def test_a_short_wait_for_another_process_is_not_logged(tmp_path, monkeypatch, caplog):
+def test_a_short_wait_for_another_process_is_not_logged(folder, monkeypatch, caplog):
     """Processes that start together hold the lock while they load the compiled functions."""
-    monkeypatch.setattr(compilation, "_cache_folder", lambda: tmp_path)
     monkeypatch.setattr(compilation, "_SLOW", 300.0)
-    compilation._log_wait.cache_clear()
     blocked = threading.Event()
     flock = compilation.fcntl.flock
 
@@ -193,32 +205,27 @@ def test_a_short_wait_for_another_process_is_not_logged(tmp_path, monkeypatch, c
             blocked.set()
         flock(file, operation)
 
-    with (tmp_path / "total.lock").open("w") as lock:
-        flock(lock, compilation.fcntl.LOCK_EX)
-        monkeypatch.setattr(compilation.fcntl, "flock", observed)
-        waiting = threading.Thread(target=load, args=(tmp_path,), kwargs={"name": "briefly"})
-        waiting.start()
+    monkeypatch.setattr(compilation.fcntl, "flock", observed)
+    with locked(folder, "briefly"):
         assert blocked.wait(60.0)
-    waiting.join()
     assert "waiting for another process" not in caplog.text
 
 
 @compiled_only
-def test_without_a_lock_or_a_writable_folder_functions_are_compiled_all_the_same(tmp_path, monkeypatch, caplog):
-    monkeypatch.setattr(compilation, "_cache_folder", lambda: tmp_path)
-    (tmp_path / "total.lock").mkdir()  # cannot be opened, as in a read-only folder
+def test_without_a_lock_or_a_writable_folder_functions_are_compiled_all_the_same(folder, monkeypatch, caplog):
+    (folder / "total.lock").mkdir()  # cannot be opened, as in a read-only folder
     with caplog.at_level("DEBUG", "wbc_controller"):
-        assert load(tmp_path, name="unlocked").total(np.ones(3), 2.0) == 6.0
+        assert load(folder, name="unlocked").total(np.ones(3), 2.0) == 6.0
     assert "total is compiled without a lock: [Errno 21] Is a directory" in caplog.text
     monkeypatch.setattr(compilation, "_cache_folder", lambda: None)
-    assert load(tmp_path, name="uncached").total(np.ones(3), 2.0) == 6.0
+    assert load(folder, name="uncached").total(np.ones(3), 2.0) == 6.0
 
 
 @compiled_only
-def test_progress_is_a_warning_for_slow_functions(tmp_path, monkeypatch, caplog):
+def test_progress_is_a_warning_for_slow_functions(folder, monkeypatch, caplog):
     monkeypatch.setattr(compilation, "_SLOW", 0.0)
     monkeypatch.setattr(compilation, "_compiled_names", [])
-    load(tmp_path, SOURCE, name="slow")
+    load(folder, SOURCE, name="slow")
     shown = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
     progress = [re.sub(r"\d+\.\d s", "… s", text) for text in shown if text.startswith("compiled")]
     assert progress == [
@@ -283,24 +290,16 @@ print(isinstance(k.scale, types.FunctionType), struct.out.tolist(), k.Scaled.__m
 @pytest.mark.parametrize("file", KERNELS, ids=lambda file: file.stem)
 def test_kernels_import_kernels_only(file):
     """The cache depends on kernel files only."""
-    imported = {
-        node.module
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
-        if isinstance(node, ast.ImportFrom)
-    }
-    ours = {module for module in imported if module.startswith("wbc_controller.")}
-    assert all(
-        module.endswith("_kernels") or module in ("wbc_controller.compilation", "wbc_controller.records")
-        for module in ours
-    )
+    nodes = ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+    imported = {node.module for node in nodes if isinstance(node, ast.ImportFrom)}
+    others = {name for name in imported if name.startswith("wbc_controller.") and not name.endswith("_kernels")}
+    assert others <= {"wbc_controller.compilation", "wbc_controller.records"}
 
 
 def test_structs_describe_each_field():
     structs = [struct for struct in Struct.__subclasses__() if struct.__module__.startswith("wbc_controller.")]
     assert structs
     for struct in structs:
-        described = {line.strip().partition(":")[0] for line in struct.__doc__.splitlines()}
-        described |= {
-            line.strip().partition(":")[0] for line in inspect.getsource(struct).splitlines() if "  # " in line
-        }
+        lines = [line for line in inspect.getsource(struct).splitlines() if "  # " in line]
+        described = {line.strip().partition(":")[0] for line in (*struct.__doc__.splitlines(), *lines)}
         assert not struct._fields.keys() - described, struct

@@ -4,14 +4,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-import wbc_controller as wbc
 from wbc_controller.controller.build.program import make_qp
-from wbc_controller.controller.build.references import make_board_plan
-from wbc_controller.controller.build.robot import make_model
-from wbc_controller.controller.check.preflight import stance
+from wbc_controller.controller.build.references import make_board
 from wbc_controller.estimation import invariant_filter_kernels as invariant_filter
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit
-from wbc_controller.inverse_dynamics.references.board import ReferenceBoard
 from wbc_controller.records import RobotState
 from wbc_controller.walking import feet_kernels as feet
 from wbc_controller.walking.references_kernels import body_references
@@ -96,14 +92,11 @@ def test_joints_beyond_a_state_are_refused():
 
 
 @pytest.fixture(scope="module")
-def program():
-    config = wbc.load("go2").settings
-    model = make_model(config)
-    qp = make_qp(config, model)
-    active = [name for name, contact in config.contacts.items() if contact.enabled]
-    q = stance(model, qp, active)
+def program(robot_of, stance_of):
+    settings, model = robot_of("go2")
+    qp, q = make_qp(settings, model), stance_of("go2")
     qp.dynamics.update(q, np.zeros(model.nv))
-    board = ReferenceBoard(make_board_plan(config, qp))
+    board = make_board(settings, qp)
     board.reset(qp.dynamics, 0.0)
     return qp, RobotState(0, q, np.zeros(model.nv)), board.sample(1.0)
 

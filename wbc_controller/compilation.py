@@ -29,10 +29,11 @@ from collections.abc import Callable, Iterator
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias, TypeVar, get_type_hints
 
 import numba
 import numpy as np
+import numpy.typing as npt
 from numba import types
 from numba.experimental import structref
 
@@ -41,37 +42,27 @@ try:
 except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
+_Reals: TypeAlias = npt.NDArray[np.float64]
+_Integers: TypeAlias = npt.NDArray[np.int64]
+#: Input arrays, with their types in Numba: contiguous, strided, integers.
+Vector: TypeAlias = Annotated[_Reals, types.Array(types.float64, 1, "C", readonly=True)]
+Matrix: TypeAlias = Annotated[_Reals, types.Array(types.float64, 2, "C", readonly=True)]
+StridedVector: TypeAlias = Annotated[_Reals, types.Array(types.float64, 1, "A", readonly=True, aligned=False)]
+StridedMatrix: TypeAlias = Annotated[_Reals, types.Array(types.float64, 2, "A", readonly=True, aligned=False)]
+Indices: TypeAlias = Annotated[_Integers, types.Array(types.int64, 1, "C", readonly=True)]
+IndexMatrix: TypeAlias = Annotated[_Integers, types.Array(types.int64, 2, "C", readonly=True)]
+#: Output arrays.
+OutIndices: TypeAlias = Annotated[_Integers, types.Array(types.int64, 1, "C")]
+OutVector: TypeAlias = Annotated[_Reals, types.Array(types.float64, 1, "C")]
+OutMatrix: TypeAlias = Annotated[_Reals, types.Array(types.float64, 2, "C")]
+OutStridedMatrix: TypeAlias = Annotated[_Reals, types.Array(types.float64, 2, "A")]
+Signs: TypeAlias = Annotated[npt.NDArray[np.int8], types.Array(types.int8, 2, "C")]
+
 if TYPE_CHECKING:
-    import numpy.typing as npt
     from typing_extensions import dataclass_transform
 
-    Vector: TypeAlias = npt.NDArray[np.float64]
-    Matrix: TypeAlias = Vector
-    StridedVector: TypeAlias = Vector
-    StridedMatrix: TypeAlias = Vector
-    OutVector: TypeAlias = Vector
-    OutMatrix: TypeAlias = Vector
-    OutStridedMatrix: TypeAlias = Vector
-    Indices: TypeAlias = npt.NDArray[np.int64]
-    IndexMatrix: TypeAlias = Indices
-    OutIndices: TypeAlias = Indices
-    Signs: TypeAlias = npt.NDArray[np.int8]
     _Proxy = object
 else:
-    #: Input arrays: contiguous, strided, integers.
-    Vector = types.Array(types.float64, 1, "C", readonly=True)
-    Matrix = types.Array(types.float64, 2, "C", readonly=True)
-    StridedVector = types.Array(types.float64, 1, "A", readonly=True, aligned=False)
-    StridedMatrix = types.Array(types.float64, 2, "A", readonly=True, aligned=False)
-    Indices = types.Array(types.int64, 1, "C", readonly=True)
-    IndexMatrix = types.Array(types.int64, 2, "C", readonly=True)
-    #: Output arrays.
-    OutIndices = types.Array(types.int64, 1, "C")
-    OutVector = types.Array(types.float64, 1, "C")
-    OutMatrix = types.Array(types.float64, 2, "C")
-    OutStridedMatrix = types.Array(types.float64, 2, "A")
-    Signs = types.Array(types.int8, 2, "C")
-
     #: Without compilation the proxy would recurse endlessly.
     _Proxy = object if numba.config.DISABLE_JIT else structref.StructRefProxy
 
@@ -97,7 +88,7 @@ def compiled(function: _Function) -> _Function:
     """Compile a function for the types of its annotations: numbers, arrays and structs."""
     if numba.config.DISABLE_JIT:
         return function
-    hints = get_type_hints(function)
+    hints = get_type_hints(function, include_extras=True)
     arguments = [hints[name] for name in inspect.signature(function).parameters]
     for argument in arguments:
         if isinstance(argument, type) and issubclass(argument, Struct):
@@ -118,7 +109,7 @@ class Struct(_Proxy):
 
     def __init_subclass__(cls) -> None:
         """Create the Numba type."""
-        hints = get_type_hints(cls)
+        hints = get_type_hints(cls, include_extras=True)
         cls._fields = {name: _numba_type(hints[name]) for name in cls.__annotations__}
         # The cache on disk finds the type by its qualified name.
         names = {"__module__": cls.__module__, "__qualname__": f"{cls.__qualname__}.NumbaType"}
@@ -164,7 +155,7 @@ class Struct(_Proxy):
 def _numba_type(annotation: Any) -> Any:
     if isinstance(annotation, type) and issubclass(annotation, Struct):
         return annotation.numba_type
-    return _SCALARS.get(annotation, annotation)
+    return annotation.__metadata__[0] if hasattr(annotation, "__metadata__") else _SCALARS.get(annotation, annotation)
 
 
 def _require_array(name: str, array: Any, kind: Any) -> None:

@@ -25,7 +25,7 @@ def _run(module: str, function: str, instead: str) -> NoReturn:
 
             serve = getattr(importlib.import_module(f"wbc_controller.nodes.ros2.{module}"), function)
         except ImportError as error:
-            sys.exit(_report_missing_ros2(instead, error))
+            raise ConfigurationError(_missing_ros2(instead, error)) from error
         with optional_libraries():
             status = process.run(serve)
     except ConfigurationError as error:
@@ -41,17 +41,14 @@ guard_main = partial(_run, "plain_nodes", "serve_guard", "wbc guard g1")
 estimator_main = partial(_run, "plain_nodes", "serve_estimator", "wbc estimate g1")
 
 
-def _report_missing_ros2(instead: str, error: ImportError) -> int:
-    version = ".".join(map(str, sys.version_info[:2]))
+def _missing_ros2(instead: str, error: ImportError) -> str:
     warning = two_installations()
     if warning:
-        print(f"error: {error}\n{warning}", file=sys.stderr)
-        return 2
-    print(
-        f"error: ROS 2 not found by this Python ({version}): {error}\n"
+        return f"{error}\n{warning}"
+    version = ".".join(map(str, sys.version_info[:2]))
+    return (
+        f"ROS 2 not found by this Python ({version}): {error}\n"
         "Source ROS 2 (. /opt/ros/jazzy/setup.bash) and use its Python, or on x86-64 Linux install the wheels into a\n"
         "virtual environment (pip install 'wbc_controller[ros2]'); see docs/ros2.md.\n"
-        f"Equivalent command without ROS 2: {instead}",
-        file=sys.stderr,
+        f"Equivalent command without ROS 2: {instead}"
     )
-    return 2

@@ -1,11 +1,8 @@
 """The tasks that docs/balance.md shows keep a pushed robot on its feet where a task on the centre of mass would not."""
 
-import re
-from pathlib import Path
-
 import numpy as np
 import pytest
-import yaml
+from pages import page, snippets
 
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.references import make_board
@@ -14,14 +11,13 @@ from wbc_controller.records import RobotState, frozen
 from wbc_controller.settings.files import parse_settings
 from wbc_controller.simulation.plant import Plant
 
-PAGE = (Path(__file__).parents[2] / "docs" / "balance.md").read_text(encoding="utf-8")
 PERIOD = 0.001
 
 
 @pytest.fixture(scope="module")
 def talos(robot_of):
     settings, _ = robot_of("talos")
-    content = settings.model_dump() | yaml.safe_load(re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)[0])
+    content = settings.model_dump() | snippets(page("balance"))[0]
     content["control"] |= {"rate": 1.0 / PERIOD}
     settings = parse_settings(content, "docs/balance.md")
     return settings, make_model(settings)

@@ -1,14 +1,14 @@
 """What docs/bring-up.md shows of `wbc check` is what it prints, for its configurations and for each of its mistakes."""
 
 import re
-from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from pages import page
 
 from wbc_controller.cli import main
 
-PAGE = (Path(__file__).parents[2] / "docs/bring-up.md").read_text(encoding="utf-8")
+PAGE = page("bring-up")
 FILES = dict(re.findall(r"```yaml\n# (\w+\.yaml)\n(.*?)```", PAGE, re.DOTALL))
 SHOWN = re.findall(r"```console\n\$ wbc check (\w+\.yaml)\n(.*?)```", PAGE, re.DOTALL)
 MISTAKES = re.findall(r"^\| `([^`]+)` \| `([^`]+)` \| `([^`]+)` \|$", PAGE, re.MULTILINE)

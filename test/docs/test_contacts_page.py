@@ -1,18 +1,18 @@
 """Every kind of contact from its YAML to its forces: what docs/contacts.md shows runs, is made and broken by topic."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from pages import ROOT, page, snippets
 
 from wbc_controller.controller.check.preflight import check
 from wbc_controller.settings.contacts import ContactSettings
 from wbc_controller.settings.files import types_of
 
-PAGE = (Path(__file__).parents[2] / "docs" / "contacts.md").read_text(encoding="utf-8")
-BLOCKS = [yaml.safe_load(block) for block in re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)]
+PAGE = page("contacts")
+BLOCKS = snippets(PAGE)
 SHOWN = {name: contact for block in BLOCKS for name, contact in block.get("contacts", {}).items()}
 LOOPS = {name: loop for block in BLOCKS for name, loop in block.get("loops", {}).items()}
 UPDATES = re.findall(r"`(\{contacts: \{.*?\}\}\})`", PAGE)
@@ -35,7 +35,7 @@ def test_the_page_has_a_section_and_an_example_for_each_kind():
     assert LOOPS
     examples = re.findall(r"`(examples/\w+\.py)`", PAGE)
     assert len(set(examples)) == 5
-    assert all((Path(__file__).parents[2] / example).is_file() for example in examples)
+    assert all((ROOT / example).is_file() for example in examples)
 
 
 @pytest.mark.parametrize("name", SHOWN)

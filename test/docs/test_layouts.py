@@ -2,11 +2,11 @@
 
 import json
 import re
-from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 import yaml
+from pages import ROOT
 
 from wbc_controller.controller.visualization.scene import COLORS
 from wbc_controller.middleware.codec import TYPES
@@ -16,7 +16,6 @@ from wbc_controller.middleware.topics import MOCK_NODE as MOCK
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.simulation.mock_robot import WORLD_FRAME
 
-ROOT = Path(__file__).resolve().parents[2]
 LAYOUTS = ROOT / "layouts"
 
 

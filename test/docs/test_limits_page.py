@@ -1,15 +1,11 @@
 """What docs/limits.md shows runs."""
 
-import re
-from pathlib import Path
-
 import pytest
-import yaml
+from pages import page, snippets
 
 from wbc_controller.settings.limits import LimitSettings
 
-PAGE = (Path(__file__).parents[2] / "docs" / "limits.md").read_text(encoding="utf-8")
-BLOCKS = [yaml.safe_load(block) for block in re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)]
+BLOCKS = snippets(page("limits"))
 
 
 @pytest.mark.parametrize("block", BLOCKS, ids=lambda block: "+".join(block["limits"]))

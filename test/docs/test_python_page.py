@@ -1,12 +1,12 @@
 """docs/python.md: snippets, names and numbers."""
 
 import re
-from pathlib import Path
+
+from pages import ROOT, page
 
 import wbc_controller as wbc
 
-ROOT = Path(__file__).parents[2]
-PAGE = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+PAGE = page("python")
 SNIPPETS = re.findall(r"^```python\n(.*?)^```$", PAGE, flags=re.MULTILINE | re.DOTALL)
 
 

@@ -1,14 +1,13 @@
-"""README.md and the pages of its lists: sizes, the Python code, all commands, examples and equations."""
+"""README.md and the pages of its lists: sizes, the Python code, all commands, examples, equations and named files."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
+from pages import ROOT, page
 
 from wbc_controller.cli import COMMANDS
 
-ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
@@ -27,13 +26,20 @@ def test_the_python_code_runs(capsys):
 
 
 def test_pages_list_all_commands_examples_and_equations():
-    page = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
-    assert [name for name in COMMANDS if f"`wbc {name}`" not in page] == []
-    page = (ROOT / "docs" / "examples.md").read_text(encoding="utf-8")
+    commands, examples, equations = page("commands"), page("examples"), page("equations")
+    assert [name for name in COMMANDS if f"`wbc {name}`" not in commands] == []
     scripts = [path.name for path in (ROOT / "examples").iterdir() if path.suffix in (".py", ".ipynb")]
-    assert [name for name in scripts if f"(../examples/{name})" not in page] == []
-    page = (ROOT / "docs" / "equations.md").read_text(encoding="utf-8")
-    assert re.findall(r"^## (S\d+):", page, re.MULTILINE) == [f"S{number}" for number in range(1, 13)]
-    named = re.findall(r"\]\(\.\./([^)]+)\) \(`(\w+)`\)", page)
+    assert [name for name in scripts if f"(../examples/{name})" not in examples] == []
+    assert re.findall(r"^## (S\d+):", equations, re.MULTILINE) == [f"S{number}" for number in range(1, 13)]
+    named = re.findall(r"\]\(\.\./([^)]+)\) \(`(\w+)`\)", equations)
     assert len(named) >= 2
     assert [name for path, name in named if f"def {name}(" not in (ROOT / path).read_text(encoding="utf-8")] == []
+
+
+def test_modules_named_by_the_architecture_page_exist():
+    """`nodes/loop` is a file or folder of the package."""
+    rooms = "nodes|controller|middleware|inverse_dynamics|simulation|recording|safety"
+    named = re.findall(rf"`((?:{rooms})/[\w/.]+)`", page("architecture"))
+    assert len(named) > 12
+    package = ROOT / "wbc_controller"
+    assert [name for name in named if not any((package / f"{name}{end}").exists() for end in ("", ".py"))] == []

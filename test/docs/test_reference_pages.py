@@ -1,27 +1,23 @@
 """The generated pages of the documentation are what the code says now."""
 
-from pathlib import Path
-
+from pages import page
 from reference_pages import configuration_page, write
 
 from wbc_controller.middleware.topics import CONTROLLER_TOPICS, MOCK_TOPICS
 from wbc_controller.middleware.topics_table import topics_page
 from wbc_controller.settings import Settings
 
-DOCS = Path(__file__).parents[2] / "docs"
-
 
 def test_the_pages_in_docs_are_up_to_date(tmp_path):
     write(tmp_path)
-    for name in ("map.md", "topics.md", "configuration.md"):
-        written = (tmp_path / name).read_text(encoding="utf-8")
-        assert (DOCS / name).read_text(encoding="utf-8") == written, "run: make docs"
+    for name in ("map", "topics", "configuration"):
+        assert page(name) == (tmp_path / f"{name}.md").read_text(encoding="utf-8"), "run: make docs"
 
 
 def test_every_topic_and_every_section_is_there():
-    page = topics_page()
+    table = topics_page()
     for topic in (*CONTROLLER_TOPICS, *MOCK_TOPICS):
-        assert f"| `{topic.name}` |" in page
-        assert topic.meaning in page
+        assert f"| `{topic.name}` |" in table
+        assert topic.meaning in table
     for section in Settings.model_fields:
         assert f"## `{section}`" in configuration_page()

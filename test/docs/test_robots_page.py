@@ -1,18 +1,14 @@
 """What docs/robots.md shows can be built, and drives the joints as the page says."""
 
-import re
-from pathlib import Path
-
 import numpy as np
 import pytest
-import yaml
 from chains import joint, link, menagerie, robot
+from pages import page, snippets
 
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.inverse_dynamics.robot.urdf import UNLIMITED
 
-PAGE = (Path(__file__).parents[2] / "docs" / "robots.md").read_text(encoding="utf-8")
-TRANSMISSION, LIMITS, *OTHERS = (yaml.safe_load(block) for block in re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL))
+TRANSMISSION, LIMITS, PASSIVE, LOCKED = snippets(page("robots"))
 LEG = robot(
     link("pelvis"), link("thigh"), link("shank"), link("foot"),
     joint("hip", "pelvis", "thigh"), joint("knee", "thigh", "shank"), joint("ankle", "shank", "foot"),
@@ -22,13 +18,11 @@ NOTHING = {"actuators": [], "transmission": {}, "passive_joints": {}, "locked_jo
 
 @pytest.mark.parametrize(
     ("shown", "ratios"),
-    list(
-        zip(
-            (TRANSMISSION, *OTHERS),
-            ([[1.0, 0.0, 0.0], [9.0, 9.0, 0.0], [0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], np.eye(2)),
-            strict=True,
-        )
-    ),
+    [
+        (TRANSMISSION, [[1.0, 0.0, 0.0], [9.0, 9.0, 0.0], [0.0, 0.0, 1.0]]),
+        (PASSIVE, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
+        (LOCKED, np.eye(2)),
+    ],
     ids=["transmission", "passive", "locked"],
 )
 def test_what_the_page_shows_is_what_is_built(shown, ratios):

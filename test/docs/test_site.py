@@ -4,11 +4,9 @@ import re
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
-
-ROOT = Path(__file__).parents[2]
+from pages import ROOT
 
 for package in ("material", "math_core"):
     pytest.importorskip(package, reason=f"make site needs '{package}' of requirements/dev.txt")

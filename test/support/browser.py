@@ -5,6 +5,7 @@ from collections import Counter
 from typing import Any
 
 import msgspec
+import numpy as np
 import viser
 import zstandard
 from waiting import until
@@ -15,6 +16,17 @@ _CAMERA = {
     "wxyz": (1.0, 0.0, 0.0, 0.0), "position": (2.0, 0.0, 1.0), "fov": 0.8, "near": 0.01, "far": 100.0,
     "image_height": 600, "image_width": 800, "look_at": (0.0, 0.0, 0.5), "up_direction": (0.0, 0.0, 1.0),
 }  # fmt: skip
+
+
+def projected(points: Any, position: Any, look_at: Any, angle: float) -> Any:
+    """Coordinates in the picture, in half heights of the picture from its centre to the right and up, (n, 2)."""
+    forward = (look_at - position) / np.linalg.norm(look_at - position)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    rays = points - position
+    depth = rays @ forward
+    assert depth.min() > 0.1
+    return np.stack([rays @ right / depth, rays @ np.cross(right, forward) / depth], axis=1) / np.tan(angle / 2.0)
 
 
 class Browser:

@@ -5,6 +5,7 @@ import time
 from dataclasses import replace
 
 import numpy as np
+from browser import Browser
 
 from wbc_controller.apps.page.meshes import Mesh
 from wbc_controller.apps.page.page import Page
@@ -81,6 +82,12 @@ class Rig:
         if self.sender is not None:
             self.sender.close()
         self.server.stop()
+
+    def open_page(self):
+        """Open another page, and wait for its handles."""
+        count, page = len(self.server.get_clients()), Browser(self.gate.port)
+        page.until(lambda: len(self.server.get_clients()) > count and "/handles/com" in page.positions)
+        return page
 
     def take(self, request):
         self.sent.append((time.monotonic(), request))

@@ -6,12 +6,9 @@ import pytest
 from wbc_controller.apps.demo import director
 from wbc_controller.apps.demo.director import DemoFailed, Director
 from wbc_controller.apps.demo.scenario import SCENARIOS
-from wbc_controller.controller.build.robot import make_model
 from wbc_controller.middleware.codec import encode
-from wbc_controller.middleware.topics import MOCK_NODE, MOCK_TOPICS, Direction, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
-from wbc_controller.nodes.wiring import controller_endpoints
-from wbc_controller.settings.config import load
+from wbc_controller.nodes.wiring import topics_of
 
 
 class Activated(Exception):
@@ -23,18 +20,12 @@ def ignore(*_: object) -> None:
 
 
 @pytest.fixture
-def play(make):
+def play(make, robot_of):
     """Return a function that plays a scenario with a standing mock robot and scripted modes of the controller."""
-    settings = load("go2").settings
-    model, bus = make_model(settings), MemoryBus()
-    ours = controller_endpoints(settings, model)
-    mock = endpoints(MOCK_TOPICS, MOCK_NODE, contacts=settings.contacts)
-    network = MemoryTransport(bus)
-    say = {
-        each.key: network.advertise(each)
-        for each in (*ours, *mock)
-        if each.direction is Direction.OUT and each.key in ("joint_states", "state")
-    }
+    settings, model = robot_of("go2")
+    topics, bus = topics_of(settings), MemoryBus()
+    sent = (("mock", "joint_states", ""), ("controller", "state", ""))
+    say = {place[1]: MemoryTransport(bus).advertise(topics[place]) for place in sent}
 
     def play(modes):
         count = 0

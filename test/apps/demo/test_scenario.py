@@ -14,7 +14,7 @@ from wbc_controller.apps.demo.scenario import SCENARIOS, WALK_ROBOT, WALK_SCENAR
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.settings.config import load
-from wbc_controller.settings.files import find_configuration, load_settings, shipped_configurations
+from wbc_controller.settings.files import shipped_configurations
 
 
 def test_only_robots_that_stand_have_a_demo(robot_of):
@@ -29,8 +29,8 @@ def test_only_robots_that_stand_have_a_demo(robot_of):
 
 
 @pytest.mark.parametrize("robot", SCENARIOS)
-def test_demos_use_configured_tasks(robot):
-    scenario, settings = SCENARIOS[robot], load_settings(find_configuration(robot))
+def test_demos_use_configured_tasks(robot, robot_of):
+    scenario, (settings, _) = SCENARIOS[robot], robot_of(robot)
     assert settings.tasks["com"].type == "com"
     for reach in scenario.reaches:
         assert settings.tasks[reach.task].type == "frame_pose"

@@ -44,6 +44,9 @@ def good_run():
     )  # fmt: skip
 
 
+RUN = good_run()
+
+
 def distances():
     """Return the distance of the hand from its target."""
     distance = np.linspace(0.5, 0.0, len(TIME))
@@ -66,14 +69,14 @@ def spoiled(array, rows, value, column=None):
     return result
 
 
-STAND_QP, STAND_SIMULATOR, SWAY, REACH, SHOVE, TORQUE = verdict(good_run())
+STAND_QP, STAND_SIMULATOR, SWAY, REACH, SHOVE, TORQUE = verdict(RUN)
 
 
 def test_good_run_meets_all_targets():
-    results = judge(good_run(), SCENARIO, WINDOWS, distances(), WEIGHT)
+    results = judge(RUN, SCENARIO, WINDOWS, distances(), WEIGHT)
     assert len(results) == 6
     assert all(result.passed for result in results)
-    said = verdict(good_run())
+    said = verdict(RUN)
     assert said[SWAY].measured == "4.00 mm"
     assert said[REACH].measured == "8.00 mm"
     assert said[SHOVE].name == "shove left 5 N·s"
@@ -82,7 +85,7 @@ def test_good_run_meets_all_targets():
 
 
 def test_observed_disturbance_counts_only_in_the_program():
-    run = replace(good_run(), disturbance=np.full(len(TIME), -0.015 * WEIGHT))
+    run = replace(RUN, disturbance=np.full(len(TIME), -0.015 * WEIGHT))
     assert missed(run) == {STAND_QP}
     lighter = {name: wrench + [0, 0, 0.0075 * WEIGHT, 0, 0, 0] for name, wrench in run.contact_wrenches.items()}
     assert not missed(replace(run, contact_wrenches=lighter))
@@ -92,49 +95,44 @@ def test_observed_disturbance_counts_only_in_the_program():
 @pytest.mark.parametrize("value", [49.2, 50.8 + 0.3, np.nan, np.inf])
 @pytest.mark.parametrize(("field", "name"), [("contact_wrenches", STAND_QP), ("true_wrenches", STAND_SIMULATOR)])
 def test_wrong_force_in_one_sample(field, name, value):
-    run = good_run()
     wrenches = {
-        "left": run.contact_wrenches["left"],
-        "right": spoiled(run.contact_wrenches["left"], ROWS["stand"], value, 2),
+        "left": RUN.contact_wrenches["left"],
+        "right": spoiled(RUN.contact_wrenches["left"], ROWS["stand"], value, 2),
     }
     off = abs((50.0 + value) / WEIGHT - 1.0)
-    assert missed(replace(run, **{field: wrenches})) == (set() if off <= 0.01 else {name})
+    assert missed(replace(RUN, **{field: wrenches})) == (set() if off <= 0.01 else {name})
 
 
 def test_moves_are_judged_by_their_rms_error():
-    run = good_run()
-    com = run.com.copy()
+    com = RUN.com.copy()
     com[ROWS["sway"], 1] = 0.0051
-    assert missed(replace(run, com=com)) == {SWAY}
-    peak = spoiled(run.com, ROWS["sway"], 0.02, 1)
-    assert missed(replace(run, com=peak)) == set()
-    assert missed(replace(run, com=spoiled(run.com, ROWS["sway"], np.nan, 1))) == {SWAY}
+    assert missed(replace(RUN, com=com)) == {SWAY}
+    peak = spoiled(RUN.com, ROWS["sway"], 0.02, 1)
+    assert missed(replace(RUN, com=peak)) == set()
+    assert missed(replace(RUN, com=spoiled(RUN.com, ROWS["sway"], np.nan, 1))) == {SWAY}
 
 
 @pytest.mark.parametrize("value", [0.0101, np.nan])
 def test_reaches_are_judged_by_their_end(value):
     reaches = distances()
     reaches["hand"][np.flatnonzero(ROWS["reach hand"])[-1]] = value
-    assert missed(good_run(), reaches=reaches) == {REACH}
+    assert missed(RUN, reaches=reaches) == {REACH}
 
 
 @pytest.mark.parametrize(("after", "value", "good"), [(0.5, 0.5, True), (1.5, 0.021, False), (1.5, np.nan, False)])
 def test_pushes_are_judged_after_the_recovery(after, value, good):
-    run = good_run()
-    com = run.com.copy()
+    com = RUN.com.copy()
     com[np.searchsorted(TIME, 5.0 + after), 1] = value
-    assert missed(replace(run, com=com)) == (set() if good else {SHOVE})
+    assert missed(replace(RUN, com=com)) == (set() if good else {SHOVE})
 
 
 @pytest.mark.parametrize("value", [5.01, -5.01, np.nan, np.inf, -np.inf])
 def test_excessive_or_non_finite_torque(value):
-    run = good_run()
-    assert missed(replace(run, tau=spoiled(run.tau, ROWS["sway"], value, 0))) == {TORQUE}
+    assert missed(replace(RUN, tau=spoiled(RUN.tau, ROWS["sway"], value, 0))) == {TORQUE}
 
 
 def test_run_without_torques_fails():
-    run = good_run()
-    result = verdict(replace(run, tau=np.full_like(run.tau, np.nan)))[TORQUE]
+    result = verdict(replace(RUN, tau=np.full_like(RUN.tau, np.nan)))[TORQUE]
     assert (result.passed, result.measured) == (False, "no command")
 
 
@@ -144,24 +142,23 @@ def test_run_without_torques_fails():
 )
 def test_missing_windows_fail(window, names):
     windows = {name: value for name, value in WINDOWS.items() if name != window}
-    said = verdict(good_run(), windows)
-    assert missed(good_run(), windows) == names
+    said = verdict(RUN, windows)
+    assert missed(RUN, windows) == names
     assert all("not reached" in said[name].measured for name in names)
 
 
 @pytest.mark.parametrize(("speed", "met"), [(0.3, True), (0.22, False)])
 def test_mean_velocity_of_a_walk(speed, met):
     """The velocity counts in the heading of the robot, here to the left of the world."""
-    run = good_run()
     q = np.zeros((len(TIME), 9))
     q[:, 1] = speed * np.minimum(TIME, 6.0)
     q[:, 5:7] = np.sqrt(0.5)
     scenario = Scenario(walks=(Walk("walk", (0.3, 0.0, 0.0)),))
     windows = {"stand": WINDOWS["stand"], "walk": (START + 3.0, START + 6.0), "stop": (START + 7, START + 8)}
-    found = {each.name: each for each in judge(replace(run, q=q), scenario, windows, {}, WEIGHT)}
+    found = {each.name: each for each in judge(replace(RUN, q=q), scenario, windows, {}, WEIGHT)}
     assert found["walk"].passed is met
     assert found["walk"].measured == f"{speed:.3f}, 0.000, 0.000"
     assert found["stop"].passed
-    missed = {each.name: each for each in judge(run, scenario, {"stand": WINDOWS["stand"]}, {}, WEIGHT)}
+    missed = {each.name: each for each in judge(RUN, scenario, {"stand": WINDOWS["stand"]}, {}, WEIGHT)}
     assert missed["walk"].measured == missed["stop"].measured == "not reached"
     assert not missed["stop"].passed

@@ -1,6 +1,6 @@
 """`wbc play` in a real browser: effects of each button, a handle, a pull and a slider on topics and the robot."""
 
-# ruff: noqa: E402 - the package and its helpers are imported after the checks for viser and playwright
+# ruff: noqa: E402 - the package and its helpers are imported after the check for playwright
 
 import os
 import re
@@ -14,9 +14,9 @@ import time
 import numpy as np
 import pytest
 
-pytest.importorskip("viser", reason="the page requires viser: pip install 'wbc_controller[view]'")
 playwright = pytest.importorskip("playwright.sync_api", reason="a browser is driven by playwright, of requirements/dev")
 
+from browser import projected
 from domains import own_domain
 
 from wbc_controller.apps.page.camera import camera
@@ -104,20 +104,13 @@ class Pixels:
 
     def __init__(self, page):
         robot = Robot(CONFIG.settings)
-        self.position, self.look_at, self.fov = camera(robot, build_meshes(robot.model))
+        self.view = camera(robot, build_meshes(robot.model))
         self.box = page.locator("canvas").first.bounding_box()
 
     def __call__(self, point):
-        forward = (self.look_at - self.position) / np.linalg.norm(self.look_at - self.position)
-        right = np.cross(forward, [0.0, 0.0, 1.0])
-        right /= np.linalg.norm(right)
-        up = np.cross(right, forward)
-        ray = np.asarray(point) - self.position
-        scale = self.box["height"] / 2.0 / np.tan(self.fov / 2.0) / (ray @ forward)
-        return (
-            self.box["x"] + self.box["width"] / 2.0 + scale * (ray @ right),
-            self.box["y"] + self.box["height"] / 2.0 - scale * (ray @ up),
-        )
+        ((right, up),) = projected(np.asarray(point)[None], *self.view)
+        half = self.box["height"] / 2.0
+        return self.box["x"] + self.box["width"] / 2.0 + half * right, self.box["y"] + half * (1.0 - up)
 
 
 def drag(page, start, end, steps=12):

@@ -7,8 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pinocchio as pin
 import pytest
-
-pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
+from browser import projected
 
 from wbc_controller.apps.new.draft import new_configuration
 from wbc_controller.apps.page.camera import CameraFollower, camera
@@ -41,17 +40,6 @@ def corners(robot, meshes):
     if robot.model.floating_base:
         low[2], high[2] = 0.0, high[2] - low[2]
     return np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
-
-
-def projected(points, position, look_at, angle):
-    """Coordinates in the picture, in half heights of the picture from its centre to the right and up, (n, 2)."""
-    forward = (look_at - position) / np.linalg.norm(look_at - position)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    rays = points - position
-    depth = rays @ forward
-    assert depth.min() > 0.1
-    return np.stack([rays @ right / depth, rays @ np.cross(right, forward) / depth], axis=1) / np.tan(angle / 2.0)
 
 
 @pytest.mark.parametrize("size", [(1440, 820), (1920, 1080), (1280, 720), (1100, 700), (1024, 768)])

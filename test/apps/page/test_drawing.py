@@ -4,21 +4,19 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from wbc_controller.settings.files import find_configuration, load_settings
+from wbc_controller.apps.page.meshes import TRIANGLES, build_meshes
+from wbc_controller.apps.page.snapshot import Robot
+from wbc_controller.apps.page.topic_source import BaseOnContacts
+from wbc_controller.controller.visualization.geometry import read_visuals
+from wbc_controller.settings.config import load
 
 
 @pytest.fixture(scope="module")
 def robot():
-    pytest.importorskip("viser", reason="the page requires viser: pip install 'wbc_controller[view]'")
-    from wbc_controller.apps.page.snapshot import Robot
-
-    return Robot(load_settings(find_configuration("go2")))
+    return Robot(load("go2").settings)
 
 
 def test_meshes_have_the_place_of_the_visuals(robot):
-    from wbc_controller.apps.page.meshes import TRIANGLES, build_meshes
-    from wbc_controller.controller.visualization.geometry import read_visuals
-
     meshes = {mesh.name: mesh for mesh in build_meshes(robot.model)}
     assert sum(len(mesh.triangles) for mesh in meshes.values()) <= 1.1 * TRIANGLES  # of 78 584
     visuals, _ = read_visuals(robot.model)
@@ -33,8 +31,6 @@ def test_meshes_have_the_place_of_the_visuals(robot):
 
 
 def test_unmeasured_base_is_fitted_to_the_contacts(robot):
-    from wbc_controller.apps.page.topic_source import BaseOnContacts
-
     model, dynamics = robot.model, robot.dynamics
     standing = BaseOnContacts(robot)
 

@@ -5,15 +5,12 @@ import threading
 import time
 from contextlib import closing
 
+import msgspec
 import numpy as np
 import pytest
+from browser import Browser
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-
-pytest.importorskip("viser", reason="the page requires viser: pip install 'wbc_controller[view]'")
-
-import msgspec
-from browser import Browser
 from page_rig import Rig
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
@@ -36,18 +33,11 @@ def rig():
 @pytest.fixture
 def pages(rig):
     """Yield a user's page and a hostile page."""
-    made = [opened(rig), opened(rig)]
+    made = [rig.open_page(), rig.open_page()]
     yield made
     for page in made:
         page.close()
     made[0].until(lambda: not rig.server.get_clients())
-
-
-def opened(rig):
-    count = len(rig.server.get_clients())
-    page = Browser(rig.gate.port)
-    page.until(lambda: len(rig.server.get_clients()) > count and "/handles/com" in page.positions)
-    return page
 
 
 def press_stop(rig, page):
@@ -213,7 +203,7 @@ def test_number_of_pages_is_limited(rig):
 def test_pull_without_a_start_ends_with_its_page(rig, pages):
     """viser ends only pulls with a known start."""
     user = pages[0]
-    other = opened(rig)
+    other = rig.open_page()
     (number,) = set(rig.server.get_clients()) - set(sorted(rig.server.get_clients())[:2])
     other.pull("/robot/1/m1", "update", (0.0, 0.0, 0.8), (0.5, 0.0, 0.8))
     arrow = f"/pulls/{number}/arrow"

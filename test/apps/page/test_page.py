@@ -8,10 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-
-pytest.importorskip("viser", reason="the page requires viser: pip install 'wbc_controller[view]'")
-
-from browser import Browser
 from page_rig import Rig, status
 from waiting import repeated
 
@@ -29,8 +25,7 @@ def rig():
 @pytest.fixture
 def browser(rig):
     rig.sent.clear()
-    page = Browser(rig.gate.port)
-    page.until(lambda: rig.server.get_clients() and "/handles/com" in page.positions)
+    page = rig.open_page()
     yield page
     page.close()
     page.until(lambda: not rig.server.get_clients())
@@ -158,9 +153,8 @@ def test_user_input_is_sent_during_updates():
     with (
         Rig(commands=True) as rig,
         repeated(lambda: rig.page._controls.show(rig.story.now, mock=True)),
-        closing(Browser(rig.gate.port)) as page,
+        closing(rig.open_page()) as page,
     ):
-        page.until(lambda: rig.server.get_clients() and "/handles/com" in page.positions)
         wanted = {"weight of com becomes 20": ("weight", 20.0)}
         wanted |= {f"contact {name} goes off": (name, False) for name in rig.robot.contacts}
         rig.story.now = replace(rig.story.now, forces={name: np.ones(6) for name in rig.robot.contacts})
@@ -193,8 +187,7 @@ def test_drag_enables_a_disabled_task(rig, browser):
 
 
 def test_closed_page_ends_its_drag(rig, browser):
-    other = Browser(rig.gate.port)
-    other.until(lambda: len(rig.server.get_clients()) == 2)
+    other = rig.open_page()
     other.drag("com", "start")
     other.drag("com", "update", (0.1, 0.0, 0.5))
     browser.until(lambda: rig.sent)
@@ -223,8 +216,7 @@ def test_pull_on_a_link_pushes_at_its_end(rig, browser):
 
 
 def test_closed_page_ends_its_pull(rig, browser):
-    other = Browser(rig.gate.port)
-    other.until(lambda: len(rig.server.get_clients()) == 2)
+    other = rig.open_page()
     for phase in ("start", "update"):
         other.pull("/robot/1/m1", phase, (0.0, 0.0, 0.8), (0.5, 0.0, 0.8))
     time.sleep(0.2)

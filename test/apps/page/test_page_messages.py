@@ -4,15 +4,12 @@ import dataclasses
 import typing
 from types import SimpleNamespace
 
+import msgspec
 import pytest
+import viser
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
-
-pytest.importorskip("viser", reason="the page requires viser: pip install 'wbc_controller[view]'")
-
-import msgspec
-import viser
 from viser import _messages as viser_messages
 
 from wbc_controller.apps.page.page_messages import COMMANDING, WATCHING, AllowList

@@ -5,9 +5,6 @@ from contextlib import closing
 
 import numpy as np
 import pytest
-
-pytest.importorskip("viser", reason="the page requires viser: pip install 'wbc_controller[view]'")
-
 from browser import Browser
 from waiting import repeated
 

@@ -4,8 +4,6 @@ import threading
 
 import pytest
 
-pytest.importorskip("viser", reason="the page requires viser: pip install 'wbc_controller[view]'")
-
 from wbc_controller.apps.page.request_sender import MAX_AGE, PERIOD, RequestSender
 from wbc_controller.apps.terminal.session import NoAnswer
 from wbc_controller.settings.files import find_configuration, load_settings

@@ -1,15 +1,12 @@
 """Access to the page on the real server, with real requests."""
 
-# ruff: noqa: E402 - imports follow the check for viser
-
+import contextlib
 import socket
+import threading
 import urllib.error
 import urllib.request
 
 import pytest
-
-viser = pytest.importorskip("viser", reason="the page requires viser: pip install 'wbc_controller[view]'")
-
 import websockets.asyncio.server
 from browser import Browser
 from websockets.exceptions import InvalidStatus
@@ -143,17 +140,11 @@ def test_tunnel_to_another_port(local, host):
 
 def test_unchecked_server_is_stopped(monkeypatch):
     serve = websockets.asyncio.server.serve
-    monkeypatch.setattr("wbc_controller.apps.page.server._install_checks", _unchecked)
+    unchecked = contextlib.nullcontext(threading.Event())
+    monkeypatch.setattr("wbc_controller.apps.page.server._install_checks", lambda gate, allowed: unchecked)
     with pytest.raises(TransportError, match="bypasses the request checks, so the server was stopped"):
         open_server("127.0.0.1", 0, Gate("127.0.0.1"))
     assert websockets.asyncio.server.serve is serve
-
-
-def _unchecked(gate, allowed):
-    import contextlib
-    import threading
-
-    return contextlib.nullcontext(threading.Event())
 
 
 def test_address_of_another_computer():

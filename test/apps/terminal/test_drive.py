@@ -17,7 +17,7 @@ from wbc_controller.cli import main
 from wbc_controller.middleware.codec import decode, diagnostics, encode, message
 from wbc_controller.middleware.transports.dds import DdsTransport
 from wbc_controller.nodes.wiring import topics_of
-from wbc_controller.settings.files import find_configuration, load_settings
+from wbc_controller.settings.config import load
 
 DOMAIN = own_domain()
 
@@ -57,13 +57,10 @@ def test_refusals(robot, text):
 @contextlib.contextmanager
 def controller_double():
     """Publish the state of a controller; yield its received velocities."""
-    topics, received = topics_of(load_settings(find_configuration("g1"))), []
-    transport = DdsTransport("wbc_controller", "/", DOMAIN, "LOCALHOST")
-    try:
-        velocity, values = (
-            topics["controller", "cmd_vel", ""],
-            {"walking/phase": "double support", "walking/steps": "7"},
-        )
+    topics, received = topics_of(load("g1").settings), []
+    velocity = topics["controller", "cmd_vel", ""]
+    values = {"walking/phase": "double support", "walking/steps": "7"}
+    with contextlib.closing(DdsTransport("wbc_controller", "/", DOMAIN, "LOCALHOST")) as transport:
         contents = {
             "state": message("std_msgs/msg/String", data="active"),
             "diagnostics": diagnostics(1, 0, "wbc_controller: control loop", "active", "g1", values),
@@ -77,8 +74,6 @@ def controller_double():
         transport.subscribe(velocity, receive)
         publications["state"](encode(contents["state"]))
         yield received, lambda: publications["diagnostics"](encode(contents["diagnostics"]))
-    finally:
-        transport.close()
 
 
 @pytest.mark.live

@@ -1,6 +1,7 @@
 """Requests of a user and their outcomes, on a transport double."""
 
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import pytest
 
@@ -9,24 +10,6 @@ from wbc_controller.apps.terminal.request_parser import Request, parse_request
 from wbc_controller.apps.terminal.session import NoAnswer, Session
 from wbc_controller.middleware.codec import decode, diagnostics, encode, message
 from wbc_controller.settings.config import load
-
-
-class PublicationDouble:
-    """Publication with a reader that acknowledges each message."""
-
-    topic = "topic"
-
-    def __init__(self, publish):
-        self.publish = publish
-
-    def __call__(self, payload):
-        self.publish(payload)
-
-    def wait_for_reader(self, patience):
-        return True
-
-    def wait_for_acknowledgment(self, patience):
-        return True
 
 
 class TransportDouble:
@@ -53,7 +36,7 @@ class TransportDouble:
             for values in self.answers[len(self.delivered) : len(self.delivered) + 1]:
                 self.diagnose(values)
 
-        return PublicationDouble(publish)
+        return Mock(side_effect=publish)  # with a reader that acknowledges each message
 
     def diagnose(self, values):
         self.receive["diagnostics"](encode(diagnostics(1, 0, "wbc_controller: control loop", "active", "go2", values)))
@@ -140,7 +123,7 @@ class WalkingDouble(TransportDouble):
             content = decode(payload, topic.type)
             self.sent.append(content.linear.x if topic.key == "cmd_vel" else content.data)
 
-        return PublicationDouble(publish)
+        return Mock(side_effect=publish)
 
 
 @pytest.mark.parametrize(

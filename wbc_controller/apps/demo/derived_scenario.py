@@ -10,12 +10,7 @@ from scipy.linalg import null_space
 from wbc_controller.apps.demo.scenario import Reach, Scenario, shoves, squat, sway
 from wbc_controller.controller.build.leg import Leg
 from wbc_controller.controller.build.program import make_qp
-from wbc_controller.controller.check.preflight import (
-    floor_contacts,
-    stance,
-    support_margin,
-    unsupported_passive_joints,
-)
+from wbc_controller.controller.check.preflight import floor_contacts, stance, support_margin, unsupported_passive_joints
 from wbc_controller.controller.check.reserves import com_distance
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.mobility import Mobility
@@ -60,8 +55,14 @@ def derived_scenario(settings: Settings, model: RobotModel) -> Scenario:
             "the demo requires an enabled task of type com; for other robots use wbc mock, wbc run and wbc send "
             "(docs/bring-up.md)"
         )
-    legs = _Stance(settings, model)
-    height, margin = legs.height, legs.margin
+    qp = make_qp(settings, model)
+    enabled = [name for name, contact in settings.contacts.items() if contact.enabled]
+    q = stance(model, qp, enabled)
+    qp.dynamics.update(q, np.zeros(model.nv))
+    com = qp.dynamics.com
+    height = float(com[2])
+    corners = np.vstack([np.zeros((0, 3)), *floor_contacts(qp, enabled, np.eye(3)[2]).values()])
+    margin = support_margin(corners[:, :2], com[:2]) if len(corners) else 0.0  # distance to the support's edge, m
     if not (margin > 0.0):
         raise ConfigurationError(
             "the demo requires a standing robot; in robot.posture the centre of mass is outside the support polygon of "
@@ -69,10 +70,16 @@ def derived_scenario(settings: Settings, model: RobotModel) -> Scenario:
         )
     impulse = model.mass * min(_SHOVE * math.sqrt(model.gravity / height) * margin, _LARGEST_SHOVE)
     impulse = float(f"{impulse:.2g}")
+    hanging = unsupported_passive_joints(qp, enabled)
+
+    def safe_distance(direction: Array, most: float) -> float:
+        found = com_distance(qp, enabled, q, hanging, direction, most / _SAFE, settings.limits.margin)
+        return most if found is None else _SAFE * found.most
+
     motion = np.array([_REACH, 0.0, _REACH]) * height
     side, down = np.eye(3)[1], -np.eye(3)[2]
-    amplitude = min(legs.safe_distance(sign * side, min(_SWAY * margin, _LARGEST_SWAY)) for sign in (1.0, -1.0))
-    moves = (sway(amplitude, 0.005), squat(legs.safe_distance(down, _SQUAT * height), 0.008))
+    amplitude = min(safe_distance(sign * side, min(_SWAY * margin, _LARGEST_SWAY)) for sign in (1.0, -1.0))
+    moves = (sway(amplitude, 0.005), squat(safe_distance(down, _SQUAT * height), 0.008))
     reaches = (_reach(settings, model, name, hand, motion) for name, hand in list(hands.items())[:1])
     return Scenario(
         com=tasks[0],
@@ -169,25 +176,3 @@ def _feasible_part(arm: Leg, model: RobotModel, motion: Array) -> Array:
 def _effort(model: RobotModel, posture: Array) -> float:
     gravity = pin.computeGeneralizedGravity(model.pinocchio, model.pinocchio.createData(), model.configuration(posture))
     return float(np.max(np.abs(model.actuation.torques(gravity)) / model.effort_limits))
-
-
-class _Stance:
-    """The robot in the nominal posture."""
-
-    def __init__(self, settings: Settings, model: RobotModel) -> None:
-        self._settings, self._qp = settings, make_qp(settings, model)
-        dynamics = self._qp.dynamics
-        self._enabled = [name for name, contact in settings.contacts.items() if contact.enabled]
-        self._q = stance(model, self._qp, self._enabled)
-        dynamics.update(self._q, np.zeros(model.nv))
-        corners = np.vstack([np.zeros((0, 3)), *floor_contacts(self._qp, self._enabled, np.eye(3)[2]).values()])
-        self.height = float(dynamics.com[2])  # of the centre of mass, m
-        #: Distance of the centre of mass from the edge of the support, m.
-        self.margin = support_margin(corners[:, :2], dynamics.com[:2]) if len(corners) else 0.0
-
-    def safe_distance(self, direction: Array, most: float) -> float:
-        """Return the safe motion of the centre of mass in a direction, at most `most`, in m."""
-        margin = self._settings.limits.margin
-        hanging = unsupported_passive_joints(self._qp, self._enabled)
-        found = com_distance(self._qp, self._enabled, self._q, hanging, direction, most / _SAFE, margin)
-        return most if found is None else _SAFE * found.most

@@ -250,8 +250,7 @@ class Director:
     def _shove(self, shove: Shove) -> None:
         self._begin(shove.name)
         force = np.array(shove.impulse) / 0.1
-        content = wrench_stamped(np.concatenate([force, np.zeros(3)]), shove.frame or self._model.base_link)
-        self._send("mock", "push", "", content)
+        self._send("mock", "push", "", wrench_stamped(force, shove.frame or self._model.base_link))
         self._measure(shove.name, self._scenario.recovery + 0.5)
 
     def _walk(self, walk: Walk) -> None:

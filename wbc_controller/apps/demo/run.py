@@ -39,8 +39,6 @@ from wbc_controller.settings.config import Config, load
 from wbc_controller.simulation.mock_robot import MockRobot
 
 _FIRST_DOMAIN = 100  # 100 to 199 by process ID, for concurrent demos
-
-
 _UserSession = tuple[Transport, Callable[[threading.Event], None], Record]
 
 
@@ -94,8 +92,7 @@ def run_demo(
 @contextmanager
 def _progress(console: Console, stage: _DemoSetup) -> Iterator[Callable[[str], None]]:
     scenario = stage.scenario
-    phases = 4 + len(scenario.moves) + len(scenario.reaches) + len(scenario.shoves)
-    phases += len(scenario.walks)
+    phases = 4 + len([*scenario.moves, *scenario.reaches, *scenario.shoves, *scenario.walks])
     columns = (
         SpinnerColumn(),
         TextColumn("{task.description:16}"),

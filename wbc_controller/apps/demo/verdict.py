@@ -41,11 +41,7 @@ def distances_to_targets(run: RunData, director: Director, model: RobotModel) ->
 
 
 def judge(
-    run: RunData,
-    scenario: Scenario,
-    windows: Windows,
-    distances: Mapping[str, Array],
-    weight: float,
+    run: RunData, scenario: Scenario, windows: Windows, distances: Mapping[str, Array], weight: float
 ) -> tuple[Result, ...]:
     """Compare a run with its targets; `windows` by phase, `distances` of the hands, `weight` in N."""
     error = np.linalg.norm(run.com - run.com_reference, axis=1)

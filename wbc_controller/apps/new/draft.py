@@ -52,7 +52,7 @@ def new_configuration(
     model = body.model
     kind = _put_base(source, base, found, draft)
     if kind == "fixed":
-        fixed = _model(draft, source, floating=False)
+        fixed = _model(draft, source)
         posture = put_fixed(fixed, postures, draft)
         tuning.put_armature(fixed, (), draft)
         tuning.put_limits(fixed, draft)
@@ -72,19 +72,16 @@ def _feet(
     draft.put("robot.urdf", source.address)
     draft.put("robot.base", "floating")
     choose_joints(source, draft, carrying)
-    model = _model(draft, source, floating=True)
+    model = _model(draft, source)
     body = Body(model, _shapes(model, source, draft), srdf_posture(model, postures)[1])
     return draft, body, body.feet_on_links(feet) if feet else body.feet()
 
 
-def _model(draft: Draft, source: UrdfSource, *, floating: bool) -> RobotModel:
+def _model(draft: Draft, source: UrdfSource) -> RobotModel:
     robot = draft.values["robot"]
     ranges = ranges_of(source, robot.get("joint_limits", {}))
     posture = [float(np.clip(0.0, *ranges[name])) for name in robot["joints"]]
-    values = {
-        "robot": robot | {"base": "floating" if floating else "fixed", "posture": posture},
-        "tasks": {"posture": {"type": "posture"}},
-    }
+    values = {"robot": robot | {"posture": posture}, "tasks": {"posture": {"type": "posture"}}}
     return make_model(parse_settings(values, source.address), source.text)
 
 
@@ -136,12 +133,12 @@ def _put_base(source: UrdfSource, base: Base | None, feet: Sequence[Foot], draft
 def _put_legged(
     draft: Draft, model: RobotModel, body: Body, feet: Sequence[Foot], postures: dict[str, dict[str, float]]
 ) -> None:
-    if not feet:
-        text = "contacts: no feet found. Name the links of the feet with --feet."
-        draft.put("contacts", {}, text, "missing")
-    posture = put_standing(model, feet, postures, draft) if feet else put_fixed(model, postures, draft)
     height = body.height
-    if feet:
+    if not feet:
+        draft.put("contacts", {}, "contacts: no feet found. Name the links of the feet with --feet.", "missing")
+        put_fixed(model, postures, draft)
+    else:
+        posture = put_standing(model, feet, postures, draft)
         feet = Body(model, body.elements, posture).remeasured(feet)
         placement = Legs(model, feet, posture, keep_feet=True).place_feet(posture)
         height = float(placement.com[2] - placement.bottoms.mean())
@@ -155,6 +152,5 @@ def _put_legged(
     imus = [str(frame.name) for frame in frames if "imu" in str(frame.name).lower()]
     if imus:
         draft.put("estimation.imu_frame", imus[-1], "From its name.", "guess")
-    if feet:
-        tuning.put_contacts(model, feet, draft)
+    tuning.put_contacts(model, feet, draft)
     tuning.put_standing_tasks(model, body.arms, feet, height, draft)

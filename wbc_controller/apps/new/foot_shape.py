@@ -1,7 +1,7 @@
 """Shape of a foot: a flat sole, a ball or a wheel."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import coal
@@ -43,7 +43,8 @@ class Foot:
     #: Contact placement in the joint's frame. Sole: middle, z along the inward normal, x forward. Ball or wheel:
     #: centre, axes of the joint.
     placement: pin.SE3
-    corners: Array  # of a sole, (n, 2) in m, in the axes of `placement`; otherwise empty
+    #: Of a sole, (n, 2) in m, in the axes of `placement`; otherwise empty.
+    corners: Array = field(default_factory=lambda: np.zeros((0, 2)))
     rectangle: bool = False  # True if the corners form a rectangle along these axes
     radius: float = 0.0  # of a ball or wheel, m
     axis: tuple[float, float, float] = (0.0, 0.0, 1.0)  # of a wheel, in the joint's frame, (3,)
@@ -80,16 +81,14 @@ def measure(
         tip = points[np.argmax(points @ down)]
         centre, radius = ball if ball is not None else (tip - UNKNOWN_RADIUS * down, UNKNOWN_RADIUS)
         measured_on = "a sphere fitted to the foot's underside" if ball is not None else ""
-    return Foot(
-        joint, link, "point", pin.SE3(np.eye(3), centre), np.zeros((0, 2)), radius=radius, measured_on=measured_on
-    )
+    return Foot(joint, link, "point", pin.SE3(np.eye(3), centre), radius=radius, measured_on=measured_on)
 
 
 def _foot_without_shape(model: RobotModel, joint: int, down: Array) -> Foot:
     links = [frame for frame in model.pinocchio.frames if frame.parentJoint == joint and frame.type == pin.BODY]
     lowest = max(links, key=lambda frame: float(frame.placement.translation @ down))
     placement = pin.SE3(np.eye(3), lowest.placement.translation)
-    return Foot(joint, str(lowest.name), "point", placement, np.zeros((0, 2)), radius=UNKNOWN_RADIUS)
+    return Foot(joint, str(lowest.name), "point", placement, radius=UNKNOWN_RADIUS)
 
 
 def _wheel(model: RobotModel, joint: int, link: str, points: Array, axis: Array) -> Foot | None:
@@ -111,10 +110,8 @@ def _wheel(model: RobotModel, joint: int, link: str, points: Array, axis: Array)
     outer = points[radii >= _ROUND * radii.max()] @ axis
     centre = 0.5 * (outer.min() + outer.max()) * axis
     x, y, z = (float(value) for value in axis)
-    return Foot(
-        joint, link, "rolling", pin.SE3(np.eye(3), centre), np.zeros((0, 2)), radius=float(radii.max()), axis=(x, y, z),
-        measured_on="the wheel's shape",
-    )  # fmt: skip
+    placement, radius = pin.SE3(np.eye(3), centre), float(radii.max())
+    return Foot(joint, link, "rolling", placement, radius=radius, axis=(x, y, z), measured_on="the wheel's shape")
 
 
 def _face(points: Array, down: Array) -> Array | None:

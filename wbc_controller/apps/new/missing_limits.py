@@ -77,10 +77,8 @@ def replaced_limits(joints: Sequence[ElementTree.Element], mass: float, reach: f
         if joint.get("type") not in _LIMITED:
             continue
         limit = joint.find("limit")
-        attributes = {
-            key: None if limit is None else limit.get(key) for key in ("effort", "velocity", "lower", "upper")
-        }
-        number = {key: float(value) for key, value in attributes.items() if value is not None}
+        attributes = {} if limit is None else limit.attrib
+        number = {key: float(attributes[key]) for key in ("effort", "velocity", "lower", "upper") if key in attributes}
         values: dict[str, float] = {}
         reasons: dict[str, str] = {}
         effort, velocity = number.get("effort", 0.0), number.get("velocity", 0.0)

@@ -26,9 +26,8 @@ _LATERAL = 0.7  # cosine of the largest angle to the lateral axis, 45°
 
 @dataclass(frozen=True, slots=True)
 class _Leg:
-    """A foot with the indices of its own joints, in Pinocchio's model and in `joints`."""
+    """Indices of the joints that move only one foot, in Pinocchio's model and in `RobotModel.joints`."""
 
-    foot: Foot
     joints: tuple[int, ...]
     columns: np.ndarray
 
@@ -80,7 +79,7 @@ class Legs:
                 and not (foot.kind == "rolling" and j == foot.joint)
             ]  # fmt: skip
             places = np.array([columns[pinocchio.joints[j].idx_v] for j in own], dtype=int)
-            legs.append(_Leg(foot, tuple(own), places))
+            legs.append(_Leg(tuple(own), places))
         return legs
 
     def _find_mirrored(self) -> dict[int, tuple[int, Array]]:

@@ -140,10 +140,8 @@ class Controls:
         return slider
 
     def _set_unless_touched(self, control: Any, value: Any) -> None:
-        if (
-            time.monotonic() - self._touched.get(id(control), -_OVERRIDE_TIME) >= _OVERRIDE_TIME
-            and control.value != value
-        ):
+        untouched = time.monotonic() - self._touched.get(id(control), -_OVERRIDE_TIME) >= _OVERRIDE_TIME
+        if untouched and control.value != value:
             control.value = value
 
 

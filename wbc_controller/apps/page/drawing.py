@@ -23,11 +23,8 @@ GROUPS: Mapping[str, str] = {
     "task_errors": "Task references",
     "steps": "Planned steps",
 }
-_SWITCH_OF = {
-    "references": "task_errors",
-    "contacts": "support",
-    "swing_paths": "steps",
-}  # groups that share the switch of another group
+#: Groups that share the switch of another group.
+_SWITCH_OF = {"references": "task_errors", "contacts": "support", "swing_paths": "steps"}
 #: Motion below which nothing is redrawn, m or the sine of half an angle: saves processor time without a GPU.
 _STILL_JOINT, _STILL_SHAPE = 1.0e-4, 1.0e-3
 #: Darkest and brightest grey of a link, so that white and black links show their shape.
@@ -90,14 +87,12 @@ class Drawing:
         self._scene.configure_environment_map("studio" if shadows else None, environment_intensity=0.6)
 
     def _draw(self, shapes: Sequence[Shape]) -> None:
-        absent = set(self._shapes)
-        for shape in shapes:
-            place = shape.group, shape.number
+        present = {(shape.group, shape.number): shape for shape in shapes}
+        for place, shape in present.items():
             if place not in self._shapes:
                 self._shapes[place] = _DrawnShape(self._scene, shape)
             self._shapes[place].move(shape, self._shown[_SWITCH_OF.get(shape.group, shape.group)])
-            absent.discard(place)
-        for place in absent:
+        for place in self._shapes.keys() - present:
             self._shapes[place].hide()
 
 
@@ -107,8 +102,7 @@ class _FrameTree:
     def __init__(self, scene: viser.SceneApi, model: pin.Model, joints: Sequence[int]) -> None:
         self.names = {0: "/robot"}  # of each joint's frame
         self._frames: list[Any] = []
-        used = {before for joint in joints for before in model.supports[joint]} - {0}
-        self._joints = sorted(used)
+        self._joints = sorted({before for joint in joints for before in model.supports[joint]} - {0})
         for joint in self._joints:
             self.names[joint] = f"{self.names[model.parents[joint]]}/{joint}"
             self._frames.append(scene.add_frame(self.names[joint], show_axes=False))

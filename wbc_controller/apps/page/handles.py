@@ -22,6 +22,7 @@ KINDS = {
 _SIZE = 0.14  # m
 _DISABLED_OPACITY = 0.35
 _HOLD_TIME = 0.3  # after a setpoint ramp, s
+_UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])  # quaternion (w, x, y, z)
 
 
 class Handle:
@@ -33,7 +34,7 @@ class Handle:
         self._can_move, self._can_rotate = KINDS[self._kind]
         self._rings_shown = False
         #: Last orientation (w, x, y, z), kept while the rings are hidden and the handle has world axes.
-        self._orientation = np.array([1.0, 0.0, 0.0, 0.0])
+        self._orientation = _UNTURNED
         self._dragging: int | None = None
         self._hold_until = -np.inf
         self._disabled = True
@@ -110,17 +111,13 @@ class Handle:
         if not np.allclose(position, self._gizmo.position, rtol=0.0, atol=1.0e-4):
             self._gizmo.position = position
         self._orientation = turned
-        if not self._rings_shown:
-            turned = np.array([1.0, 0.0, 0.0, 0.0])
+        turned = turned if self._rings_shown else _UNTURNED
         if not 1.0 - abs(float(turned @ self._gizmo.wxyz)) <= 1.0e-7:
             self._gizmo.wxyz = turned
 
     def _pose(self, at: Array) -> tuple[Array, Array]:
         """Return position, (3,), and quaternion (w, x, y, z) of the handle for a value of the task."""
-        turned = np.array([1.0, 0.0, 0.0, 0.0])
-        if self._can_rotate:
-            x, y, z, w = at[-4:]
-            turned = np.array([w, x, y, z])
+        turned = np.roll(at[-4:], 1) if self._can_rotate else _UNTURNED
         if self._kind != "frame_orientation":
             return at[:3], turned
         frame = self._robot.model.frame_id(self._robot.settings.tasks[self._name].frame, self._name)  # type: ignore[union-attr]

@@ -10,9 +10,8 @@ import numpy.typing as npt
 import pinocchio as pin
 import trimesh
 
-from wbc_controller.controller.visualization.geometry import GREY, bones, color_of, hull_of, read_visuals
+from wbc_controller.controller.visualization.geometry import Part, bones, color_of, hull_of, read_visuals
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.records import Array
 
 #: Approximate number of triangles of a robot; a browser without a GPU draws them a few times per second.
 TRIANGLES = 60_000
@@ -38,20 +37,20 @@ def build_meshes(model: RobotModel) -> list[Mesh]:
     visuals, bare = read_visuals(model)
     counts = [each.geometry.num_tris if isinstance(each.geometry, coal.BVHModelBase) else 0 for each in visuals]
     share = min(1.0, TRIANGLES / max(1, sum(counts)))
-    found = [
-        _mesh(visual, max(_MIN_TRIANGLES, int(share * count))) for visual, count in zip(visuals, counts, strict=True)
+    parts = [
+        _simplified(visual, max(_MIN_TRIANGLES, int(share * count)))
+        for visual, count in zip(visuals, counts, strict=True)
     ]
-    for joint in set(bare) - {mesh.joint for mesh in found}:
-        for part in bones(model, joint):
-            found.append(Mesh(part.name, part.joint, *_split_sharp_edges(part.vertices, part.triangles), GREY))
-    return found
+    for joint in set(bare) - {part.joint for part in parts}:
+        parts += bones(model, joint)
+    return [_with_sharp_edges(part) for part in parts]
 
 
-def _mesh(visual: pin.GeometryObject, most: int) -> Mesh:
-    shape, color = visual.geometry, color_of(visual)
+def _simplified(visual: pin.GeometryObject, most: int) -> Part:
+    """Return a visual with about `most` triangles."""
+    shape = visual.geometry
     if not isinstance(shape, coal.BVHModelBase):
-        part = hull_of(visual)
-        return Mesh(part.name, part.joint, *_split_sharp_edges(part.vertices, part.triangles), color)
+        return hull_of(visual)
     points = np.array(shape.vertices(), dtype=np.float64)
     corners = np.array([(t[0], t[1], t[2]) for t in map(shape.tri_indices, range(shape.num_tris))])
     _, first, same = np.unique(np.round(points / _MERGE_DISTANCE), axis=0, return_index=True, return_inverse=True)
@@ -61,17 +60,16 @@ def _mesh(visual: pin.GeometryObject, most: int) -> Mesh:
             points.astype(np.float32), corners, target_count=most, agg=_AGGRESSIVENESS
         )
     placed = points @ visual.placement.rotation.T + visual.placement.translation
-    return Mesh(str(visual.name), int(visual.parentJoint), *_split_sharp_edges(placed, corners), color)
+    return Part(str(visual.name), int(visual.parentJoint), placed, corners, color_of(visual))
 
 
-def _split_sharp_edges(
-    points: Array, corners: npt.NDArray[np.intp]
-) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint32]]:
+def _with_sharp_edges(part: Part) -> Mesh:
     """Give both sides of a sharp edge their own vertices, because a browser smooths shared ones."""
-    mesh = trimesh.Trimesh(points, corners, process=False)
+    mesh = trimesh.Trimesh(part.vertices, part.triangles, process=False)
     mesh.update_faces(mesh.nondegenerate_faces())
     smooth = trimesh.graph.smooth_shade(mesh, angle=_SHARP)
-    return np.asarray(smooth.vertices, dtype=np.float32), np.asarray(smooth.faces, dtype=np.uint32)
+    vertices, triangles = np.asarray(smooth.vertices, np.float32), np.asarray(smooth.faces, np.uint32)
+    return Mesh(part.name, part.joint, vertices, triangles, part.color)
 
 
 logging.getLogger("trimesh").setLevel(logging.WARNING)

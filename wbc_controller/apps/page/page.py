@@ -5,6 +5,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -121,22 +122,21 @@ class Page:
     def add_view_options(self) -> None:
         """Add the switches of the scene, below the controls."""
         gui = self.server.gui
+
+        def add_switch(label: str, on: bool, changed: Callable[[bool], None], hint: str | None = None) -> None:
+            box = gui.add_checkbox(label, on, hint=hint)
+            box.on_update(lambda event: changed(box.value))
+
         with gui.add_folder("Show", expand_by_default=self._is_mock is None):
             for group, label in GROUPS.items():
-                box = gui.add_checkbox(label, True)
-                box.on_update(self._toggles(group))
-            follow = gui.add_checkbox("Follow the robot", True, hint="Move the camera with a robot that walks.")
-            follow.on_update(lambda event: setattr(self._follower, "on", follow.value))
-            translucent = gui.add_checkbox("Translucent robot", False)
-            translucent.on_update(lambda event: self.drawing.set_translucent(translucent.value))
-            shadows = gui.add_checkbox("Shadows", False, hint="Shadows and reflections; requires a GPU.")
-            shadows.on_update(lambda event: self.drawing.set_shadows(shadows.value))
+                add_switch(label, True, partial(self.drawing.set_visible, group))
+            hint = "Move the camera with a robot that walks."
+            add_switch("Follow the robot", True, partial(setattr, self._follower, "on"), hint)
+            add_switch("Translucent robot", False, self.drawing.set_translucent)
+            add_switch("Shadows", False, self.drawing.set_shadows, "Shadows and reflections; requires a GPU.")
         if self._is_mock is None and self.time_line is None:
             gui.add_html('<div style="font-size:12px;padding:4px 10px;opacity:.7">This page is read-only. '
                          "Start it with --command to send requests.</div>")  # fmt: skip
-
-    def _toggles(self, group: str) -> Callable[[Any], None]:
-        return lambda event: self.drawing.set_visible(group, event.target.value)
 
     def report(self, words: str, error: str) -> None:
         """List a request and its error, empty after success; from any thread."""

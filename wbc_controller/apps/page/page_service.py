@@ -28,13 +28,10 @@ from wbc_controller.recording.recording_file import Recording
 from wbc_controller.settings import Settings
 
 _NODE = "wbc_page"
-#: Topics of requests: node and key of the topic.
+#: Keys of the topics of requests, by node.
 _REQUESTS = {
-    *(
-        ("controller", key)
-        for key in ("command", "cmd_vel", "update", "setpoint", "weight", "task_enable", "contact_enable")
-    ),
-    *(("mock", key) for key in ("hold", "push", "fault")),
+    "controller": ("command", "cmd_vel", "update", "setpoint", "weight", "task_enable", "contact_enable"),
+    "mock": ("hold", "push", "fault"),
 }
 _PERIOD = 1.0  # wall time, s
 
@@ -65,9 +62,9 @@ def serve(
         page, found = closing.enter_context(_page(robot, TopicSource(session, robot), host, port, commands=commands))
         if commands:
             sender = RequestSender(settings, session.send, page.report)
-            for place in session.topics:
-                if place[:2] in _REQUESTS:
-                    session.open(*place)  # opened here so that the first request need not wait for discovery
+            for node, key, subject in session.topics:
+                if key in _REQUESTS.get(node, ()):
+                    session.open(node, key, subject)  # here so that the first request need not wait for discovery
             page.enable_commands(sender, _MockDetector(session))
             sender.start()
             closing.callback(sender.close)

@@ -65,16 +65,15 @@ def _mode(snapshot: Snapshot) -> str:
     mode, _, rest = snapshot.mode.partition(" ")
     color = _MODES.get(mode, _NO_MODE)
     lines = []
-    if snapshot.silence > _SILENCE_TIMEOUT:
-        color, silent = _SILENT, snapshot.silence
-        since = "" if math.isinf(silent) else f" for {silent:.0f} s"
+    silent = snapshot.silence > _SILENCE_TIMEOUT
+    if silent:
+        color = _SILENT
+        since = "" if math.isinf(snapshot.silence) else f" for {snapshot.silence:.0f} s"
         lines.append((f"No status of the controller{since}.", "Start the controller (wbc run), or read its log."))
     if snapshot.age > _SILENCE_TIMEOUT:
         since = "No joint states yet." if math.isinf(snapshot.age) else f"No joint states for {snapshot.age:.0f} s."
         lines.append((since, "Check that the robot or wbc mock runs in this DDS domain."))
-    message = (
-        snapshot.status.status.message if snapshot.status is not None and snapshot.silence <= _SILENCE_TIMEOUT else ""
-    )
+    message = "" if silent or snapshot.status is None else snapshot.status.status.message
     warnings = [part for part in message.split("; ")[1:] if not rest or part not in rest]
     if rest:
         lines.append((rest, next_step(rest)))
@@ -120,7 +119,7 @@ def _tasks(robot: Robot, status: RobotStatus) -> str:
 def _loop(status: RobotStatus) -> str:
     rows = "".join(
         f'<tr><td class="key">{escape(name)}</td><td>{escape(text)}</td></tr>'
-        for name, text in facts(status)
+        for name, text in facts(status).items()
         if name not in ("binding", "next")
     )
     rows += "".join(

@@ -1,10 +1,12 @@
 """Playback of a recording, with a time line."""
 
 import bisect
+import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -56,7 +58,7 @@ class Playback:
                 f"recording {recorded.path}: no robot state; record a controller with joint states"
             )
         self.duration = self._times[-1]
-        self._status_times, self._statuses = self._read_statuses()
+        self._statuses = list(self._read_statuses())
 
     def seek(self, seconds: float) -> None:
         """Set the present time, s."""
@@ -91,7 +93,7 @@ class Playback:
             for name in self._robot.contacts
             if np.isfinite(values[f"force/{name}"]).all()
         }
-        place = bisect.bisect_right(self._status_times, moved) - 1
+        place = bisect.bisect_right(self._statuses, moved, key=itemgetter(0)) - 1
         return Snapshot(
             stamp=cycle.time,
             age=0.0,
@@ -101,14 +103,14 @@ class Playback:
             torques=at_joints,
             forces=forces,
             references=_references(cycle.references, self._robot) if mode.startswith(("active", "holding")) else None,
-            status=self._statuses[place] if place >= 0 else None,
+            status=self._statuses[place][1] if place >= 0 else None,
             silence=0.0,
         )
 
     def _read_cycles(self) -> Iterator[Mark]:
         recorded, every = self._recorded, max(1, -(-self._recorded.count // MAX_CYCLES))
         weight = self._robot.model.mass * self._robot.model.gravity
-        before: tuple[str, frozenset[str]] | None = None
+        mode, active = "", frozenset[str]()  # mode, and contacts with forces in the last active cycle
         pushed = -_PUSH_GAP
         for number, cycle in enumerate(recorded.cycles()):
             if not cycle.scalar("has_state"):
@@ -117,17 +119,16 @@ class Playback:
             if number % every == 0:
                 self._times.append(at)
                 self._cycles.append(cycle)
+            former_mode, formerly_active = mode, active
             mode = MODES[int(cycle.scalar("mode"))].value
-            active_contacts = frozenset(
-                name for name in self._robot.contacts if np.isfinite(cycle.values[f"force/{name}"]).all()
-            ) if mode == "active" else (before[1] if before is not None else frozenset())  # fmt: skip
-            if before is not None:
-                if mode != before[0]:
-                    yield Mark(at, "mode", mode)
-                if before[0] == mode == "active":
-                    yield from (Mark(at, "contact", f"{name} active") for name in sorted(active_contacts - before[1]))
-                    yield from (Mark(at, "contact", f"{name} inactive") for name in sorted(before[1] - active_contacts))
-            before = mode, active_contacts
+            if mode == "active":
+                contacts = self._robot.contacts
+                active = frozenset(name for name in contacts if np.isfinite(cycle.values[f"force/{name}"]).all())
+            if former_mode and mode != former_mode:
+                yield Mark(at, "mode", mode)
+            if former_mode == mode == "active":
+                yield from (Mark(at, "contact", f"{name} active") for name in sorted(active - formerly_active))
+                yield from (Mark(at, "contact", f"{name} inactive") for name in sorted(formerly_active - active))
             unmodelled_force = float(np.linalg.norm(cycle.values["audit/force"]))
             if unmodelled_force > _PUSH_FORCE * weight and mode == "active":
                 if at - pushed > _PUSH_GAP:
@@ -136,10 +137,9 @@ class Playback:
         for number, fault in recorded.faults.items():
             yield Mark(recorded.elapsed(recorded.events[number]["time"]), "fault", f"{fault.code}: {fault.sentence}")
 
-    def _read_statuses(self) -> tuple[list[float], list[RobotStatus]]:
-        times: list[float] = []
-        found: list[RobotStatus] = []
-        count = 0
+    def _read_statuses(self) -> Iterator[tuple[float, RobotStatus]]:
+        """Yield times since the start, s, and statuses of the controller."""
+        before, count = math.inf, 0
         node = f"{self._recorded.about['node'].strip('/')}: control loop"
         for topic, stamp, payload in self._recorded.messages():
             if not topic.name.endswith("/diagnostics"):
@@ -149,11 +149,9 @@ class Playback:
                     values = {value.key: value.value for value in status.values}
                     now, number = self._recorded.elapsed(stamp), values.get("cycle", "")
                     cycle = int(number) if number.isdecimal() and len(number) <= _LONGEST_NUMBER else 0
-                    rate = (cycle - count) / (now - times[-1]) if times and now > times[-1] else float("nan")
-                    times.append(now)
-                    found.append(RobotStatus(status, rate, {}, ""))
-                    count = cycle
-        return times, found
+                    rate = (cycle - count) / (now - before) if now > before else math.nan
+                    yield now, RobotStatus(status, rate, {}, "")
+                    before, count = now, cycle
 
 
 class TimeLine:

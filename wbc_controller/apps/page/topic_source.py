@@ -168,9 +168,8 @@ class BaseOnContacts:
     def _points(self, q: Array) -> Array:
         dynamics = self._robot.dynamics
         dynamics.update(q, np.zeros(self._model.nv))
-        return np.array([p for name in self._enabled for p in self._robot.contacts[name].points(dynamics)]).reshape(
-            -1, 3
-        )
+        points = [self._robot.contacts[name].points(dynamics) for name in self._enabled]
+        return np.vstack([np.zeros((0, 3)), *points])
 
     def place(self, q: Array) -> Array:
         """Return a configuration, (nq,), with the best fit of the base."""

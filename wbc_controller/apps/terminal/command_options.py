@@ -1,13 +1,13 @@
 """Common arguments and options of commands, with their shell completion."""
 
 import contextlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, TypeVar
 
 import click
 from click.shell_completion import CompletionItem
 
-from wbc_controller.apps.terminal.quantity_parser import AXES, HEADINGS, LEANS, TURNS
+from wbc_controller.apps.terminal.quantity_parser import AXES, HEADINGS, ROTATIONS
 from wbc_controller.apps.terminal.request_parser import FORMS
 from wbc_controller.errors import ConfigurationError, WbcError
 from wbc_controller.middleware.topics import parse_remapping
@@ -23,31 +23,24 @@ def complete_config(ctx: click.Context, param: click.Parameter, incomplete: str)
     return robots or [CompletionItem(incomplete, type="file")]
 
 
-def complete_words(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+def complete_words(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
     """Complete a request."""
-    settings = _settings(ctx)
-    if settings is None:
-        return []
-    return [CompletionItem(word) for word in next_words(list(ctx.params.get("words") or ()), settings)
-            if word.startswith(incomplete)]  # fmt: skip
+    return _matching(ctx, incomplete, lambda settings: next_words(list(ctx.params.get("words") or ()), settings))
 
 
-def complete_topics(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+def complete_topics(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
     """Complete topics."""
-    settings = _settings(ctx)
-    if settings is None:
-        return []
     from wbc_controller.nodes.wiring import topics_of
 
-    names = sorted({topic.name for topic in topics_of(settings).values()})
-    return [CompletionItem(name) for name in names if name.startswith(incomplete)]
+    return _matching(ctx, incomplete, lambda settings: sorted({topic.name for topic in topics_of(settings).values()}))
 
 
-def _settings(ctx: click.Context) -> Settings | None:
+def _matching(ctx: click.Context, incomplete: str, choices: Callable[[Settings], Iterable[str]]) -> list[str]:
     try:
-        return load_settings(find_configuration(str(ctx.params.get("config") or "")))
+        settings = load_named(str(ctx.params.get("config") or ""))
     except WbcError:
-        return None
+        return []
+    return [word for word in choices(settings) if word.startswith(incomplete)]
 
 
 def next_words(words: list[str], settings: Settings) -> list[str]:
@@ -57,10 +50,11 @@ def next_words(words: list[str], settings: Settings) -> list[str]:
     if not words:
         return [*FORMS, *settings.tasks]
     first, count = words[0], len(words)
-    if first in ("task", "weight"):
-        return list(settings.tasks) if count == 1 else ["on", "off"] if first == "task" and count == 2 else []
-    if first in ("contact", "grip"):
-        return list(settings.contacts) if count == 1 else ["on", "off"] if count == 2 else []
+    if first in ("task", "contact", "grip") and count == 2:
+        return ["on", "off"]
+    if first in ("task", "weight", "contact", "grip"):
+        named = settings.tasks if first in ("task", "weight") else settings.contacts
+        return list(named) if count == 1 else []
     if first == "push":
         if words[-1] == "at":
             return [*settings.tasks, *settings.contacts]
@@ -70,8 +64,9 @@ def next_words(words: list[str], settings: Settings) -> list[str]:
     if settings.tasks[first].type in ("posture", "torque"):
         joints = getattr(settings.tasks[first], "joints", None) or settings.robot.joints
         return list(joints) if count % 3 == 1 else ["by", "to"]
-    turning = [*TURNS] if words[1:2] == ["turn"] else [*LEANS] if words[1:2] == ["lean"] else []
-    return turning or (["to", "turn", "lean"] if count == 1 else [*HEADINGS, *AXES, "in"])
+    if count == 1:
+        return ["to", *ROTATIONS]
+    return list(ROTATIONS.get(words[1], [*HEADINGS, *AXES, "in"]))
 
 
 def _read_remappings(ctx: click.Context, param: click.Parameter, texts: Sequence[str]) -> dict[str, str]:

@@ -6,27 +6,22 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from wbc_controller.errors import InputRefused, valid_choices
+from wbc_controller.errors import InputRefused, require_known, valid_choices
 from wbc_controller.records import Array
 
+_Axes = Mapping[str, tuple[int, int, int]]
 #: Directions along the axes of the robot's heading, and of the world.
-HEADINGS: Mapping[str, tuple[int, int, int]] = {
-    "forward": (1, 0, 0),
-    "back": (-1, 0, 0),
-    "left": (0, 1, 0),
-    "right": (0, -1, 0),
-    "up": (0, 0, 1),
-    "down": (0, 0, -1),
+HEADINGS: _Axes = {
+    "forward": (1, 0, 0), "back": (-1, 0, 0),
+    "left": (0, 1, 0), "right": (0, -1, 0),
+    "up": (0, 0, 1), "down": (0, 0, -1),
+}  # fmt: skip
+AXES: _Axes = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
+#: Rotation axes of a turn and a lean, in heading axes, by direction.
+ROTATIONS: Mapping[str, _Axes] = {
+    "turn": {"left": (0, 0, 1), "right": (0, 0, -1)},
+    "lean": {"forward": (0, 1, 0), "back": (0, -1, 0), "left": (-1, 0, 0), "right": (1, 0, 0)},
 }
-AXES: Mapping[str, tuple[int, int, int]] = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
-#: Rotation axes of a lean, likewise.
-LEANS: Mapping[str, tuple[int, int, int]] = {
-    "forward": (0, 1, 0),
-    "back": (0, -1, 0),
-    "left": (-1, 0, 0),
-    "right": (1, 0, 0),
-}
-TURNS: Mapping[str, tuple[int, int, int]] = {"left": (0, 0, 1), "right": (0, 0, -1)}
 
 #: Units that may follow a number without a space.
 LENGTH = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001}
@@ -57,29 +52,27 @@ def displacement(words: Sequence[str], subject: str, units: Mapping[str, float])
     """
     if not words or len(words) % 2:
         raise InputRefused(
-            f"{subject} requires pairs of a number and a direction, such as 0.02 forward; got {_quoted(words)}"
+            f"{subject} requires pairs of a number and a direction, such as 0.02 forward; got {' '.join(words)!r}"
         )
     known = {**HEADINGS, **AXES}
     total, directions = np.zeros(3), words[1::2]
     for amount, direction in zip(words[::2], directions, strict=True):
-        if direction not in known:
-            raise InputRefused(f"{subject}: unknown direction {direction!r}; {valid_choices(direction, known)}")
+        require_known(direction, known, f"{subject}: unknown direction", error=InputRefused)
         total += number(amount, subject, units) * np.array(known[direction])
     level = {"up", "down", "z"}  # the same in both
     by_heading, by_axes = (set(directions) & set(names) - level for names in (HEADINGS, AXES))
     if by_heading and by_axes:
         raise InputRefused(
-            f"{subject}: {_quoted(words)} mixes directions of the robot with axes x, y, z of the world; use one kind"
+            f"{subject}: {' '.join(words)!r} mixes directions of the robot with axes x, y, z of the world; use one kind"
         )
     return total, not by_axes
 
 
-def turn(words: Sequence[str], axes: Mapping[str, tuple[int, int, int]], subject: str) -> Array:
+def turn(words: Sequence[str], axes: _Axes, subject: str) -> Array:
     """Return ``ANGLE DIRECTION`` as a rotation vector in heading axes, (3,) in rad; raise `InputRefused` otherwise."""
     if len(words) != 2:
-        raise InputRefused(f"{subject} requires an angle and a direction, such as 10deg left; got {_quoted(words)}")
-    if words[1] not in axes:
-        raise InputRefused(f"{subject}: unknown direction {words[1]!r}; {valid_choices(words[1], axes)}")
+        raise InputRefused(f"{subject} requires an angle and a direction, such as 10deg left; got {' '.join(words)!r}")
+    require_known(words[1], axes, f"{subject}: unknown direction", error=InputRefused)
     return number(words[0], subject, ANGLE) * np.array(axes[words[1]])
 
 
@@ -88,7 +81,3 @@ def quaternion(rotation: Array) -> Array:
     angle = float(np.linalg.norm(rotation))
     axis = rotation / angle if angle > 0.0 else np.zeros(3)
     return np.array([*(math.sin(0.5 * angle) * axis), math.cos(0.5 * angle)])
-
-
-def _quoted(words: Sequence[str]) -> str:
-    return repr(" ".join(words))

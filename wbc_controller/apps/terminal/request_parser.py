@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from wbc_controller.apps.terminal import quantity_parser as quantity
-from wbc_controller.errors import InputRefused, valid_choices
+from wbc_controller.errors import InputRefused, require_known
 from wbc_controller.middleware.codec import message
 from wbc_controller.middleware.setpoints import JOINT_FIELDS, setpoint_message, wrench_stamped
 from wbc_controller.middleware.topics import TASK_TYPES
@@ -16,11 +16,10 @@ from wbc_controller.records import REQUESTS, Array
 from wbc_controller.settings import Settings
 
 ReadMessage = Callable[[str, str, str], Any]  # waits for the newest message of a topic, given by node, key and subject
+_HOIST = {"release": "the hoist releases the robot", "hold": "the hoist lifts the robot to its start pose"}
 #: First words of other requests than setpoints, with their arguments.
 FORMS = {
-    **dict.fromkeys(REQUESTS, ""),
-    "release": "",
-    "hold": "",
+    **dict.fromkeys((*REQUESTS, *_HOIST), ""),
     "push": "FORCE DIRECTION [for SECONDS] [at FRAME]",
     "contact": "CONTACT on|off",
     "grip": "CONTACT on|off",
@@ -50,18 +49,14 @@ def parse_request(words: Sequence[str], settings: Settings) -> Request:
     first, rest = (words[0], list(words[1:])) if words else ("", [])
     if first in settings.tasks:
         return _setpoint(first, rest, settings)
-    if first not in FORMS:
-        raise InputRefused(f"unknown command {first!r}; {valid_choices(first, [*FORMS, *settings.tasks])}")
+    require_known(first, [*FORMS, *settings.tasks], "unknown command", error=InputRefused)
     form, text = FORMS[first], " ".join(rest)
     if not form and rest:
         raise InputRefused(f"{first!r} takes no arguments, got {text!r}")
     if first in REQUESTS:
         return Request("controller", "command", "", first, _string(first))
-    if first in ("release", "hold"):
-        summary = (
-            "the hoist releases the robot" if first == "release" else "the hoist lifts the robot to its start pose"
-        )
-        return Request("mock", "hold", "", summary, _bool(first == "hold"))
+    if first in _HOIST:
+        return Request("mock", "hold", "", _HOIST[first], _bool(first == "hold"))
     if first == "push":
         return _push(rest, settings)
     if first in ("update", "fault"):
@@ -73,16 +68,18 @@ def parse_request(words: Sequence[str], settings: Settings) -> Request:
     if len(rest) != 2:
         raise InputRefused(f"{first} requires {form}; got {text!r}")
     kind, known = ("task", settings.tasks) if first in ("task", "weight") else ("contact", settings.contacts)
-    name = _one_of(rest[0], known, kind)
+    name, word = rest
+    require_known(name, known, f"unknown {kind}", error=InputRefused)
     if first == "weight":
-        value = quantity.number(rest[1], "weight")
+        value = quantity.number(word, "weight")
         summary = f"the weight of {name} becomes {value:g} in {settings.control.weight_ramp:g} s"
         return Request("controller", "weight", name, summary, _constant("std_msgs/msg/Float64", data=value))
-    on = _one_of(rest[1], ("on", "off"), "value") == "on"
+    require_known(word, ("on", "off"), "unknown value", error=InputRefused)
+    on = word == "on"
     if first == "grip":
         return Request("mock", "grip", name, f"{'grips' if on else 'releases'} {name}", _bool(on))
     ramp = settings.control.weight_ramp if first == "task" else settings.contacts[name].ramp
-    return Request("controller", f"{first}_enable", name, f"{first} {name} goes {rest[1]} in {ramp:g} s", _bool(on))
+    return Request("controller", f"{first}_enable", name, f"{first} {name} goes {word} in {ramp:g} s", _bool(on))
 
 
 def _constant(type_name: str, **fields: Any) -> Callable[[ReadMessage], Any]:
@@ -95,12 +92,6 @@ def _string(text: str) -> Callable[[ReadMessage], Any]:
 
 def _bool(value: bool) -> Callable[[ReadMessage], Any]:
     return _constant("std_msgs/msg/Bool", data=value)
-
-
-def _one_of(word: str, choices: Any, kind: str) -> str:
-    if word not in choices:
-        raise InputRefused(f"unknown {kind} {word!r}; {valid_choices(word, choices)}")
-    return word
 
 
 def _setpoint(task: str, words: list[str], settings: Settings) -> Request:
@@ -119,19 +110,18 @@ def _setpoint(task: str, words: list[str], settings: Settings) -> Request:
         return request(summary, lambda wait_for_message: make(position, frame=frame))
 
     if kind in JOINT_FIELDS:
-        return request(*_joints(task, words, JOINT_FIELDS[kind]))
+        return request(*_joints(task, words, make, JOINT_FIELDS[kind]))
     if words[:1] == ["to"]:
         home = getattr(spec, "reference_frame", "world")
         return request(*_absolute(task, words[1:], make, oriented, home))
-    if oriented and words[:1] in (["turn"], ["lean"]):
-        axes = quantity.TURNS if words[0] == "turn" else quantity.LEANS
-        rotation = quantity.turn(words[1:], axes, f"{task} {words[0]}")
+    if oriented and words and words[0] in quantity.ROTATIONS:
+        rotation = quantity.turn(words[1:], quantity.ROTATIONS[words[0]], f"{task} {words[0]}")
         values = np.concatenate([np.zeros(0 if kind == "frame_orientation" else 3), quantity.quaternion(rotation)])
         return at(f"{words[0]}s {' '.join(words[1:])}", values, f"{task}/heading")
     if kind in ("frame_orientation", "axis_alignment", "contact_wrench"):
         forms = {"frame_orientation": "turn 10deg left, lean 5deg forward, or to X Y Z W"}.get(kind, "to NUMBERS")
         raise InputRefused(f"{task} is a {kind} task; valid forms: {forms}")
-    moved, by_heading = quantity.displacement(words, task, quantity.LENGTH if "momentum" not in kind else {"": 1.0})
+    moved, by_heading = quantity.displacement(words, task, quantity.PLAIN if "momentum" in kind else quantity.LENGTH)
     if kind == "relative_pose" and by_heading:
         raise InputRefused(f"{task} is relative to {spec.reference_frame}; valid directions: its axes x, y, z")  # type: ignore[union-attr]
     values = np.array([*moved, 0.0, 0.0, 0.0, 1.0]) if oriented else moved
@@ -161,7 +151,10 @@ def _absolute(
     return summary, keep_orientation
 
 
-def _joints(task: str, words: list[str], field: str) -> tuple[str, Callable[[ReadMessage], Any]]:
+def _joints(
+    task: str, words: list[str], make: Callable[..., Any], field: str
+) -> tuple[str, Callable[[ReadMessage], Any]]:
+    """Parse ``JOINT by 0.1`` or ``JOINT to 0.7``, one or several."""
     keywords = set(words[1::3])
     if not words or len(words) % 3 or len(keywords) != 1 or not keywords <= {"by", "to"}:
         raise InputRefused(
@@ -169,21 +162,16 @@ def _joints(task: str, words: list[str], field: str) -> tuple[str, Callable[[Rea
         )
     units = {"": 1.0, "N·m": 1.0, "Nm": 1.0} if field == "effort" else quantity.ANGLE
     names, values = words[::3], np.array([quantity.number(word, task, units) for word in words[2::3]])
-
-    def joints(names: Sequence[str], values: Array, frame: str) -> Any:
-        kind = next(kind for kind, field_kind in JOINT_FIELDS.items() if field_kind == field)
-        return setpoint_message("sensor_msgs/msg/JointState", kind, values, frame=frame, joints=names)
-
     if keywords == {"by"}:
-        return f"moves {' '.join(words)}", lambda wait_for_message: joints(names, values, f"{task}/reference")
+        frame = f"{task}/reference"
+        return f"moves {' '.join(words)}", lambda wait_for_message: make(values, frame=frame, joints=names)
 
     def keep_other_joints(wait_for_message: ReadMessage) -> Any:
         before = wait_for_message("controller", "task_reference", task)
         known = dict(zip(before.name, getattr(before, field), strict=True))
-        for name in names:
-            _one_of(name, known, "joint")
+        require_known(names, known, "unknown joint", error=InputRefused)
         known |= dict(zip(names, values, strict=True))
-        return joints(list(known), np.array(list(known.values())), "")
+        return make(np.array(list(known.values())), frame="", joints=list(known))
 
     return f"goes {' '.join(words)}", keep_other_joints
 
@@ -205,22 +193,18 @@ def _push(words: list[str], settings: Settings) -> Request:
         )
     named = settings.tasks.get(tail["at"]) or settings.contacts.get(tail["at"])
     frame = getattr(named, "frame", tail["at"])
-    floating = settings.robot.base == "floating"
+    turned = by_heading and settings.robot.base == "floating"
 
     def content(wait_for_message: ReadMessage) -> Any:
-        return wrench_stamped(
-            np.array([*_heading(wait_for_message, floating and by_heading) @ force, 0.0, 0.0, 0.0]), frame
-        )
+        axes = _heading(wait_for_message("mock", "odom", "")) if turned else np.eye(3)
+        return wrench_stamped(axes @ force, frame)
 
     summary = f"a push of {' '.join(words)} (N) for {push_time:g} s at {frame or 'the base'}"
     return Request("mock", "push", "", summary, content, frame)
 
 
-def _heading(wait_for_message: ReadMessage, turned: bool) -> Array:
-    """Return the axes of the robot's heading in the world, (3, 3), or the world's axes."""
-    if not turned:
-        return np.eye(3)
-    odometry = wait_for_message("mock", "odom", "")
+def _heading(odometry: Any) -> Array:
+    """Return the axes of the robot's heading in the world, (3, 3)."""
     # imported late, because shell completion must be fast
     from wbc_controller.middleware.codec import encode
     from wbc_controller.middleware.states import OdometryReader

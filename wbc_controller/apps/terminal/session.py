@@ -87,12 +87,7 @@ class Session:
         """Return a function that returns the newest payload since its last call (best effort)."""
         topic = dataclasses.replace(counterpart(self.topics[node, key, subject]), qos=STATE_IN)
         stream = self._transport.stream(topic, depth=1)
-
-        def newest() -> bytes | None:
-            received = stream.take()
-            return received[-1] if received else None
-
-        return newest
+        return lambda: next(reversed(stream.take()), None)
 
     def newest(self, node: str, key: str, subject: str = "") -> Any | None:
         """Return the newest message of a subscription; None before the first."""
@@ -292,8 +287,7 @@ class Session:
                 lambda before=before: self._command_stamp() > before or not self.mode().startswith("active"),  # type: ignore[misc]
                 "the controller is active, but sends no joint commands",
             )
-        done = self.mode() == _RAMPED[word]
-        return Answer(done, f"the controller is {self.mode()}")
+        return Answer(self.mode() == _RAMPED[word], f"the controller is {self.mode()}")
 
     def _command_stamp(self) -> float:
         payloads = self._messages["controller", "joint_commands", ""]

@@ -3,7 +3,7 @@
 import re
 import time
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import starmap
@@ -87,8 +87,6 @@ class StatusListener:
 
 
 _COLOURS = {0: "green", 1: "yellow", 2: "red"}
-
-
 #: Checks and commands after a fault, by its code.
 NEXT_STEPS: Mapping[str, str] = {
     "CLOCK": "check that exactly one node publishes the time and that the clock is not set; then reset, activate",
@@ -118,7 +116,7 @@ def status_view(settings: Settings, robot: RobotStatus) -> RenderableType:
     """Return the status as a table."""
     values = robot.values
     table = Table.grid(padding=(0, 2))
-    for row in facts(robot):
+    for row in facts(robot).items():
         table.add_row(*row)
     return Group(
         Text(f"{robot.status.hardware_id}: {robot.status.message}", style=f"bold {_COLOURS[robot.status.level]}"),
@@ -132,34 +130,30 @@ def status_view(settings: Settings, robot: RobotStatus) -> RenderableType:
     )
 
 
-def facts(robot: RobotStatus) -> list[tuple[str, str]]:
-    """Return further facts."""
-    values, found = robot.values, []
+def facts(robot: RobotStatus) -> dict[str, str]:
+    """Return further facts by subject."""
+    values = robot.values
     late = values.get("deadlines_missed", "0")
     cycles = f"{robot.rate:.0f} per second" if np.isfinite(robot.rate) else "counting"
-    found.append(("cycles", cycles + (f", {late} deadlines missed" if late != "0" else "")))
+    found = {"cycles": cycles + (f", {late} deadlines missed" if late != "0" else "")}
     if "time/total/median" in values:
-        found.append(("cycle time", f"median {values['time/total/median']}, at most {values['time/total/max']}"))
+        found["cycle time"] = f"median {values['time/total/median']}, at most {values['time/total/max']}"
     ages = [f"{key.removeprefix('age/')} {_milliseconds(value)}" for key, value in values.items() if "age/" in key]
-    found.append(("ages", ", ".join(ages)))
+    found["ages"] = ", ".join(ages)
     if "walking/phase" in values:
         parts = [values["walking/phase"], f"{values['walking/steps']} steps", values.get("walking/velocity")]
-        found.append(("walking", ", ".join(filter(None, parts))))
-    found.append(("guard", robot.guard or "no messages"))
+        found["walking"] = ", ".join(filter(None, parts))
+    found["guard"] = robot.guard or "no messages"
     if "binding" in values:
-        found.append(("binding", ", ".join(describe_constraint(name) for name, _ in binding(values)) or "none"))
-    audit = [
-        f"{key.removeprefix('audit/').replace('_', ' ')} {value}"
-        for key, value in values.items()
-        if key.startswith("audit/")
-    ]
+        found["binding"] = ", ".join(describe_constraint(name) for name, _ in binding(values)) or "none"
+    audit = {key.removeprefix("audit/"): value for key, value in values.items() if key.startswith("audit/")}
     if audit:
-        found.append(("audit", "; ".join(audit)))
+        found["audit"] = "; ".join(f"{name.replace('_', ' ')} {value}" for name, value in audit.items())
     if "recorder" in values:
-        found.append(("recorder", values["recorder"]))
+        found["recorder"] = values["recorder"]
     advice = next_step(robot.status.message)
     if advice:
-        found.append(("next", advice))
+        found["next"] = advice
     return found
 
 
@@ -187,25 +181,22 @@ class TaskRow:
     off: bool
 
 
-def task_rows(settings: Settings, robot: RobotStatus) -> list[TaskRow]:
-    """Return a row per task."""
-    rows, values = [], robot.values
+def task_rows(settings: Settings, robot: RobotStatus) -> Iterator[TaskRow]:
+    """Yield a row per task."""
+    values = robot.values
     for name, task in settings.tasks.items():
         weight = values.get(f"task_weight/{name}")
         off = weight is not None and float(weight) <= 0.0
         value, reference = robot.tasks.get(name, (None, None))
-        rows.append(
-            TaskRow(
-                name=name,
-                kind=task.type,
-                weight="" if weight is None else "off" if off else weight,
-                value="" if value is None else format_numbers(value, task.type),
-                reference="" if reference is None or off else format_numbers(reference, task.type),
-                error="" if off else values.get(f"task_error/{name}", ""),
-                off=off,
-            )
+        yield TaskRow(
+            name=name,
+            kind=task.type,
+            weight="" if weight is None else "off" if off else weight,
+            value="" if value is None else format_numbers(value, task.type),
+            reference="" if reference is None or off else format_numbers(reference, task.type),
+            error="" if off else values.get(f"task_error/{name}", ""),
+            off=off,
         )
-    return rows
 
 
 def _task_table(settings: Settings, robot: RobotStatus) -> Table:
