@@ -12,10 +12,8 @@ from wbc_controller.settings.config import load
 from wbc_controller.validation.accuracy import walk_pushes
 from wbc_controller.validation.accuracy.accuracy_commands import accuracy
 from wbc_controller.validation.accuracy.walk_figures import WalkFigures, WalkMeter
-from wbc_controller.validation.accuracy.walk_grounds import GROUNDS, terrain_of
 from wbc_controller.validation.accuracy.walk_pushes import LARGEST, RESOLUTION, Push, ends, largest_impulse
-from wbc_controller.validation.accuracy.walk_starts import Starts
-from wbc_controller.validation.accuracy.walks import Walk
+from wbc_controller.validation.accuracy.walks import GROUNDS, Starts, Walk, terrain_of
 from wbc_controller.walking.gait import Phase
 
 FIGURES = WalkFigures(torque=0.8, rate=0.25, chatter=0.012, slip=0.003, outside=0.0)
@@ -104,7 +102,7 @@ def run(monkeypatch, command, module, function, result, *arguments):
 @pytest.mark.parametrize(("falls", "status"), [(1, 0), (2, 1)])
 def test_table_of_grounds(monkeypatch, falls, status):
     result = run(
-        monkeypatch, "walking-grounds", "walk_grounds", "walk_on",
+        monkeypatch, "walking-grounds", "walks", "walk_on",
         lambda robot, ground, sensors, seed, seconds: walked(seed, "3.2 s: FALLEN: it fell" if seed < falls else ""),
         "g1", "--ground", "up",
     )  # fmt: skip
@@ -116,7 +114,7 @@ def test_table_of_grounds(monkeypatch, falls, status):
 @pytest.mark.parametrize(("steps", "ended", "status"), [((1, 3), "", 0), ((1, 4), "", 1), ((1,), "4.0 s: FALLEN", 1)])
 def test_table_of_starts(monkeypatch, steps, ended, status):
     result = run(
-        monkeypatch, "walking-starts", "walk_starts", "start_and_stop",
+        monkeypatch, "walking-starts", "walks", "start_and_stop",
         lambda robot, sensors, seed, count: Starts(seed, steps, ended), "g1", "--seeds", "2",
     )  # fmt: skip
     counts = ", ".join(f"{number}: 2" for number in steps)

@@ -56,10 +56,9 @@ def walking_grounds(
     Grounds: cells with random heights of ±2 cm, slopes of 5° up, down and across, friction 0.4, soft ground. Exit
     status 1: more than one of ten walks ended early.
     """
-    from wbc_controller.validation.accuracy.walk_grounds import GROUNDS, terrain_of, walk_on
+    from wbc_controller.validation.accuracy.walks import GROUNDS, walk_on
 
-    for name in names:
-        terrain_of(name, 0)
+    require_known(names, GROUNDS, "unknown ground")
     click.echo(f"{seeds} seeds on {sensors}, {seconds:g} s\n")
     print_header("Robot", "Ground", "distance", "relaxed", *FIGURES, "fell")
     good = True
@@ -86,7 +85,7 @@ def walking_starts(robots: tuple[str, ...], sensors: SensorQuality, jobs: int, s
 
     Prints the number of stops by their steps. Exit status 1: a robot fell, or took more than three steps to stand.
     """
-    from wbc_controller.validation.accuracy.walk_starts import MOST_STEPS, start_and_stop
+    from wbc_controller.validation.accuracy.walks import MOST_STEPS, start_and_stop
 
     click.echo(f"{seeds} seeds with {count} starts and stops each, on {sensors}\n")
     print_header("Robot", "Stops", "stops by number of steps", "fell")
