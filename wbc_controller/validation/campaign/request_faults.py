@@ -1,5 +1,6 @@
 """Faults of requests by other programs."""
 
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
@@ -9,6 +10,7 @@ from pydantic import Field
 
 from wbc_controller.middleware.codec import message
 from wbc_controller.records import Array
+from wbc_controller.simulation.faults.catalogue import kinds_of
 from wbc_controller.simulation.faults.fault import Fault, number
 from wbc_controller.validation.user import User
 
@@ -170,10 +172,6 @@ class ConflictingUpdates(RequestFault):
         state.send_text("update", f"{{tasks: {{{name}: {{weight: {weight / factor}, wieght: 1}}}}}}")
 
 
-REQUEST_KINDS: Mapping[str, type[RequestFault]] = {
-    kind.kind(): kind
-    for kind in (
-        Garbage, UnknownWords, RequestFlood, FarSetpoint, StepSetpoint, LongTrajectory, HugeMessage, Estop,
-        EstopInFlood, ContactOff, ConflictingUpdates,
-    )
-}  # fmt: skip
+REQUEST_KINDS: Mapping[str, type[Fault]] = {
+    kind.kind(): kind for kind in kinds_of(sys.modules[__name__]) if kind is not RequestFault
+}

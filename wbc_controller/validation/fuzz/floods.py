@@ -131,13 +131,7 @@ def flood(kind: str, topic: Endpoint, payload: bytes, domain: int, running: Any,
 
 
 def flood_trials(
-    robot: str,
-    folder: Path,
-    trials: int,
-    *,
-    kinds: Sequence[str] = tuple(FLOODS),
-    domain: int = DOMAIN,
-    seed: int = 0,
+    robot: str, folder: Path, trials: int, *, kinds: Sequence[str] = tuple(FLOODS), domain: int = DOMAIN, seed: int = 0
 ) -> Iterator[StopTrial]:
     """Flood each kind of input of a running controller, and stop it; raise `WbcError` if a process fails."""
     require_known(kinds, FLOODS, "unknown flood")

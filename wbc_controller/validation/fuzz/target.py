@@ -18,7 +18,7 @@ from wbc_controller.nodes.clock import ManualClock
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings, parse_settings
-from wbc_controller.validation.error_log import logged_errors
+from wbc_controller.validation.campaign.monitor import logged_errors
 
 READ_LIMIT = 0.5  # processor time of reading a request, s
 CYCLE_LIMIT = 0.02  # processor time of a cycle and its messages, s
