@@ -9,7 +9,6 @@ medians. Requires Matplotlib::
 
 import gc
 import os
-import sys
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -215,7 +214,7 @@ def draw(plt: Any, found: list[Series]) -> None:
     print(f"{PICTURE.name}: {PICTURE.stat().st_size / 1000:.0f} kB")
 
 
-def main() -> int:
+def main() -> None:
     """Measure all series, and draw them."""
     plt = plotting()  # before half a minute of measurements
     if hasattr(os, "sched_setaffinity"):
@@ -228,8 +227,7 @@ def main() -> int:
             cost = ", ".join(f"{size}: {1e6 * median:.0f}" for size, median in zip(sizes, medians, strict=True))
             print(f"{series.title:20} exponent {series.fit()[0]:5.2f}; µs by size {cost}", flush=True)
     draw(plt, found)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()
