@@ -20,12 +20,7 @@ EVICTION_BYTES = 64 << 20
 
 
 def measure(cold: int, rounds: int) -> dict[str, tuple[float, float]]:
-    """Return the time of a call, warm and cold, s, by kind of arguments.
-
-    Args:
-        cold: number of cold calls.
-        rounds: number of rounds of warm calls.
-    """
+    """Return the time of a call, warm and cold, s, by kind of arguments, of `cold` calls and `rounds` of warm calls."""
     arrays = {name: np.full(30, float(i)) for i, name in enumerate("abcde")}
     out = np.zeros(30)
     six = Six(**arrays, factor=2.0, out=out)

@@ -166,11 +166,7 @@ def _cost(view: Cycle, rest: References, reference: Array, v_dot: Array) -> floa
 
 
 def compare(
-    case: scenes.Case,
-    rivals: Sequence[str],
-    older: tuple[str, Path] | None,
-    blocks: int,
-    folder: Path,
+    case: scenes.Case, rivals: Sequence[str], older: tuple[str, Path] | None, blocks: int, folder: Path
 ) -> Shares:
     """Measure and print one case of frozen states."""
     scene = scenes.make(case, blocks * (WARM + COLD), folder)

@@ -7,11 +7,10 @@ import subprocess
 import sys
 import tarfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -74,21 +73,13 @@ def code_of(commit: str) -> Iterator[Path]:
 
 @dataclass(frozen=True)
 class Answers:
-    """Answers of a contestant; NaN without a solution.
+    """Answers of a contestant; NaN without a solution."""
 
-    Attributes:
-        v_dot: accelerations, (n, nv).
-        tau: joint torques in the order of the model, (n, nv - 6).
-        forces: contact forces in their frames, of points in the world, (n, forces).
-        parts: time of each part, (n, parts) in s.
-        seconds: time of the whole cycle, (n,) in s.
-    """
-
-    v_dot: Array
-    tau: Array
-    forces: Array
-    parts: Array
-    seconds: Array
+    v_dot: Array  # accelerations, (n, nv)
+    tau: Array  # joint torques in the order of the model, (n, nv - 6)
+    forces: Array  # contact forces in their frames, of points in the world, (n, forces)
+    parts: Array  # time of each part, (n, parts) in s
+    seconds: Array  # time of the whole cycle, (n,) in s
 
 
 class Contestant:
@@ -102,13 +93,9 @@ class Contestant:
     def __init__(
         self, name: str, python: Sequence[str], worker: str, scene: Mapping[str, Any], arguments: Sequence[str] = ()
     ) -> None:
-        """Start the process, and wait until it is ready.
+        """Start a worker, a file of this folder, with its arguments and scene, and wait until it is ready.
 
-        Args:
-            python: interpreter and its options.
-            worker: file of this folder.
-            scene: scene for the worker.
-            arguments: arguments of the worker.
+        `python` is the interpreter with its options.
 
         Raises:
             SystemExit: if the process ends early.
@@ -127,18 +114,14 @@ class Contestant:
     def __enter__(self) -> "Contestant":
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._process.communicate()  # the process ends after its input is closed
 
     def _send(self, content: bytes) -> None:
         if self._process.stdin is not None:
-            try:
+            with suppress(BrokenPipeError):  # the process has ended, which reading reports
                 self._process.stdin.write(content)
                 self._process.stdin.flush()
-            except BrokenPipeError:
-                pass  # the process has ended, which reading reports
 
     def solve(self, rows: Array, touched: int = 0) -> Answers:
         """Return the answers to states, in order.

@@ -7,11 +7,10 @@ contains the whole cycle with messages, audit and status, on the memory transpor
 
 import argparse
 import logging
-import time
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from timing import timed
 
 from wbc_controller.estimation.base_estimator import BaseEstimator
 from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
@@ -23,16 +22,6 @@ def measure(robot: str, seconds: float) -> tuple[list[float], list[float], int]:
     trial.stand()
     updates: list[float] = []
     cycles: list[float] = []
-
-    def timed(call: Callable[..., Any], times: list[float]) -> Callable[..., Any]:
-        def run(*arguments: Any) -> Any:
-            begin = time.perf_counter()
-            made = call(*arguments)
-            times.append(time.perf_counter() - begin)
-            return made
-
-        return run
-
     estimator, loop = trial.estimator, trial.loop
     if estimator is None or estimator.filter is None:
         raise SystemExit(f"{robot} has no base estimate")
@@ -41,8 +30,8 @@ def measure(robot: str, seconds: float) -> tuple[list[float], list[float], int]:
         BaseEstimator.update(estimator, *arguments)
         return estimator.base
 
-    estimator.update = timed(update, updates)  # type: ignore[method-assign]
-    loop.cycle = timed(loop.cycle, cycles)  # type: ignore[method-assign]
+    estimator.update = timed(update, lambda seconds, _: updates.append(seconds))  # type: ignore[method-assign]
+    loop.cycle = timed(loop.cycle, lambda seconds, _: cycles.append(seconds))  # type: ignore[method-assign]
     trial.run(seconds)
     return updates, cycles, len(estimator.filter.names)
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 from scipy.linalg import lapack
-from serving import serve
+from serving import describe, serve
 
 
 class Floor:
@@ -21,14 +21,7 @@ class Floor:
         size = self.model.nv + sum(3 if contact["type"] == "point" else 6 for contact in scene["contacts"])
         root = np.random.default_rng(0).normal(size=(size, size))
         self.matrix = np.asfortranarray(root @ root.T + size * np.eye(size))
-        self.hello = {
-            "version": f"Pinocchio {pin.__version__}",
-            "unknowns": size,
-            "equalities": 0,
-            "inequalities": 0,
-            "sizes": [0, 0, 0],
-            "parts": ["terms", "factorization"],
-        }
+        self.hello = describe(f"Pinocchio {pin.__version__}", (size, 0, 0), (0, 0, 0), ("terms", "factorization"))
 
     def cycle(self, q: np.ndarray, v: np.ndarray, reference: np.ndarray) -> np.ndarray:
         """Time one state."""

@@ -10,6 +10,7 @@ it walks forward at its largest speed for 8 s, and stops. An arm holds its postu
 """
 
 import sys
+from collections.abc import Iterable
 from dataclasses import astuple, dataclass
 
 import numpy as np
@@ -28,15 +29,9 @@ ROBOTS: dict[str, tuple[str, str]] = {
     "Alex, upper body": ("alex_description/urdf/alex_nub_hands.urdf", ""),
     "Alexander, lower body": ("alexander_description/urdf/alexander_v1.lowerBodyOnly.urdf", ""),
     "Allegro hand": ("allegro_hand_description/urdf/allegro_left_hand.urdf", ""),
-    "ANYmal B": (
-        "anymal_b_simple_description/robots/anymal.urdf",
-        "anymal_b_simple_description/srdf/anymal.srdf",
-    ),
+    "ANYmal B": ("anymal_b_simple_description/robots/anymal.urdf", "anymal_b_simple_description/srdf/anymal.srdf"),
     "ANYmal B with an arm": ("anymal_b_simple_description/robots/anymal-kinova.urdf", ""),
-    "ANYmal C": (
-        "anymal_c_simple_description/urdf/anymal.urdf",
-        "anymal_c_simple_description/srdf/anymal.srdf",
-    ),
+    "ANYmal C": ("anymal_c_simple_description/urdf/anymal.urdf", "anymal_c_simple_description/srdf/anymal.srdf"),
     "B1": ("b1_description/urdf/b1.urdf", ""),
     "B1 with an arm": ("b1_description/urdf/b1-z1.urdf", "b1_description/srdf/b1-z1.srdf"),
     "Baxter": ("baxter_description/urdf/baxter.urdf", ""),
@@ -150,18 +145,55 @@ def first_sentence(error: WbcError) -> str:
     return (text if len(text) <= 160 else text[:157] + "…").replace("|", "/")
 
 
-class Standing:
-    """A legged robot in the mock robot."""
+class Trial:
+    """A robot in the mock robot, and a task with its reference at rest."""
+
+    task: str
+    rest: Array
+
+    def __init__(self, settings: Settings) -> None:
+        """Let the robot hold its posture."""
+        self.robot = wbc.Simulation(settings)
+        self.model = self.robot.controller.model
+
+    def _off(self, goal: Array) -> str:
+        raise NotImplementedError
+
+    def _to(self, goal: Array) -> str:
+        self.robot.controller.set(self.task, goal, duration=MOVE)
+        self.robot.run(MOVE + 0.5)
+        return self._off(goal)
+
+    def _through(self, goals: Iterable[Array]) -> str:
+        """Move through all goals, and return the first failure."""
+        return next((one for one in [self._to(goal) for goal in goals] if one != "yes"), "yes")
+
+    def _push_at(self, link: str) -> str:
+        force = np.array([0.0, PUSH * self.model.mass / PUSH_SECONDS, 0.0, 0.0, 0.0, 0.0])
+        self.robot.plant.push(link, force, PUSH_SECONDS)
+        self.robot.run(PUSH_SECONDS + REST)
+        return self._off(self.rest)
+
+    def stands(self) -> str:
+        """Hold the posture for 5 s."""
+        self.robot.run(STAND)
+        return self._off(self.rest)
+
+
+class Standing(Trial):
+    """A legged robot."""
+
+    task = "com"
 
     def __init__(self, settings: Settings) -> None:
         """Let the robot stand."""
-        self.robot = wbc.Simulation(settings)
-        self.com = self._com()
+        super().__init__(settings)
+        self.rest = self._com()
         lowest = min(
             float(contact.points(self.robot.controller.dynamics)[:, 2].min())
             for contact in self.robot.controller.contacts.values()
         )
-        self.height = float(self.com[2]) - lowest
+        self.height = float(self.rest[2]) - lowest
 
     def _com(self) -> Array:
         self.robot.controller.dynamics.update(*self.robot.plant.state())
@@ -173,33 +205,17 @@ class Standing:
         off = float(np.linalg.norm(self._com() - goal))
         return "yes" if off <= NEAR * self.height else f"no: {1e3 * off:.0f} mm off"
 
-    def _to(self, goal: Array) -> str:
-        self.robot.controller.set("com", goal, duration=MOVE)
-        self.robot.run(MOVE + 0.5)
-        return self._off(goal)
-
-    def stands(self) -> str:
-        """Stand for 5 s."""
-        self.robot.run(STAND)
-        return self._off(self.com)
-
     def sway(self) -> str:
         """Move the centre of mass to the left, to the right and back."""
-        results = [self._to(self.com + np.array([0.0, side * SWAY * self.height, 0.0])) for side in (1.0, -1.0, 0.0)]
-        return next((one for one in results if one != "yes"), "yes")
+        return self._through(self.rest + np.array([0.0, side * SWAY * self.height, 0.0]) for side in (1.0, -1.0, 0.0))
 
     def squat(self) -> str:
         """Move the centre of mass down and up."""
-        results = [self._to(self.com - np.array([0.0, 0.0, down * SQUAT * self.height])) for down in (1.0, 0.0)]
-        return next((one for one in results if one != "yes"), "yes")
+        return self._through(self.rest - np.array([0.0, 0.0, down * SQUAT * self.height]) for down in (1.0, 0.0))
 
     def push(self) -> str:
         """Push to the side."""
-        model = self.robot.controller.model
-        force = np.array([0.0, PUSH * model.mass / PUSH_SECONDS, 0.0, 0.0, 0.0, 0.0])
-        self.robot.plant.push(model.base_link, force, PUSH_SECONDS)
-        self.robot.run(PUSH_SECONDS + REST)
-        return self._off(self.com)
+        return self._push_at(self.model.base_link)
 
     def walk(self) -> str:
         """Walk forward at the largest speed, and stop."""
@@ -220,50 +236,37 @@ class Standing:
         return f"{np.linalg.norm((end - start)[:2]) / (ended - begun):.2f}, {asked:.2f} m/s"
 
 
-class Holding:
-    """A robot on a fixed base in the mock robot."""
+class Holding(Trial):
+    """A robot on a fixed base."""
+
+    task = "posture"
 
     def __init__(self, settings: Settings) -> None:
         """Let the robot hold its posture."""
-        self.robot = wbc.Simulation(settings)
-        model = self.robot.controller.model
-        self.posture = np.array(model.posture)
-        room = np.minimum(model.position_upper - self.posture, self.posture - model.position_lower)
+        super().__init__(settings)
+        model = self.model
+        self.rest = np.array(model.posture)
+        room = np.minimum(model.position_upper - self.rest, self.rest - model.position_lower)
         speed = self.robot.controller.config.settings.limits.velocity_scale * model.velocity_limits
         # A quintic has at most 1.875 times its mean speed.
         self.swing = np.minimum.reduce([np.full(model.nj, SWING), np.maximum(room - 0.03, 0.0), 0.2 * speed * MOVE])
 
-    def _to(self, goal: Array) -> str:
-        self.robot.controller.set("posture", goal, duration=MOVE)
-        self.robot.run(MOVE + 0.5)
-        return self._off(goal)
-
     def _off(self, goal: Array) -> str:
-        off = float(np.abs(self.robot.plant.state()[0][self.robot.controller.model.q_index] - goal).max())
+        off = float(np.abs(self.robot.plant.state()[0][self.model.q_index] - goal).max())
         return "yes" if off <= NEAR_JOINT else f"no: {off:.3f} rad off"
-
-    def stands(self) -> str:
-        """Hold the posture for 5 s."""
-        self.robot.run(STAND)
-        return self._off(self.posture)
 
     def sway(self) -> str:
         """Move all joints to one side."""
-        return self._to(self.posture + self.swing)
+        return self._to(self.rest + self.swing)
 
     def squat(self) -> str:
         """Move all joints to the other side, and back."""
-        result = self._to(self.posture - self.swing)
-        return result if result != "yes" else self._to(self.posture)
+        result = self._to(self.rest - self.swing)
+        return result if result != "yes" else self._to(self.rest)
 
     def push(self) -> str:
         """Push at the last link."""
-        model = self.robot.controller.model
-        last = model.pinocchio.names[int(model.pinocchio.njoints) - 1]
-        force = np.array([0.0, PUSH * model.mass / PUSH_SECONDS, 0.0, 0.0, 0.0, 0.0])
-        self.robot.plant.push(str(last), force, PUSH_SECONDS)
-        self.robot.run(PUSH_SECONDS + REST)
-        return self._off(self.posture)
+        return self._push_at(str(self.model.pinocchio.names[int(self.model.pinocchio.njoints) - 1]))
 
     def walk(self) -> str:
         """Return that an arm does not walk."""

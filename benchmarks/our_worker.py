@@ -9,7 +9,7 @@ import time
 from typing import Any
 
 import numpy as np
-from serving import serve, take_code_from
+from serving import describe, serve, take_code_from
 
 
 class Ours:
@@ -27,18 +27,11 @@ class Ours:
         rest = trial.start(q)
         trial.step(trial.state(q, v), rest)
         problem = trial.controller.formulation.build(trial.state(q, v), rest).problem
-        stages = list(trial.solution.stage_seconds) if trial.solution is not None else []
-        self._stages = stages
+        self._stages = list(trial.solution.stage_seconds) if trial.solution is not None else []
         self.contacts = list(trial.controller.contacts)
         forces = sum(contact.size for contact in trial.controller.contacts.values())
-        self.hello = {
-            "version": "",
-            "unknowns": problem.n,
-            "equalities": len(problem.b),
-            "inequalities": len(problem.upper),
-            "sizes": [self.model.nv, self.model.na, forces],
-            "parts": [*stages, "supervise"],
-        }
+        counts = problem.n, len(problem.b), len(problem.upper)
+        self.hello = describe("", counts, (self.model.nv, self.model.na, forces), (*self._stages, "supervise"))
         self._cycle = Cycle(settings, self.model)
         self._references = self._cycle.start(q)
 

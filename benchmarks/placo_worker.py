@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import placo
-from serving import serve
+from serving import describe, serve
 
 
 class PlacoController:
@@ -39,14 +39,8 @@ class PlacoController:
         solver.solve()
         problem = solver.problem
         forces = sum(3 if contact["type"] == "point" else 6 for contact in scene["contacts"])
-        self.hello = {
-            "version": version("placo"),
-            "unknowns": problem.n_variables,
-            "equalities": problem.n_equalities,
-            "inequalities": problem.n_inequalities,
-            "sizes": [model.nv, model.nv - 6, forces],
-            "parts": ["kinematics", "solve"],
-        }
+        counts = problem.n_variables, problem.n_equalities, problem.n_inequalities
+        self.hello = describe(version("placo"), counts, (model.nv, model.nv - 6, forces), ("kinematics", "solve"))
 
     def _contact(self, contact: dict[str, Any], weight: float) -> Any:
         placement = self.robot.get_T_world_frame(contact["frame"])

@@ -148,11 +148,7 @@ def tsids(process: Contestant, model: RobotModel, com: Array) -> Torques:
 def limit(
     settings: Settings, model: RobotModel, direction: tuple[float, float], make: Callable[[Stand], Torques]
 ) -> tuple[float, Stand | None, str]:
-    """Return the largest impulse without a failure.
-
-    Returns:
-        The impulse in N·s, the robot after it, and the failure of the smallest larger one.
-    """
+    """Return the largest impulse without a failure, N·s, the robot after it, and the failure of the next larger one."""
     low, high, last, why = LOWEST, HIGHEST, None, ""
     while high - low > RESOLUTION:
         middle = 0.5 * (low + high)

@@ -42,27 +42,16 @@ INSIDE = 0.1
 
 @dataclass(frozen=True)
 class Case:
-    """A robot on some of its feet.
+    """A robot on some of its feet."""
 
-    Attributes:
-        name: name on the command line.
-        title: name in the table.
-        robot: name of the supplied configuration.
-        feet: active contacts.
-        waist: frame with a controlled orientation.
-        sway: amplitude of the centre of mass, (3,) in m.
-        every_joint: use all joints of the URDF.
-        falls: the robot falls within a second on these feet, and is reset after `BEGINNING`.
-    """
-
-    name: str
-    title: str
-    robot: str
-    feet: tuple[str, ...]
-    waist: str
-    sway: tuple[float, float, float]
-    every_joint: bool = False
-    falls: bool = False
+    name: str  # on the command line
+    title: str  # in the table
+    robot: str  # name of the supplied configuration
+    feet: tuple[str, ...]  # active contacts
+    waist: str  # frame with a controlled orientation
+    sway: tuple[float, float, float]  # amplitude of the centre of mass, (3,) in m
+    every_joint: bool = False  # True to use all joints of the URDF
+    falls: bool = False  # True if the robot falls within a second on these feet; it is reset after `BEGINNING`
 
 
 _FEET, _PAWS = ("left_foot", "right_foot"), ("front_left_foot", "front_right_foot", "rear_left_foot", "rear_right_foot")
@@ -102,16 +91,10 @@ def content_of(
     feet: tuple[str, ...] = (),
     contact_stiffness: float = 0.0,
 ) -> dict[str, Any]:
-    """Return a supplied configuration at 1 kHz with other tasks, as plain values.
+    """Return a supplied configuration at 1 kHz with other tasks and values by section, as plain values.
 
-    Other values are defaults of the reading code.
-
-    Args:
-        robot: name of the configuration.
-        its_tasks: tasks that replace its own.
-        sections: values that replace its own, by section.
-        feet: remaining contacts; empty for all.
-        contact_stiffness: stiffness of all contacts, 1/s².
+    Other values are defaults of the reading code. `feet` are the remaining contacts, empty for all; the stiffness of
+    the contacts is in 1/s².
     """
     text = find_configuration(robot).read_text(encoding="utf-8")
     content: dict[str, Any] = yaml.safe_load(text)["wbc_controller"]["ros__parameters"]
@@ -133,23 +116,14 @@ def content_of(
 
 @dataclass(frozen=True)
 class Scene:
-    """A prepared case.
-
-    Attributes:
-        case: the case.
-        content: our settings as plain values.
-        settings: our settings.
-        model: the robot.
-        q: configuration of the references, (nq,).
-        rows: states with their references, (n, nq + nv + 9).
-    """
+    """A prepared case."""
 
     case: Case
-    content: dict[str, Any]
+    content: dict[str, Any]  # our settings as plain values
     settings: Settings
     model: RobotModel
-    q: Array
-    rows: Array
+    q: Array  # configuration of the references, (nq,)
+    rows: Array  # states with their references, (n, nq + nv + 9)
 
     def message(self) -> dict[str, Any]:
         """Return the scene for a worker."""

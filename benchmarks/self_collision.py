@@ -3,7 +3,6 @@
 The hands move from side to side in front of the robot at given speeds. Run: python benchmarks/self_collision.py
 """
 
-import sys
 import time
 from dataclasses import replace
 
@@ -76,13 +75,12 @@ def measure(name: str, speed: float) -> None:
     )
 
 
-def main() -> int:
+def main() -> None:
     """Measure both humanoids at rest and in motion."""
     for name in SRDF:
         for speed in (0.0, 0.5, 1.5):
             measure(name, speed)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from serving import serve, take_code_from
+from serving import describe, serve, take_code_from
 
 #: Stages in the reports of every commit since d8d35bb.
 STAGES = ("read", "compute", "supervise", "write", "audit")
@@ -36,14 +36,8 @@ class Service:
         bench.q = np.array(scene["q"])
         bench.activate()
         bench.cycle(WARM_UP)
-        self.hello = {
-            "version": "",
-            "unknowns": 0,
-            "equalities": 0,
-            "inequalities": 0,
-            "sizes": [0, bench.model.na, 0],
-            "parts": [*STAGES, "status and markers", "processor"],
-        }
+        parts = (*STAGES, "status and markers", "processor")
+        self.hello = describe("", (0, 0, 0), (0, bench.model.na, 0), parts)
 
     def cycle(self, q: np.ndarray, v: np.ndarray, reference: np.ndarray) -> np.ndarray:
         """Answer one state.

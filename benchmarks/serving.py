@@ -12,6 +12,7 @@ import json
 import os
 import struct
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -25,14 +26,23 @@ class Contestant(Protocol):
     """Timed object of a worker.
 
     Attributes:
-        hello: `version` if any; `unknowns`, `equalities` and `inequalities` of the problem; `sizes` of v̇, τ and the
-            contact forces; names of the `parts`.
+        hello: its description by `describe`.
     """
 
     hello: dict[str, Any]
 
     def cycle(self, q: np.ndarray, v: np.ndarray, reference: np.ndarray) -> np.ndarray:
         """Answer one state: v̇, τ, forces, seconds of the parts, seconds of the whole; NaN without a solution."""
+
+
+def describe(version: str, problem: Sequence[int], sizes: Sequence[int], parts: Sequence[str]) -> dict[str, Any]:
+    """Return the first answer of a worker.
+
+    `version`, if any; unknowns, equalities and inequalities of the problem; sizes of v̇, τ and the contact forces;
+    names of the timed parts.
+    """
+    counts = dict(zip(("unknowns", "equalities", "inequalities"), problem, strict=True))
+    return {"version": version, **counts, "sizes": list(sizes), "parts": list(parts)}
 
 
 class CacheEviction:

@@ -9,7 +9,6 @@ medians. Requires Matplotlib::
 
 import gc
 import os
-import sys
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -37,34 +36,20 @@ SWAY = (0.005, 0.01, 0.0)
 GAINS = {"stiffness": scenes.STIFFNESS, "damping": scenes.DAMPING, "setpoint_duration": 0.0}
 #: Links of Talos for additional tasks and contacts, in order.
 LINKS = (
-    "gripper_left_base_link",
-    "gripper_right_base_link",
-    "torso_2_link",
-    "head_2_link",
-    "arm_left_4_link",
-    "arm_right_4_link",
-    "leg_left_4_link",
-    "leg_right_4_link",
-)
+    "gripper_left_base_link", "gripper_right_base_link", "torso_2_link", "head_2_link", "arm_left_4_link",
+    "arm_right_4_link", "leg_left_4_link", "leg_right_4_link",
+)  # fmt: skip
 
 
 @dataclass
 class Series:
-    """A series with one varying size.
+    """A series with one varying size."""
 
-    Attributes:
-        title: name of the size.
-        cases: our settings as plain values, by size.
-        smallest: smallest size in the fit.
-        seconds: times of each case, in blocks.
-    """
-
-    title: str
-    cases: dict[int, dict[str, Any]]
-    smallest: int = 1
+    title: str  # name of the size
+    cases: dict[int, dict[str, Any]]  # our settings as plain values, by size
 
     def __post_init__(self) -> None:
-        self.seconds: dict[int, list[Array]] = {size: [] for size in self.cases}
+        self.seconds: dict[int, list[Array]] = {size: [] for size in self.cases}  # times of each case, in blocks
 
     def measure(self) -> None:
         """Time all cases in turn."""
@@ -87,9 +72,9 @@ class Series:
         return np.array(list(self.seconds)), np.array([summary(blocks).median for blocks in self.seconds.values()])
 
     def fit(self) -> tuple[float, float]:
-        """Return exponent and factor."""
+        """Return exponent and factor of the sizes above 0."""
         sizes, medians = self.medians()
-        return exponent(sizes[sizes >= self.smallest], medians[sizes >= self.smallest])
+        return exponent(sizes[sizes > 0], medians[sizes > 0])
 
 
 def _ready(content: Mapping[str, Any]) -> tuple[Cycle, list[References], list[tuple[Array, Array]]]:
@@ -153,12 +138,7 @@ def levels() -> Series:
     """Vary the number of strict priority levels of four tasks of Talos."""
     hand = {"hand": {"type": "frame_pose", "frame": LINKS[0], "weight": 1.0, **GAINS}}
     own_tasks = scenes.tasks("base_link") | hand
-    assigned = {
-        1: {},
-        2: {"posture": 1},
-        3: {"hand": 1, "posture": 2},
-        4: {"waist": 1, "hand": 2, "posture": 3},
-    }
+    assigned = {1: {}, 2: {"posture": 1}, 3: {"hand": 1, "posture": 2}, 4: {"waist": 1, "hand": 2, "posture": 3}}
     cases = {
         count: _talos({name: task | {"level": level.get(name, 0)} for name, task in own_tasks.items()})
         for count, level in assigned.items()
@@ -215,7 +195,7 @@ def draw(plt: Any, found: list[Series]) -> None:
     figure, panels = plt.subplots(1, len(found), figsize=(2.1 * len(found), 2.6), sharey=True)
     for panel, series in zip(panels, found, strict=True):
         sizes, medians = series.medians()
-        fitted = sizes >= series.smallest
+        fitted = sizes > 0
         power, factor = series.fit()
         panel.plot(sizes[fitted], 1e6 * factor * sizes[fitted] ** power, color="tab:orange", linewidth=1.0)
         panel.plot(sizes[fitted], 1e6 * medians[fitted], "o", color="tab:blue", markersize=3.5)
@@ -234,7 +214,7 @@ def draw(plt: Any, found: list[Series]) -> None:
     print(f"{PICTURE.name}: {PICTURE.stat().st_size / 1000:.0f} kB")
 
 
-def main() -> int:
+def main() -> None:
     """Measure all series, and draw them."""
     plt = plotting()  # before half a minute of measurements
     if hasattr(os, "sched_setaffinity"):
@@ -247,8 +227,7 @@ def main() -> int:
             cost = ", ".join(f"{size}: {1e6 * median:.0f}" for size, median in zip(sizes, medians, strict=True))
             print(f"{series.title:20} exponent {series.fit()[0]:5.2f}; µs by size {cost}", flush=True)
     draw(plt, found)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -24,10 +24,7 @@ def main() -> None:
         "all, all_true": (lambda: flags.all(), lambda: arrays.all_true(flags)),
         "isfinite.all, all_finite": (lambda: np.isfinite(values).all(), lambda: arrays.all_finite(values)),
         "linalg.solve, solved": (lambda: np.linalg.solve(A, values), lambda: arrays.solved(A, values)),
-        "isfinite.all of a matrix, sum_of_squares": (
-            lambda: np.isfinite(A).all(),
-            lambda: arrays.sum_of_squares(A),
-        ),
+        "isfinite.all of a matrix, sum_of_squares": (lambda: np.isfinite(A).all(), lambda: arrays.sum_of_squares(A)),
         "index array, as_slice": (lambda: values[index], lambda: values[part]),
     }
     for name, (theirs, ours) in pairs.items():

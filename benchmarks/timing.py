@@ -1,7 +1,9 @@
 """Statistics of measured times."""
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -10,21 +12,13 @@ from wbc_controller.records import Array
 
 @dataclass(frozen=True)
 class Summary:
-    """Statistics of a contestant's cycles, s, without cycles that have no solution.
-
-    Attributes:
-        median: median of all cycles.
-        p99: 99 % quantile.
-        p999: 99.9 % quantile.
-        mean: mean of all cycles.
-        failures: cycles without a solution.
-    """
+    """Statistics of a contestant's cycles, s, without cycles that have no solution."""
 
     median: float
-    p99: float
-    p999: float
+    p99: float  # 99 % quantile
+    p999: float  # 99.9 % quantile
     mean: float
-    failures: int
+    failures: int  # cycles without a solution
 
     def __str__(self) -> str:
         """Return median, p99 and p99.9 in µs."""
@@ -44,12 +38,7 @@ def summary(blocks: Sequence[Array]) -> Summary:
 
 
 def share(ours: Sequence[Array], theirs: Sequence[Array]) -> tuple[float, float, float]:
-    """Return our median as a share of theirs, over all blocks, and its range over adjacent blocks.
-
-    Args:
-        ours: times of each block, (n,) in s.
-        theirs: times of the same blocks.
-    """
+    """Return our median as a share of theirs, over all blocks, each (n,) in s, and its range over adjacent blocks."""
     pairs = [summary([mine]).median / summary([other]).median for mine, other in zip(ours, theirs, strict=True)]
     return summary(ours).median / summary(theirs).median, float(np.nanmin(pairs)), float(np.nanmax(pairs))
 
@@ -57,9 +46,21 @@ def share(ours: Sequence[Array], theirs: Sequence[Array]) -> tuple[float, float,
 def exponent(sizes: Array, seconds: Array) -> tuple[float, float]:
     """Return exponent b and factor a of the power law a nᵇ, by least squares of the logarithms.
 
-    Args:
-        sizes: n, above 0, (k,).
-        seconds: (k,).
+    Sizes n, above 0, and times in s are (k,).
     """
     b, log_a = np.polyfit(np.log(sizes), np.log(seconds), 1)
     return float(b), float(np.exp(log_a))
+
+
+def timed(
+    call: Callable[..., Any], add: Callable[[float, Any], None], clock: Callable[[], float] = time.perf_counter
+) -> Callable[..., Any]:
+    """Return a function that passes the time of each call, s, and its result to `add`."""
+
+    def run(*arguments: Any) -> Any:
+        begin = clock()
+        result = call(*arguments)
+        add(clock() - begin, result)
+        return result
+
+    return run

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import tsid.tsid_pywrap as tsid
-from serving import serve
+from serving import describe, serve
 
 _UP = np.array([0.0, 0.0, 1.0])
 
@@ -32,23 +32,21 @@ class TsidController:
         self.contacts = []
         for contact in scene["contacts"]:
             made, size = self._contact(contact)
-            made.setKp(contact["stiffness"] * np.ones(size))
-            made.setKd(contact["damping"] * np.ones(size))
+            _set_gains(made, contact, size)
             made.setReference(self.robot.framePosition(data, model.getFrameId(contact["frame"])))
             self.formulation.addRigidContact(made, scene["weights"]["force"])
             self.contacts.append(made)
-        gains = {"Kp": scene["stiffness"], "Kd": scene["damping"]}
         self.com = tsid.TaskComEquality("com", self.robot)
         self.com_sample = tsid.TrajectorySample(3)
-        _set_gains(self.com, 3, gains)
+        _set_gains(self.com, scene, 3)
         self.formulation.addMotionTask(self.com, scene["weights"]["com"], 1, 0.0)
         self.posture = tsid.TaskJointPosture("posture", self.robot)
-        _set_gains(self.posture, model.nv - 6, gains)
+        _set_gains(self.posture, scene, model.nv - 6)
         self.posture_trajectory = tsid.TrajectoryEuclidianConstant("posture", q[7:])
         self.posture.setReference(self.posture_trajectory.computeNext())
         self.formulation.addMotionTask(self.posture, scene["weights"]["posture"], 1, 0.0)
         self.waist = tsid.TaskSE3Equality("waist", self.robot, scene["waist"])
-        _set_gains(self.waist, 6, gains)
+        _set_gains(self.waist, scene, 6)
         self.waist.setMask(np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]))
         placement = self.robot.framePosition(data, model.getFrameId(scene["waist"]))
         self.waist_trajectory = tsid.TrajectorySE3Constant("waist", placement)
@@ -59,17 +57,10 @@ class TsidController:
         self.torques.setBounds(-effort, effort)
         self.formulation.addActuationTask(self.torques, 1.0, 0, 0.0)
         self.solver = tsid.SolverHQuadProgFast("solver")
-        sizes = (self.formulation.nVar, self.formulation.nEq, self.formulation.nIn)
-        self.solver.resize(*sizes)
+        counts = (self.formulation.nVar, self.formulation.nEq, self.formulation.nIn)
+        self.solver.resize(*counts)
         forces = sum(3 if contact["type"] == "point" else 6 for contact in scene["contacts"])
-        self.hello = {
-            "version": version("tsid"),
-            "unknowns": sizes[0],
-            "equalities": sizes[1],
-            "inequalities": sizes[2],
-            "sizes": [model.nv, model.nv - 6, forces],
-            "parts": ["build", "solve", "unpack"],
-        }
+        self.hello = describe(version("tsid"), counts, (model.nv, model.nv - 6, forces), ("build", "solve", "unpack"))
 
     def _contact(self, contact: dict[str, Any]) -> tuple[Any, int]:
         # tsid limits |f_t| ≤ μ f_n along two axes, outside of the cone; ours uses the inner pyramid.
@@ -105,9 +96,9 @@ class TsidController:
         return np.concatenate([v_dot, tau, *forces, [built - started, solved - built, ended - solved, ended - started]])
 
 
-def _set_gains(task: Any, size: int, gains: dict[str, float]) -> None:
-    task.setKp(gains["Kp"] * np.ones(size))
-    task.setKd(gains["Kd"] * np.ones(size))
+def _set_gains(task: Any, gains: dict[str, Any], size: int) -> None:
+    task.setKp(gains["stiffness"] * np.ones(size))
+    task.setKd(gains["damping"] * np.ones(size))
 
 
 if __name__ == "__main__":

@@ -7,11 +7,11 @@ of the thread. Run: python benchmarks/walking.py [ROBOT ...] [--walks N]
 import argparse
 import logging
 import time
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 import numpy as np
+from timing import timed
 
 from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 from wbc_controller.walking.footsteps import Velocity
@@ -33,15 +33,6 @@ def measure(robot: str, walks: int) -> dict[str, list[float]]:
     times: dict[str, list[float]] = {kind: [] for kind in (STAND, WALK, SWITCH, FIRST, UPDATE)}
     seen, before = {tuple(sorted(trial.controller.holding))}, tuple(sorted(trial.controller.holding))
 
-    def timed(call: Callable[..., Any], add: Callable[[float, Any], None]) -> Callable[..., Any]:
-        def run(*arguments: Any) -> Any:
-            begin = time.thread_time()
-            made = call(*arguments)
-            add(time.thread_time() - begin, made)
-            return made
-
-        return run
-
     def add_cycle(seconds: float, report: Any) -> None:
         nonlocal before
         contacts = tuple(sorted(report.solution.forces))
@@ -54,11 +45,9 @@ def measure(robot: str, walks: int) -> dict[str, list[float]]:
             times[WALK].append(seconds)
         before = contacts
 
-    def add_update(seconds: float, _: Any) -> None:
-        times[UPDATE].append(seconds)
-
-    walker.update = timed(partial(type(walker).update, walker), add_update)  # type: ignore[method-assign]
-    trial.loop.cycle = timed(trial.loop.cycle, add_cycle)  # type: ignore[method-assign]
+    update = partial(type(walker).update, walker)
+    walker.update = timed(update, lambda seconds, _: times[UPDATE].append(seconds), time.thread_time)  # type: ignore[method-assign]
+    trial.loop.cycle = timed(trial.loop.cycle, add_cycle, time.thread_time)  # type: ignore[method-assign]
     for _ in range(walks):
         trial.run(_STANDING)
         walker.ask(Velocity(_SPEED * walker.gait.speed[0]))

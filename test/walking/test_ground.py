@@ -12,8 +12,7 @@ import wbc_controller as wbc
 from wbc_controller.estimation.base_estimator import BaseEstimator
 from wbc_controller.inverse_dynamics.robot.instruction import placement_numbers
 from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
-from wbc_controller.validation.accuracy.walk_grounds import terrain_of
-from wbc_controller.validation.accuracy.walks import WalkTrial
+from wbc_controller.validation.accuracy.walks import WalkTrial, terrain_of
 from wbc_controller.walking.feet import Foot
 from wbc_controller.walking.gait import Phase
 from wbc_controller.walking.swing_kernels import Landing, at_rest

@@ -45,13 +45,16 @@ class User:
         """Send a text."""
         self.send(key, message("std_msgs/msg/String", data=text))
 
+    def follow(self, times: Sequence[float], positions: Array) -> None:
+        """Send trajectories of the centre of mass through points, (n, 3) in m, at times in s."""
+        for name in self.tasks("com"):
+            self.send("trajectory", com_trajectory(times, positions), name)
+
     def move(self, com: Array) -> None:
         """Sway the centre of mass about `com`, (3,) in m, and swing the joints, to reveal frozen values."""
         times = np.arange(_HALF_PERIOD, _DURATION, _HALF_PERIOD)
         sides = (-1.0) ** np.arange(len(times))
-        still = np.zeros(len(times)), com[None, :] + np.outer(sides, [0.5 * _SWAY, _SWAY, 0.0])
-        for name in self.tasks("com"):
-            self.send("trajectory", com_trajectory(times.tolist(), still[1]), name)
+        self.follow(times.tolist(), com[None, :] + np.outer(sides, [0.5 * _SWAY, _SWAY, 0.0]))
         for name in self.tasks("posture"):
             joints = tuple(self.settings.tasks[name].joints) or self.model.driven_joints  # type: ignore[union-attr]
             at = [self.model.joints.index(joint) for joint in joints]
@@ -61,11 +64,8 @@ class User:
 
     def tasks(self, kind: str) -> list[str]:
         """Return the tasks of a type that accept trajectories."""
-        return [
-            name
-            for name, task in self.settings.tasks.items()
-            if task.type == kind and ("trajectory", name) in self.requests
-        ]
+        named = [name for name, task in self.settings.tasks.items() if task.type == kind]
+        return [name for name in named if ("trajectory", name) in self.requests]
 
 
 def reliable_counterpart(topic: Endpoint) -> Endpoint:

@@ -4,7 +4,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from wbc_controller.errors import NoSolution
 from wbc_controller.settings.config import load
@@ -12,7 +11,6 @@ from wbc_controller.simulation.faults.fault import LONGEST
 from wbc_controller.simulation.faults.world import SlipperyFloor
 from wbc_controller.simulation.sensors import PARTS
 from wbc_controller.validation.accuracy import walks
-from wbc_controller.validation.accuracy.accuracy_commands import accuracy
 from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 from wbc_controller.validation.accuracy.flaws import FLAWS, FlawErrors, chatter, measure_flaw
 from wbc_controller.validation.accuracy.mishaps import Outcome, longest_run, run_mishap
@@ -20,11 +18,6 @@ from wbc_controller.validation.accuracy.standing import StandingErrors, consiste
 from wbc_controller.validation.accuracy.walks import mean_velocity, walk
 
 SHORT = {"estimation.base_state": "imu", "estimation.settling": 0.1, "safety.activation_ramp": 0.0}
-
-
-@pytest.fixture(autouse=True)
-def _short_rest(monkeypatch):
-    monkeypatch.setattr("wbc_controller.validation.accuracy.estimation_trial._REST_TIME", 0.4)
 
 
 def test_errors_of_standing_robots_agree_with_the_truth():
@@ -172,27 +165,25 @@ def test_flaw_errors_are_the_largest_distances(monkeypatch):
     assert np.isnan(cost.squat)
 
 
-def test_tables_of_standing_and_flaws(monkeypatch):
+def test_tables_of_standing_and_flaws(monkeypatch, run):
     def made_up(robot, sensors, seed, seconds):
         tilt, drift = (0.001, 0.001, 0.002)[seed], 0.02 if robot == "g1" else 0.004
         return StandingErrors(seed, tilt, 0.002, 0.003, drift, np.full(9, 5.0), np.full(9, 4.0))
 
     monkeypatch.setattr("wbc_controller.validation.accuracy.standing.stand", made_up)
-    standing = accuracy.commands["standing"]  # without its group, which takes over the process's signals
-    run = CliRunner().invoke(standing, ["go2", "--seeds", "3", "--jobs", "1"])
-    assert "| go2 | 0.081° (0.115°) | 2.00 mm | 3.0 mm/s | 4.0 mm | 100 %, 1.00 | 100 %, 1.00 | 0 |" in run.output
-    assert run.exit_code == 0
-    assert CliRunner().invoke(standing, ["g1", "--seeds", "1", "--jobs", "1"]).exit_code == 1  # excessive drift
+    result = run("standing", "go2", "--seeds", "3")
+    assert "| go2 | 0.081° (0.115°) | 2.00 mm | 3.0 mm/s | 4.0 mm | 100 %, 1.00 | 100 %, 1.00 | 0 |" in result.output
+    assert result.exit_code == 0
+    assert run("standing", "g1", "--seeds", "1").exit_code == 1  # excessive drift
 
     def made_up_flaw(robot, name, *settings):
         return FlawErrors(0.001, 0.002, 0.003, "FALLEN: it fell" if robot == "g1" else "")
 
     monkeypatch.setattr("wbc_controller.validation.accuracy.flaws.measure_flaw", made_up_flaw)
-    run = CliRunner().invoke(accuracy.commands["flaws"], ["go2", "g1", "--flaw", "slope", "--jobs", "1"])
-    assert "| slope 10°, force sensors | 1.0, 2.0; 0.3 % | ends: FALLEN |" in run.output
-    assert run.exit_code == 1
-    run = CliRunner().invoke(accuracy.commands["flaws"], ["go2", "--flaw", "nothing"])
-    assert "unknown flaw 'nothing'" in str(run.exception)
+    result = run("flaws", "go2", "g1", "--flaw", "slope")
+    assert "| slope 10°, force sensors | 1.0, 2.0; 0.3 % | ends: FALLEN |" in result.output
+    assert result.exit_code == 1
+    assert "unknown flaw 'nothing'" in str(run("flaws", "go2", "--flaw", "nothing").exception)
     assert len({flaw.name for flaw in FLAWS}) == len(FLAWS)
 
 
@@ -230,7 +221,7 @@ def test_failed_imu_is_a_fault_and_the_robot_can_be_reactivated(monkeypatch, rob
     assert 0.4 < found.recovery < 2.0  # 'reset' restarts the settling of 0.5 s
 
 
-def test_table_of_mishaps(monkeypatch):
+def test_table_of_mishaps(monkeypatch, run):
     fine, said = Outcome(0.01, 0.0, ()), ("NO_SOLUTION: there is none (daqp)",)
     found = {
         "one foot pulled up": Outcome(0.3, 0.1, ("left", "right"), said, ended=True, recovery=0.5),
@@ -240,18 +231,16 @@ def test_table_of_mishaps(monkeypatch):
         "wbc_controller.validation.accuracy.mishaps.run_mishap",
         lambda robot, name, *_: found.get(name, fine) if robot == "go2" else fine,
     )
-    run = CliRunner().invoke(accuracy.commands["mishaps"], ["go2", "--jobs", "1"])
-    assert (
-        "| go2 | one foot pulled up | ends; NO_SOLUTION: there is none | 0.300 m/s | 100 ms | 0.50 s | left, right |"
-        in run.output
-    )
-    assert "| go2 | gyroscope bias of 0.05 rad/s | **silently wrong** | 0.300 m/s | 310 ms | – | – |" in run.output
-    assert run.exit_code == 1
-    assert CliRunner().invoke(accuracy.commands["mishaps"], ["g1", "--jobs", "1"]).exit_code == 0
+    result = run("mishaps", "go2")
+    row = "| go2 | one foot pulled up | ends; NO_SOLUTION: there is none | 0.300 m/s | 100 ms | 0.50 s | left, right |"
+    assert row in result.output
+    assert "| go2 | gyroscope bias of 0.05 rad/s | **silently wrong** | 0.300 m/s | 310 ms | – | – |" in result.output
+    assert result.exit_code == 1
+    assert run("mishaps", "g1").exit_code == 0
     found["one foot pulled up"], found["gyroscope bias of 0.05 rad/s"] = Outcome(0.3, 0.1, (), recovery=np.inf), fine
-    run = CliRunner().invoke(accuracy.commands["mishaps"], ["go2", "--jobs", "1"])
-    assert "| go2 | one foot pulled up | continues | 0.300 m/s | 100 ms | **refused** | – |" in run.output
-    assert run.exit_code == 1
+    result = run("mishaps", "go2")
+    assert "| go2 | one foot pulled up | continues | 0.300 m/s | 100 ms | **refused** | – |" in result.output
+    assert result.exit_code == 1
     assert Outcome(np.nan, np.nan, ()).silently_wrong
     assert Outcome(0.0, 0.0, (), fell=True).silently_wrong
     assert [longest_run(np.array(values, dtype=bool)) for values in ([], [0, 1, 1, 0, 1], [1, 1, 1])] == [0, 2, 3]

@@ -5,17 +5,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.settings.config import load
-from wbc_controller.validation.accuracy import walk_pushes
-from wbc_controller.validation.accuracy.accuracy_commands import accuracy
+from wbc_controller.validation.accuracy import walk_pushes, walks
 from wbc_controller.validation.accuracy.walk_figures import WalkFigures, WalkMeter
-from wbc_controller.validation.accuracy.walk_grounds import GROUNDS, terrain_of
 from wbc_controller.validation.accuracy.walk_pushes import LARGEST, RESOLUTION, Push, ends, largest_impulse
-from wbc_controller.validation.accuracy.walk_starts import Starts
-from wbc_controller.validation.accuracy.walks import Walk
+from wbc_controller.validation.accuracy.walks import GROUNDS, Starts, Walk, terrain_of
 from wbc_controller.walking.gait import Phase
 
 FIGURES = WalkFigures(torque=0.8, rate=0.25, chatter=0.012, slip=0.003, outside=0.0)
@@ -87,7 +83,6 @@ def test_the_bisection_finds_the_largest_impulse(monkeypatch):
 
 
 def test_a_robot_that_steps_survives_a_push_and_falls_at_a_large_one(monkeypatch):
-    monkeypatch.setattr("wbc_controller.validation.accuracy.estimation_trial._REST_TIME", 0.4)
     monkeypatch.setattr(walk_pushes, "AFTER", 0.8)
     monkeypatch.setattr(walk_pushes, "_STEPS", 1)
     assert ends("g1", Push(0.0, 0.25), 0.2, "ideal", 0)[0] == ""
@@ -96,45 +91,39 @@ def test_a_robot_that_steps_survives_a_push_and_falls_at_a_large_one(monkeypatch
     assert mass == pytest.approx(33.3, abs=2.0)
 
 
-def run(monkeypatch, command, module, function, result, *arguments):
-    monkeypatch.setattr(f"wbc_controller.validation.accuracy.{module}.{function}", result)
-    return CliRunner().invoke(accuracy.commands[command], [*arguments, "--jobs", "1"])
-
-
 @pytest.mark.parametrize(("falls", "status"), [(1, 0), (2, 1)])
-def test_table_of_grounds(monkeypatch, falls, status):
-    result = run(
-        monkeypatch, "walking-grounds", "walk_grounds", "walk_on",
-        lambda robot, ground, sensors, seed, seconds: walked(seed, "3.2 s: FALLEN: it fell" if seed < falls else ""),
-        "g1", "--ground", "up",
-    )  # fmt: skip
+def test_table_of_grounds(monkeypatch, run, falls, status):
+    def walk_on(robot, ground, sensors, seed, seconds):
+        return walked(seed, "3.2 s: FALLEN: it fell" if seed < falls else "")
+
+    monkeypatch.setattr(walks, "walk_on", walk_on)
+    result = run("walking-grounds", "g1", "--ground", "up")
     assert f"| g1 | up | 2.0 m | 0 | 0.80 | 0.25 | 1.2 % | 3.0 mm | 0 N | {falls} of 10 |" in result.output
     assert "g1, up, seed 0: 3.2 s: FALLEN: it fell" in result.output
     assert result.exit_code == status
 
 
 @pytest.mark.parametrize(("steps", "ended", "status"), [((1, 3), "", 0), ((1, 4), "", 1), ((1,), "4.0 s: FALLEN", 1)])
-def test_table_of_starts(monkeypatch, steps, ended, status):
-    result = run(
-        monkeypatch, "walking-starts", "walk_starts", "start_and_stop",
-        lambda robot, sensors, seed, count: Starts(seed, steps, ended), "g1", "--seeds", "2",
-    )  # fmt: skip
+def test_table_of_starts(monkeypatch, run, steps, ended, status):
+    monkeypatch.setattr(walks, "start_and_stop", lambda robot, sensors, seed, count: Starts(seed, steps, ended))
+    result = run("walking-starts", "g1", "--seeds", "2")
     counts = ", ".join(f"{number}: 2" for number in steps)
     assert f"| g1 | {2 * len(steps)} | {counts} | {2 * bool(ended)} |" in result.output
     assert result.exit_code == status
 
 
 @pytest.mark.parametrize(("walking", "falls", "status"), [(30.0, 0, 0), (29.0, 0, 1), (30.0, 1, 1)])
-def test_table_and_plot_of_pushes(monkeypatch, tmp_path, walking, falls, status):
-    monkeypatch.setattr(
-        "wbc_controller.validation.accuracy.walk_pushes.change_velocity",
-        lambda robot, sensors, seed, seconds: "2.0 s: FALLEN" if seed < falls else "",
-    )
-    result = run(
-        monkeypatch, "walking-pushes", "walk_pushes", "largest_impulse",
-        lambda robot, push, sensors, seed: 20.0 if push.phase is None else walking + push.phase,
-        "g1", "--directions", "4", "--phases", "2", "--changes", "10", "--plot", str(tmp_path / "pushes.html"),
-    )  # fmt: skip
+def test_table_and_plot_of_pushes(monkeypatch, run, tmp_path, walking, falls, status):
+    def change_velocity(robot, sensors, seed, seconds):
+        return "2.0 s: FALLEN" if seed < falls else ""
+
+    def largest_impulse(robot, push, sensors, seed):
+        return 20.0 if push.phase is None else walking + push.phase
+
+    monkeypatch.setattr(walk_pushes, "change_velocity", change_velocity)
+    monkeypatch.setattr(walk_pushes, "largest_impulse", largest_impulse)
+    options = ("--directions", "4", "--phases", "2", "--changes", "10", "--plot", str(tmp_path / "pushes.html"))
+    result = run("walking-pushes", "g1", *options)
     assert f"| 90° | 20.0 N·s | {walking:.1f} N·s | {walking + 0.25:.1f} N·s | {walking / 20.0:.2f} |" in result.output
     assert f"{falls} of 10 fell" in result.output
     assert result.exit_code == status
@@ -142,6 +131,5 @@ def test_table_and_plot_of_pushes(monkeypatch, tmp_path, walking, falls, status)
 
 
 @pytest.mark.parametrize("command", ["walking-grounds", "walking-starts", "walking-pushes"])
-def test_an_unknown_robot_is_refused(command):
-    result = CliRunner().invoke(accuracy.commands[command], ["nobody"])
-    assert "unknown walking robot 'nobody'" in str(result.exception)
+def test_an_unknown_robot_is_refused(run, command):
+    assert "unknown walking robot 'nobody'" in str(run(command, "nobody").exception)

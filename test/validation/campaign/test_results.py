@@ -7,7 +7,7 @@ from outcomes import outcome
 
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.validation.campaign import results as results_module
-from wbc_controller.validation.campaign.results import FILE, Results, TrialKey, key_of, version_of
+from wbc_controller.validation.campaign.results import FILE, Results, TrialKey, version_of
 
 
 def write(folder, *outcomes) -> None:
@@ -22,7 +22,7 @@ def test_outcomes_are_read_again(tmp_path):
     write(tmp_path, *both)
     again = Results(tmp_path)
     again.close()
-    assert again.outcomes == {key_of(each): each for each in both}
+    assert again.outcomes == {each.key: each for each in both}
     assert again.other_versions == 0
 
 

@@ -5,7 +5,7 @@ from click.testing import CliRunner
 
 from wbc_controller.cli import main
 from wbc_controller.nodes.inputs import Inputs
-from wbc_controller.validation.campaign.monitored_robot import TrueFall
+from wbc_controller.validation.campaign.monitor import TrueFall
 from wbc_controller.validation.fuzz import clocks
 from wbc_controller.validation.fuzz.clocks import CLOCKS, ClockTrial, run_trial
 

@@ -14,16 +14,8 @@ from wbc_controller.controller.cycle import ControlCycle
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.estimation.base_estimator import BaseEstimator
 from wbc_controller.inverse_dynamics.references.board import ReferenceBoard
-from wbc_controller.middleware import decoding
+from wbc_controller.middleware import decoding, topics
 from wbc_controller.middleware.codec import decode, encode, message
-from wbc_controller.middleware.topics import (
-    CONTROLLER_TOPICS,
-    ESTIMATOR_TOPICS,
-    GUARD_TOPICS,
-    MOCK_TOPICS,
-    TASK_TYPES,
-    Direction,
-)
 from wbc_controller.nodes.inputs import Inputs
 from wbc_controller.nodes.requests import Requests
 from wbc_controller.safety.guard import Guard
@@ -37,9 +29,10 @@ from wbc_controller.validation.fuzz.target import Target, fuzzed_robot
 ROBOT = "go2"
 #: Number of messages; `wbc fuzz messages` sends a million.
 COUNT = 1100
-TABLES = (
-    ("controller", CONTROLLER_TOPICS), ("guard", GUARD_TOPICS), ("mock", MOCK_TOPICS), ("estimator", ESTIMATOR_TOPICS),
-)  # fmt: skip
+TABLES = {
+    "controller": topics.CONTROLLER_TOPICS, "guard": topics.GUARD_TOPICS, "mock": topics.MOCK_TOPICS,
+    "estimator": topics.ESTIMATOR_TOPICS,
+}  # fmt: skip
 
 
 def test_nodes_survive_hostile_messages(monkeypatch):
@@ -47,13 +40,13 @@ def test_nodes_survive_hostile_messages(monkeypatch):
     outcome = fuzz_messages(ROBOT, COUNT, 0)
     assert [f"{failure.target}: {failure.why}" for failure in outcome.failures] == []
     assert outcome.sent == COUNT
-    rows = [(node, row) for node, table in TABLES for row in table if row.direction is Direction.IN]
+    rows = [(node, row) for node, table in TABLES.items() for row in table if row.direction is topics.Direction.IN]
     wanted = {f"{node}: {row.key}" for node, row in rows if row.key != "robot_description"}
     assert set(outcome.counts) == wanted | {"urdf: robot_description"}
 
 
 def test_valid_requests_are_accepted_by_tasks_of_every_type():
-    assert {task.type for task in fuzzed_robot("g1").settings.tasks.values()} == set(TASK_TYPES)
+    assert {task.type for task in fuzzed_robot("g1").settings.tasks.values()} == set(topics.TASK_TYPES)
     target = ControllerTarget("g1")
     for topic in target.topics.values():
         if topic.key not in ("joint_states", "odom", "clock", "command", "update"):
@@ -102,6 +95,10 @@ def test_nodes_end_with_their_episode(key, monkeypatch):
     assert not list(nodes)
 
 
+def _jumps(update_time, supervisor, now):
+    supervisor._rate.fill(np.inf)
+
+
 def _stops(decode, requests, endpoint, payload):
     read = decode(requests, endpoint, payload)
     if read.refused:
@@ -125,14 +122,7 @@ def _exceeds(take_over, guard, now, outputs):
     ("owner", "name", "broken", "node", "count", "why"),
     [
         (Requests, "_decode", _stops, "controller", 100, "was used"),
-        (
-            Supervisor,
-            "_update_time",
-            lambda _, self, now: self._rate.fill(np.inf),
-            "controller",
-            1500,
-            "the torque step",
-        ),
+        (Supervisor, "_update_time", _jumps, "controller", 1500, "the torque step"),
         (Inputs, "_decode", _answers, "estimator", 200, "was refused"),
         (Guard, "_take_over", _exceeds, "guard", 200, "the guard exceeded a torque limit"),
         (BaseEstimator, "covariance", None, "estimator", 200, "invalid covariance of the estimate"),

@@ -13,13 +13,7 @@ from wbc_controller.controller.check.preflight import stance
 from wbc_controller.records import RobotState, frozen
 from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.validation.fuzz import problems
-from wbc_controller.validation.fuzz.problems import (
-    NO_SOLUTION,
-    feasibility_margin,
-    random_problem,
-    relaxation_error,
-    rest,
-)
+from wbc_controller.validation.fuzz.problems import NO_SOLUTION, feasibility_margin, relaxation_error
 
 
 @pytest.fixture(scope="module")
@@ -28,8 +22,8 @@ def qp_and_draw():
     settings = load_settings(find_configuration("go2"))
     qp = make_qp(settings, make_model(settings))
     standing = stance(qp.model, qp, list(qp.contacts))
-    references = rest(qp, settings, RobotState(0, frozen(standing), frozen(np.zeros(qp.model.nv))))
-    return qp, partial(random_problem, qp.model, standing, references)
+    references = problems.rest(qp, settings, RobotState(0, frozen(standing), frozen(np.zeros(qp.model.nv))))
+    return qp, partial(problems.random_problem, qp.model, standing, references)
 
 
 def test_no_unnecessary_relaxation():
@@ -60,7 +54,8 @@ def test_exit_status_after_a_solver_failure(monkeypatch):
     def give_up(*_, **__):
         raise problems.NoSolution("no", "cycling", None)
 
-    monkeypatch.setattr(problems, "random_problem", lambda *given, draw=random_problem: draw(*given[:3], 0))
+    draw = problems.random_problem
+    monkeypatch.setattr(problems, "random_problem", lambda *given: draw(*given[:3], 0))
     monkeypatch.setattr(problems.WholeBodyQP, "solve", give_up)
     result = CliRunner().invoke(main, ["fuzz", "problems", "go2", "--count", "1", "--first", "4"])
     assert result.exit_code == 1

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from wbc_controller.errors import InputRefused
 from wbc_controller.middleware.codec import decode, encode
 from wbc_controller.recording.mcap_file import Topic
-from wbc_controller.validation.fuzz.examples import valid_message
 from wbc_controller.validation.fuzz.fuzz_commands import fuzz
 from wbc_controller.validation.fuzz.hostile_recordings import hostile_messages
 from wbc_controller.validation.fuzz.strategies import (
@@ -22,6 +21,7 @@ from wbc_controller.validation.fuzz.strategies import (
     mutated_text,
     scaled_text,
 )
+from wbc_controller.validation.fuzz.target import valid_message
 from wbc_controller.validation.fuzz.values import FLOATS, SCALARS
 
 TYPES = (

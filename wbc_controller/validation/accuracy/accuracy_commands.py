@@ -6,10 +6,10 @@ import sys
 import click
 import numpy as np
 
-from wbc_controller.errors import ConfigurationError, require_known, valid_choices
+from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.nodes.signals import exit_by_signals
 from wbc_controller.validation.accuracy.parallel import common_options, print_header, print_row, run_parallel
-from wbc_controller.validation.accuracy.walking_commands import COMMANDS as WALKING
+from wbc_controller.validation.accuracy.walking_commands import WALKING
 
 #: Acceptance of standing on `good`: roll and pitch in °, height in m, velocity in m/s, drift in m per minute.
 TILT, HEIGHT, VELOCITY, DRIFT = 0.2, 0.003, 0.02, 0.01
@@ -132,50 +132,3 @@ def mishaps(robots: tuple[str, ...], sensors: str, jobs: int, seeds: int, force_
         undetected, left_out = f"{1e3 * each.undetected:.0f} ms", ", ".join(each.left_out) or "–"
         print_row(kind, name, outcome, f"{each.error:.3f} m/s", undetected, recovery, left_out)
     sys.exit(0 if all(each.good for each in found) else 1)
-
-
-@accuracy.command()
-@common_options
-@click.option("--seeds", default=25, show_default=True, type=click.IntRange(1), help="Walks per command.")
-@click.option("--seconds", default=30.0, show_default=True, type=click.FloatRange(6.0), help="Duration of a walk, s.")
-@click.option("--scale", default=1.0, show_default=True, type=click.FloatRange(0.0), help="Factor of the velocities.")
-@click.option("--command", "names", multiple=True, help="Command of the table; by default all.")
-def walking(
-    robots: tuple[str, ...], sensors: str, jobs: int, seeds: int, seconds: float, scale: float, names: tuple[str, ...]
-) -> None:
-    """Walk without odometry by `cmd_vel`, stop and stand; by default g1, talos and go2.
-
-    Prints commanded and mean velocity, drift as a share of the path, cycles with relaxed limits, `WalkFigures`, falls,
-    and the shortest time from a fault to the ground contact of another link. Exit status 1: a robot fell.
-    """
-    from wbc_controller.validation.accuracy.walking_commands import FIGURES, figures_of, walking_robots
-    from wbc_controller.validation.accuracy.walks import COMMANDS, RANDOM, walk
-
-    kinds = walking_robots(robots)
-    rows = [(kind, name) for kind in kinds for name in (*COMMANDS[kind], RANDOM) if not names or name in names]
-    if not rows:
-        known = sorted({name for kind in kinds for name in (*COMMANDS[kind], RANDOM)})
-        require_known(names, known, "unknown command")
-    click.echo(f"{seeds} seeds on {sensors}, {seconds:g} s, velocities times {scale:g}\n")
-    motion = ("m/s, m/s, rad/s", "reached", "drift of the path", "relaxed")
-    print_header("Robot", "Command", *motion, *FIGURES, "fell", "lead")
-    fallen = 0
-    for kind, name in rows:
-        found = run_parallel(walk, [(kind, name, sensors, seed, seconds, scale) for seed in range(seeds)], jobs)
-        fell = [each for each in found if each.ended]
-        fallen += len(fell)
-        commanded = "" if name == RANDOM else ", ".join(f"{scale * each:g}" for each in COMMANDS[kind][name])
-        whole = [each for each in found if not each.ended]
-        reached = "" if name == RANDOM or not whole else ", ".join(
-            f"{each:.2f}" for each in np.mean([walk.speed for walk in whole], axis=0)
-        )  # fmt: skip
-        drift = max((each.drift / max(each.distance, 1.0) for each in whole), default=math.nan)
-        relaxed = sum(each.relaxed for each in found)
-        leads = [each.lead for each in fell if not math.isnan(each.lead)]
-        lead = f"{min(leads):.2f} s" if leads else ""
-        print_row(
-            kind, name, commanded, reached, f"{100.0 * drift:.1f} %", relaxed, *figures_of(found), len(fell), lead
-        )
-        for each in fell:
-            click.echo(f"{kind}, {name}, seed {each.seed}: {each.ended.splitlines()[0]}", err=True)
-    sys.exit(1 if fallen else 0)

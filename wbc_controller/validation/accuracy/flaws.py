@@ -89,11 +89,7 @@ class FlawErrors:
 
 
 def measure_flaw(
-    robot: str,
-    name: str,
-    sensors: str = "good",
-    disturbance: str = "imu",
-    known_friction: bool = False,
+    robot: str, name: str, sensors: str = "good", disturbance: str = "imu", known_friction: bool = False
 ) -> FlawErrors:
     """Compare the true centre of mass with the references of a sway and a squat.
 

@@ -1,5 +1,6 @@
 """Errors of the estimate of a standing robot."""
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -57,40 +58,34 @@ def stand(robot: str, sensors: SensorQuality, seed: int, seconds: float) -> Stan
     """Measure the errors of a standing robot; the filter has the data of its sensors."""
     own = {"estimation.base_state": "imu", "mock.sensors": sensors, "mock.sensor_seed": seed}
     trial = EstimationTrial(robot, {**sensor_settings(sensors), **own})
-    errors: list[Array] = []
-    covariances: list[Array] = []
+    samples: list[tuple[Array, Array]] = []  # errors and covariances
     every = max(1, round(_SAMPLING_PERIOD * trial.settings.control.rate))
-    ended, count = "", 0
+    ended, cycles = "", itertools.count(1)
 
     def observe() -> None:
-        nonlocal count
-        count += 1
-        if count % every == 0:
-            error, P = error_of(trial)
-            errors.append(error)
-            covariances.append(P)
+        if next(cycles) % every == 0:
+            samples.append(error_of(trial))
 
     try:
         trial.stand()
         trial.run(seconds, observe)
     except WbcError as error:
         ended = str(error)
-    if not errors:
+    if not samples:
         nothing = np.zeros(0)
         return StandingErrors(seed, np.nan, np.nan, np.nan, np.nan, nothing, nothing, ended)
-    found = np.array(errors)
+    found, covariances = (np.array(each) for each in zip(*samples, strict=True))
     since = found - found[0]
     minutes = max(len(found) - 1, 1) * _SAMPLING_PERIOD / 60.0
     observable, drifting = [0, 1, 3, 4, 5], [2, 6, 7, 8]
-    grown = [P - covariances[0] for P in covariances[1:]]
     return StandingErrors(
         seed,
         tilt=float(np.sqrt(np.mean(np.sum(found[:, :2] ** 2, axis=1)))),
         height=float(np.sqrt(np.mean(since[:, 8] ** 2))),
         velocity=float(np.sqrt(np.mean(np.sum(found[:, 3:6] ** 2, axis=1)))),
         drift=float(np.linalg.norm(since[-1, 6:8])) / minutes,
-        observable_nees=_normalized(found[:, observable], [P[np.ix_(observable, observable)] for P in covariances]),
-        drifting_nees=_normalized(since[1:, drifting], [P[np.ix_(drifting, drifting)] for P in grown]),
+        observable_nees=_nees(found, covariances, observable),
+        drifting_nees=_nees(since[1:], covariances[1:] - covariances[0], drifting),
         ended=ended,
     )
 
@@ -114,8 +109,9 @@ def error_of(trial: EstimationTrial) -> tuple[Array, Array]:
     return np.concatenate(error), np.array(found.P[:9, :9])
 
 
-def _normalized(errors: Array, covariances: Sequence[Array]) -> Array:
-    return np.array([e @ np.linalg.lstsq(P, e, rcond=1e-12)[0] for e, P in zip(errors, covariances, strict=True)])
+def _nees(errors: Array, covariances: Array, part: list[int]) -> Array:
+    pairs = zip(errors[:, part], covariances[:, part][:, :, part], strict=True)
+    return np.array([error @ np.linalg.lstsq(P, error, rcond=1e-12)[0] for error, P in pairs])
 
 
 def consistency(squares: Sequence[Array], freedom: int) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""Commands of `wbc accuracy` for disturbed walks."""
+"""Commands of `wbc accuracy` for walks."""
 
 from __future__ import annotations
 
@@ -43,6 +43,52 @@ def walking_robots(robots: Sequence[str]) -> Sequence[str]:
     return robots or tuple(COMMANDS)
 
 
+@click.command()
+@common_options
+@click.option("--seeds", default=25, show_default=True, type=click.IntRange(1), help="Walks per command.")
+@click.option("--seconds", default=30.0, show_default=True, type=click.FloatRange(6.0), help="Duration of a walk, s.")
+@click.option("--scale", default=1.0, show_default=True, type=click.FloatRange(0.0), help="Factor of the velocities.")
+@click.option("--command", "names", multiple=True, help="Command of the table; by default all.")
+def walking(
+    robots: tuple[str, ...], sensors: str, jobs: int, seeds: int, seconds: float, scale: float, names: tuple[str, ...]
+) -> None:
+    """Walk without odometry by `cmd_vel`, stop and stand; by default g1, talos and go2.
+
+    Prints commanded and mean velocity, drift as a share of the path, cycles with relaxed limits, `WalkFigures`, falls,
+    and the shortest time from a fault to the ground contact of another link. Exit status 1: a robot fell.
+    """
+    from wbc_controller.validation.accuracy.walks import COMMANDS, RANDOM, walk
+
+    kinds = walking_robots(robots)
+    rows = [(kind, name) for kind in kinds for name in (*COMMANDS[kind], RANDOM) if not names or name in names]
+    if not rows:
+        known = sorted({name for kind in kinds for name in (*COMMANDS[kind], RANDOM)})
+        require_known(names, known, "unknown command")
+    click.echo(f"{seeds} seeds on {sensors}, {seconds:g} s, velocities times {scale:g}\n")
+    motion = ("m/s, m/s, rad/s", "reached", "drift of the path", "relaxed")
+    print_header("Robot", "Command", *motion, *FIGURES, "fell", "lead")
+    fallen = 0
+    for kind, name in rows:
+        found = run_parallel(walk, [(kind, name, sensors, seed, seconds, scale) for seed in range(seeds)], jobs)
+        fell = [each for each in found if each.ended]
+        fallen += len(fell)
+        commanded = "" if name == RANDOM else ", ".join(f"{scale * each:g}" for each in COMMANDS[kind][name])
+        whole = [each for each in found if not each.ended]
+        reached = "" if name == RANDOM or not whole else ", ".join(
+            f"{each:.2f}" for each in np.mean([walk.speed for walk in whole], axis=0)
+        )  # fmt: skip
+        drift = max((each.drift / max(each.distance, 1.0) for each in whole), default=math.nan)
+        relaxed = sum(each.relaxed for each in found)
+        leads = [each.lead for each in fell if not math.isnan(each.lead)]
+        lead = f"{min(leads):.2f} s" if leads else ""
+        print_row(
+            kind, name, commanded, reached, f"{100.0 * drift:.1f} %", relaxed, *figures_of(found), len(fell), lead
+        )
+        for each in fell:
+            click.echo(f"{kind}, {name}, seed {each.seed}: {each.ended.splitlines()[0]}", err=True)
+    sys.exit(1 if fallen else 0)
+
+
 @click.command("walking-grounds")
 @common_options
 @click.option("--seeds", default=10, show_default=True, type=click.IntRange(1), help="Walks on each ground.")
@@ -56,10 +102,9 @@ def walking_grounds(
     Grounds: cells with random heights of ±2 cm, slopes of 5° up, down and across, friction 0.4, soft ground. Exit
     status 1: more than one of ten walks ended early.
     """
-    from wbc_controller.validation.accuracy.walk_grounds import GROUNDS, terrain_of, walk_on
+    from wbc_controller.validation.accuracy.walks import GROUNDS, walk_on
 
-    for name in names:
-        terrain_of(name, 0)
+    require_known(names, GROUNDS, "unknown ground")
     click.echo(f"{seeds} seeds on {sensors}, {seconds:g} s\n")
     print_header("Robot", "Ground", "distance", "relaxed", *FIGURES, "fell")
     good = True
@@ -86,7 +131,7 @@ def walking_starts(robots: tuple[str, ...], sensors: SensorQuality, jobs: int, s
 
     Prints the number of stops by their steps. Exit status 1: a robot fell, or took more than three steps to stand.
     """
-    from wbc_controller.validation.accuracy.walk_starts import MOST_STEPS, start_and_stop
+    from wbc_controller.validation.accuracy.walks import MOST_STEPS, start_and_stop
 
     click.echo(f"{seeds} seeds with {count} starts and stops each, on {sensors}\n")
     print_header("Robot", "Stops", "stops by number of steps", "fell")
@@ -179,4 +224,4 @@ def _write_plot(path: Path, robot: str, angles: Sequence[float], standing: np.nd
 
 
 #: Commands of this module.
-COMMANDS = (walking_grounds, walking_starts, walking_pushes)
+WALKING = (walking, walking_grounds, walking_starts, walking_pushes)

@@ -1,4 +1,4 @@
-"""Walks without odometry: speed, drift and falls."""
+"""Walks without odometry: by commands, on unknown ground, with random starts and stops."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from wbc_controller.errors import ConfigurationError, WbcError
+from wbc_controller.errors import ConfigurationError, WbcError, require_known
 from wbc_controller.middleware.setpoints import velocity_message
 from wbc_controller.recording.report.run_data import heading, mean_velocity
 from wbc_controller.records import Array
@@ -33,6 +33,20 @@ DIAGONAL = "diagonal"
 _ASIDE = 0.35
 #: Time between two random velocities, between two messages, and until the speed is reached, s.
 _CHANGE, _EVERY, _REACHED = 3.0, 0.1, 4.0
+#: Grounds of the table.
+GROUNDS = ("flat", "uneven", "up", "down", "across", "slippery", "soft")
+#: Difference in height of the cells, upwards and downwards, m, their side, m, and the angle of the slopes, rad.
+UNEVENNESS, CELL, ANGLE = 0.02, 0.4, math.radians(5.0)
+#: Friction of the slippery ground, and stiffness of soft ground, N/m.
+FRICTION, STIFFNESS = 0.4, 2.0e4
+#: Distance of the terrain from the start, and its size, m.
+_AHEAD, _WIDE = 0.5, 30.0
+#: Velocity on terrain, as a share of `forward`.
+SHARE = 0.6
+#: Largest number of steps until the robot has stopped.
+MOST_STEPS = 3
+#: Shortest and longest time of a walk, and of standing, s; longest time of a stop, s.
+_WALK, _STAND, _STOP = (0.5, 4.0), (0.0, 1.0), 6.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,3 +187,69 @@ def walk(
     speed = np.full(3, np.nan) if ended or command == RANDOM else mean_velocity(way, _REACHED, seconds)
     distance = float(np.linalg.norm(np.diff(way[:, 1:3], axis=0), axis=1).sum())
     return Walk(seed, speed, distance, drift, relaxed, ended, trial.meter.figures(), lead)
+
+
+def _flat_start(height: float) -> dict[str, Any]:
+    return {"position": [-2.0, 0.0, height], "size": [2.0 + _AHEAD, _WIDE, height]}
+
+
+def _slope(height: float, pitch: float) -> dict[str, Any]:
+    return {"position": [_AHEAD, 0.0, height], "size": [_WIDE, _WIDE, 0.2], "rpy": [0.0, pitch, 0.0]}
+
+
+def terrain_of(ground: str, seed: int) -> Mapping[str, Any]:
+    """Return the settings of the mock robot for a ground, by dotted key; raise `ConfigurationError` if unknown."""
+    cells = {"position": [_AHEAD, 0.0, UNEVENNESS], "size": [12.0, 8.0, 0.1], "unevenness": UNEVENNESS, "cell": CELL}
+    across = {"position": [0.0, 0.25, 0.0], "size": [_WIDE, 2.0 * _WIDE, 0.2], "rpy": [0.0, -ANGLE, 0.5 * math.pi]}
+    grounds: dict[str, dict[str, Any]] = {
+        "flat": {},
+        "uneven": {"mock.terrain": {"start": _flat_start(UNEVENNESS), "cells": {**cells, "seed": seed}}},
+        "up": {"mock.terrain": {"slope": _slope(0.0, -ANGLE)}},
+        "down": {"mock.terrain": {"start": _flat_start(2.0), "slope": _slope(2.0, ANGLE)}},
+        "across": {"mock.terrain": {"slope": across}},
+        "slippery": {"mock.friction": FRICTION},
+        "soft": {"mock.terrain": {"mat": {**_flat_start(0.1), "size": [_WIDE, _WIDE, 0.1], "stiffness": STIFFNESS}}},
+    }
+    require_known(ground, grounds, "unknown ground")
+    return grounds[ground]
+
+
+def walk_on(robot: str, ground: str, sensors: SensorQuality, seed: int, seconds: float) -> Walk:
+    """Walk onto a ground, stop and stand; across a slope also sideways."""
+    command = "diagonal" if ground == "across" else "forward"
+    return walk(robot, command, sensors, seed, seconds, SHARE, terrain_of(ground, seed))
+
+
+@dataclass(frozen=True, slots=True)
+class Starts:
+    """Starts and stops of one robot."""
+
+    seed: int
+    steps: tuple[int, ...]  # steps of each stop
+    ended: str = ""  # time and reason of an early end
+
+
+def start_and_stop(robot: str, sensors: SensorQuality, seed: int, count: int) -> Starts:
+    """Start at random velocities and stop after random times.
+
+    Raises:
+        ConfigurationError: if the robot cannot be controlled or simulated.
+    """
+    trial, rng = WalkTrial(robot, sensors, seed), np.random.default_rng(seed)
+    steps: list[int] = []
+    walker = trial.controller.walker
+    try:
+        trial.stand()
+        for _ in range(count):
+            wanted = trial.fastest * rng.uniform([-BACKWARD, -1.0, -1.0], 1.0)
+            trial.walk(rng.uniform(*_WALK), lambda time, wanted=wanted: wanted)  # type: ignore[misc]
+            before, stopped = 0 if walker is None else walker.steps, trial.time
+            while not trial.stands and trial.time - stopped < _STOP:
+                trial.walk(trial.controller.period, lambda time: np.zeros(3))
+            if walker is None or not trial.stands:
+                return Starts(seed, tuple(steps), f"{trial.time - trial.begun:.1f} s: the robot did not stop")
+            steps.append(walker.steps - before)
+            trial.walk(rng.uniform(*_STAND), lambda time: None)
+    except WbcError as error:
+        return Starts(seed, tuple(steps), trial.when(error))
+    return Starts(seed, tuple(steps))

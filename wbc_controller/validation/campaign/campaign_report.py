@@ -7,7 +7,7 @@ import shlex
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
-from itertools import cycle
+from itertools import cycle, groupby
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,7 @@ from wbc_controller.controller.visualization.page_report import PageReport, Plot
 from wbc_controller.controller.visualization.plots import GREY, PALETTE, Series, by_category
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.extras import require_libraries
-from wbc_controller.validation.campaign.results import VIOLATIONS, Outcome, TrialKey, key_of
+from wbc_controller.validation.campaign.results import VIOLATIONS, Outcome, TrialKey
 from wbc_controller.validation.campaign.trial import ALL_KINDS
 
 _COLUMNS = (
@@ -150,7 +150,7 @@ def repetitions(outcomes: Sequence[Outcome], before: Mapping[TrialKey, Outcome])
         f"{outcome.robot}, {outcome.kind}, seed {outcome.seed} was repeated: its longest cycle took "
         f"{1e3 * first.longest:.1f} ms of processor time, and {1e3 * outcome.longest:.1f} ms in a new process"
         for outcome in outcomes
-        if (first := before.get(key_of(outcome))) is not None
+        if (first := before.get(outcome.key)) is not None
     ]
 
 
@@ -190,23 +190,17 @@ def write_report(outcomes: Sequence[Outcome], folder: Path, repeated: Sequence[s
 
 def _markdown(rows: Sequence[Row], outcomes: Sequence[Outcome], repeated: Sequence[str]) -> str:
     lines = [f"# Fault campaign\n\n{summary(outcomes)}.\n", *(f"{sentence}.\n" for sentence in repeated)]
-    place = ""
-    for row in rows:
-        if row.place != place:
-            place = row.place
-            lines.append(f"\n## {place.capitalize()}\n")
-            lines += ["| " + " | ".join(_COLUMNS) + " |", "|" + "---|" * len(_COLUMNS)]
-        lines.append("| " + " | ".join(_cells(row)) + " |")
+    for place, group in groupby(rows, lambda row: row.place):
+        lines += [f"\n## {place.capitalize()}\n", f"| {' | '.join(_COLUMNS)} |", "|" + "---|" * len(_COLUMNS)]
+        lines += [f"| {' | '.join(_cells(row))} |" for row in group]
     bad = [outcome for outcome in outcomes if outcome.violations]
     if bad:
         lines.append("\n## Violations\n")
         lines += [f"- `{name}`: {text}" for name, text in VIOLATIONS.items() if any(name in o.violations for o in bad)]
         lines.append("")
         for outcome in bad:
-            texts = "; ".join(f"{name}: {sentence}" for name, sentence in outcome.violations.items())
-            lines.append(
-                f"- `{repeat_command(outcome)}`: {texts} (`{json.dumps(dict(outcome.parameters), default=str)}`)"
-            )
+            parameters = json.dumps(dict(outcome.parameters), default=str)
+            lines.append(f"- `{repeat_command(outcome)}`: {outcome.violations_text} (`{parameters}`)")
     return "\n".join(lines) + "\n"
 
 

@@ -1,17 +1,26 @@
-"""Monitor of the outputs for violated guarantees."""
+"""Monitors of the outputs, the log and the true fall of a robot in lockstep, for violated guarantees."""
 
+import contextlib
+import logging
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
+from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.report import CycleReport
 from wbc_controller.errors import InputRefused
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.codec import decode
+from wbc_controller.middleware.topics import counterpart
+from wbc_controller.middleware.transports.memory import MemoryTransport
+from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.records import Array, Mode
 from wbc_controller.safety.bring_up import UNEXPLAINED_MOTION
 from wbc_controller.settings import Settings
+from wbc_controller.simulation.plant import Plant
+from wbc_controller.validation.lockstep import Lockstep
 
 _ROUNDING, _SAME_TIME = 1.0e-9, 1.0e-6  # rounding tolerance: share of a limit, and time, s
 STALL = 0.02  # largest processor time of a cycle, s
@@ -21,6 +30,31 @@ _IN_CONTROL = (Mode.ACTIVE, Mode.HOLDING)  # modes with torques from a solution
 #: Latency that looks like a slow clock without synchronized clocks (docs/safety.md, the age of a state): share of the
 #: elapsed time, and maximum between two messages, s.
 _SLOW_CLOCK, _GAP = 0.5, 0.025
+#: Tilt of a fallen base, rad, and its height above the lowest foot as a share of the initial height.
+_TILT, _HEIGHT = math.radians(75.0), 0.3
+
+
+@contextlib.contextmanager
+def logged_errors() -> Iterator[list[str]]:
+    """Collect the logged errors of this package, and print nothing."""
+    logger, errors = logging.getLogger("wbc_controller"), list[str]()
+
+    def emit(record: logging.LogRecord) -> None:
+        error = record.exc_info[1] if record.exc_info else None
+        errors.append(f"{record.getMessage()}: {type(error).__name__}: {error}")
+
+    handler = logging.Handler(logging.ERROR)
+    handler.emit = emit  # type: ignore[method-assign]
+    level, propagate = logger.level, logger.propagate
+    logger.addHandler(handler)
+    logger.setLevel(logging.ERROR)
+    logger.propagate = False
+    try:
+        yield errors
+    finally:
+        logger.propagate = propagate
+        logger.setLevel(level)
+        logger.removeHandler(handler)
 
 
 class OutputMonitor:
@@ -42,13 +76,9 @@ class OutputMonitor:
         self.mode: Mode | None = None
         self.deactivation: tuple[float, str, str] | None = None
         self.longest = 0.0
-        self._actuators, self._limits = model.actuators, model.effort_limits
-        self._read_command = model.actuation.from_command
-        self._size = model.actuation.command_size
-        self._rate = settings.limits.torque_rate
+        self._model, self._settings, self._limits = model, settings, model.effort_limits
         self._period = 1.0 / settings.control.rate
         self._timeout = settings.safety.state_timeout + (settings.safety.clock_tolerance if stamps_lie else 0.0)
-        self._synchronized = settings.safety.synchronized_clocks
         self._topics = dict(names)
         self._delivered: dict[str, int] = {}  # true time of the newest message, ns, by stream
         self._used = {name: _AcceptedMessage() for name in names}  # newest accepted message
@@ -72,18 +102,19 @@ class OutputMonitor:
         except InputRefused as error:
             self.add_violation("unreadable", str(error))
             return
-        if values.shape != (self._size,):
-            self.add_violation("unreadable", f"{values.size} torques; required: {self._size}")
+        size = self._model.actuation.command_size
+        if values.shape != (size,):
+            self.add_violation("unreadable", f"{values.size} torques; required: {size}")
             return
         if not np.isfinite(values).all():
             self.add_violation("not_finite", f"{values}")
             return
-        tau = self._read_command(values)
+        tau = self._model.actuation.from_command(values)
         over = np.abs(tau) > self._limits * (1.0 + _ROUNDING)
         if over.any():
             self.add_violation("over_limit", self._named(over, tau, self._limits))
         elapsed = min(max(self.now - self._tau_time, 0.0), self._period)
-        step = self._rate * self._limits * elapsed
+        step = self._settings.limits.torque_rate * self._limits * elapsed
         fast = np.abs(tau - self._tau) > step + _ROUNDING * self._limits
         if fast.any():
             self._too_fast = self._named(fast, tau - self._tau, step)
@@ -120,7 +151,7 @@ class OutputMonitor:
         old = {}
         for stream, used in self._used.items():
             age = self.now - used.measured_at
-            hidden_latency = 0.0 if self._synchronized else used.hidden_latency
+            hidden_latency = 0.0 if self._settings.safety.synchronized_clocks else used.hidden_latency
             if not age - hidden_latency <= self._timeout + _SAME_TIME:
                 old[stream] = age
         if report.solution is not None and old and self._tau.any():
@@ -132,7 +163,7 @@ class OutputMonitor:
 
     def _named(self, violated: np.ndarray, values: Array, limits: Array) -> str:
         at = int(np.flatnonzero(violated)[0])
-        return f"{self._actuators[at]}: {values[at]:.6g} N·m (limit {limits[at]:.6g})"
+        return f"{self._model.actuators[at]}: {values[at]:.6g} N·m (limit {limits[at]:.6g})"
 
 
 class _AcceptedMessage:
@@ -156,3 +187,48 @@ class _AcceptedMessage:
 
 def _ages_text(ages: Mapping[str, float]) -> str:
     return ", ".join(f"{stream}, true age {1e3 * age:.0f} ms" for stream, age in ages.items())
+
+
+class TrueFall:
+    """Detects a fall from the true state."""
+
+    def __init__(self, model: RobotModel, plant: Plant) -> None:
+        self._model, self._plant = model, plant
+        self._height = self._height_above_feet()
+
+    def has_fallen(self) -> bool:
+        """True if the robot lies on the ground."""
+        if not self._model.floating_base:
+            return False
+        x, y = self._plant.state()[0][3:5].tolist()
+        upright = 1.0 - 2.0 * (x * x + y * y) >= math.cos(_TILT)
+        return not (upright and self._height_above_feet() >= _HEIGHT * self._height)
+
+    def _height_above_feet(self) -> float:
+        if not (self._model.floating_base and self._plant.contacts):
+            return math.inf
+        feet = [float(self._plant.foot_placement(name).translation[2]) for name in self._plant.contacts]
+        return float(self._plant.state()[0][2]) - min(feet)
+
+
+class MonitoredRobot(Lockstep):
+    """Controller and mock robot, with the attributes `monitor` and `fall`."""
+
+    def __init__(
+        self, settings: Settings, *observers: Callable[[CycleReport], None], stamps_lie: bool, **options: Any
+    ) -> None:
+        """Build a robot on its hoist; `stamps_lie` as for `OutputMonitor`, `options` as for `Lockstep`."""
+        model = make_model(settings)
+        streams = ("joint_states", "odom") if model.floating_base else ("joint_states",)
+        topics = {topic.key: topic for topic in controller_endpoints(settings, model)}
+        names = {stream: topics[stream].name for stream in streams if stream in topics}
+        self.monitor = OutputMonitor(model, settings, names, stamps_lie=stamps_lie)
+        super().__init__(settings, model=model, observers=(self.monitor.cycle, *observers), **options)
+        self.mock.sent = self.monitor.sent
+        MemoryTransport(self.bus).subscribe(counterpart(topics["effort"]), self.monitor.torques)
+        self.fall = TrueFall(model, self.mock.plant)
+
+    def publish_state(self) -> None:
+        """See `Lockstep`."""
+        self.monitor.now = 1.0e-9 * self.mock.stamp
+        super().publish_state()

@@ -1,5 +1,6 @@
 """Faults of requests by other programs."""
 
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
@@ -8,8 +9,8 @@ import numpy as np
 from pydantic import Field
 
 from wbc_controller.middleware.codec import message
-from wbc_controller.middleware.setpoints import com_trajectory
 from wbc_controller.records import Array
+from wbc_controller.simulation.faults.catalogue import kinds_of
 from wbc_controller.simulation.faults.fault import Fault, number
 from wbc_controller.validation.user import User
 
@@ -30,11 +31,6 @@ class RequestFaultState:
         """Send a text `count` times."""
         for _ in range(count):
             self.user.send_text(key, text)
-
-    def move(self, times: list[float], positions: Array) -> None:
-        """Send trajectories of the centre of mass through points, (n, 3) in m."""
-        for name in self.user.tasks("com"):
-            self.user.send("trajectory", com_trajectory(times, positions), name)
 
 
 class RequestFault(Fault):
@@ -100,7 +96,7 @@ class FarSetpoint(_OneTimeFault):
 
     def _send(self, state: RequestFaultState, com: Array) -> None:
         direction = state.rng.normal(size=3)
-        state.move([0.5], com[None, :] + self.distance * direction / np.linalg.norm(direction))
+        state.user.follow([0.5], com[None, :] + self.distance * direction / np.linalg.norm(direction))
 
 
 class StepSetpoint(RequestFault):
@@ -110,7 +106,7 @@ class StepSetpoint(RequestFault):
     every: int = number(10, 1, 100, "periods", "between setpoints")
 
     def _send(self, state: RequestFaultState, com: Array) -> None:
-        state.move([0.2], com[None, :] + self.distance * state.rng.uniform(-1.0, 1.0, 3))
+        state.user.follow([0.2], com[None, :] + self.distance * state.rng.uniform(-1.0, 1.0, 3))
 
 
 class LongTrajectory(RequestFault):
@@ -121,7 +117,7 @@ class LongTrajectory(RequestFault):
 
     def _send(self, state: RequestFaultState, com: Array) -> None:
         start = com if state.com is None else state.com
-        state.move(np.linspace(0.1, 10.0, self.points).tolist(), np.tile(start, (self.points, 1)))
+        state.user.follow(np.linspace(0.1, 10.0, self.points).tolist(), np.tile(start, (self.points, 1)))
 
 
 class HugeMessage(_OneTimeFault):
@@ -176,10 +172,6 @@ class ConflictingUpdates(RequestFault):
         state.send_text("update", f"{{tasks: {{{name}: {{weight: {weight / factor}, wieght: 1}}}}}}")
 
 
-REQUEST_KINDS: Mapping[str, type[RequestFault]] = {
-    kind.kind(): kind
-    for kind in (
-        Garbage, UnknownWords, RequestFlood, FarSetpoint, StepSetpoint, LongTrajectory, HugeMessage, Estop,
-        EstopInFlood, ContactOff, ConflictingUpdates,
-    )
-}  # fmt: skip
+REQUEST_KINDS: Mapping[str, type[Fault]] = {
+    kind.kind(): kind for kind in kinds_of(sys.modules[__name__]) if kind is not RequestFault
+}

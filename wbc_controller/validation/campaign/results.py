@@ -1,6 +1,7 @@
 """Outcomes of trials, and their resumable file: one line of JSON per trial."""
 
 import dataclasses
+import functools
 import hashlib
 import json
 import math
@@ -34,9 +35,18 @@ VIOLATIONS: Mapping[str, str] = {
 }
 
 
+class TrialKey(NamedTuple):
+    """Arguments that determine a trial."""
+
+    robot: str
+    kind: str
+    seed: int
+    walking: bool = False
+
+
 @dataclasses.dataclass(frozen=True, slots=True)
 class Outcome:
-    """Outcome."""
+    """Outcome of a trial."""
 
     robot: str
     kind: str
@@ -55,14 +65,15 @@ class Outcome:
     violations: Mapping[str, str]  # texts by name, as in `VIOLATIONS`
     walking: bool = False  # True if the robot walked
 
+    @property
+    def key(self) -> TrialKey:
+        """Key of the trial."""
+        return TrialKey(self.robot, self.kind, self.seed, self.walking)
 
-class TrialKey(NamedTuple):
-    """Arguments that determine a trial."""
-
-    robot: str
-    kind: str
-    seed: int
-    walking: bool = False
+    @property
+    def violations_text(self) -> str:
+        """All violations in one text."""
+        return "; ".join(f"{name}: {sentence}" for name, sentence in self.violations.items())
 
 
 class Results:
@@ -80,7 +91,7 @@ class Results:
         self.outcomes: dict[TrialKey, Outcome] = {}
         self.repeated: dict[TrialKey, Outcome] = {}
         self.other_versions = 0
-        self._versions: dict[str, str] = {}
+        self._version = functools.cache(version_of)
         try:
             folder.mkdir(parents=True, exist_ok=True)
             if self.path.exists():
@@ -124,20 +135,9 @@ class Results:
                 self.other_versions += 1
 
     def _store(self, outcome: Outcome) -> None:
-        key = key_of(outcome)
-        if key in self.outcomes:
-            self.repeated[key] = self.outcomes[key]
-        self.outcomes[key] = outcome
-
-    def _version(self, robot: str) -> str:
-        if robot not in self._versions:
-            self._versions[robot] = version_of(robot)
-        return self._versions[robot]
-
-
-def key_of(outcome: Outcome) -> TrialKey:
-    """Return the key."""
-    return TrialKey(outcome.robot, outcome.kind, outcome.seed, outcome.walking)
+        if outcome.key in self.outcomes:
+            self.repeated[outcome.key] = self.outcomes[outcome.key]
+        self.outcomes[outcome.key] = outcome
 
 
 def version_of(robot: str) -> str:

@@ -87,8 +87,7 @@ def run_campaign(
     console.print(f"report: {folder}/{campaign_report.write_report(outcomes, folder, repeated)}", markup=False)
     bad = campaign_report.worst_trial(outcomes)
     if bad is not None:
-        names = "; ".join(f"{name}: {sentence}" for name, sentence in bad.violations.items())
-        console.print(f"worst trial: {bad.robot}, {bad.kind}, seed {bad.seed}: {names}", markup=False)
+        console.print(f"worst trial: {bad.robot}, {bad.kind}, seed {bad.seed}: {bad.violations_text}", markup=False)
         console.print(f"repeat with: {campaign_report.repeat_command(bad)}", markup=False)
     return bad is None and not interrupted
 
@@ -103,19 +102,18 @@ def _parallel(jobs: int, backend: str, address: str | None, trial: Callable[...,
     with optional_libraries():
         import joblib
     require_known(backend, BACKENDS, "unknown backend")
-    if backend == "loky" and address is not None:
+    local = backend == "loky"
+    if local and address is not None:
         raise ConfigurationError(
             f"--address {address!r}: not valid for the backend loky (this machine); valid: dask, ray"
         )
-    options = {"initializer": end_with_parent} if backend == "loky" else {}
+    options = {"initializer": end_with_parent} if local else {}
     with _cluster(backend, address), joblib.parallel_config(backend, n_jobs=jobs, **options):
+        # This machine runs single trials, so that each outcome is stored at once; a cluster returns them in batches.
+        parallel = joblib.Parallel(return_as="generator_unordered", batch_size=1) if local else joblib.Parallel()
 
         def run(keys: Sequence[TrialKey]) -> Iterator[Outcome]:
-            # Single trials, so that each outcome is stored at once.
-            streamed = "generator_unordered" if backend == "loky" else "list"
-            parallel = joblib.Parallel(return_as=streamed, batch_size=1 if backend == "loky" else "auto")
-            # A cluster returns outcomes in batches.
-            size = len(keys) or 1 if backend == "loky" else 10 * _PROGRESS_EVERY
+            size = len(keys) or 1 if local else 10 * _PROGRESS_EVERY
             for i in range(0, len(keys), size):
                 yield from parallel(joblib.delayed(trial)(*key) for key in keys[i : i + size])
 
@@ -148,28 +146,23 @@ def _cluster(backend: str, address: str | None) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _progress(console: Console, total: int) -> Iterator[Any]:
+    """Yield a function that counts an outcome, and shows the counts in a bar or, outside a terminal, in lines."""
     count = {"survived": 0, "damped": 0, "violation": 0}
+    bar = Progress(
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn(),
+        console=console,
+    )  # fmt: skip
 
     def progress_text() -> str:
         return ", ".join(f"{number} {result}" for result, number in count.items())
 
-    if not console.is_terminal:
+    def done(outcome: Outcome) -> None:
+        count[outcome.result] += 1
+        number = sum(count.values())
+        bar.update(task, advance=1, description=progress_text())
+        if not console.is_terminal and (number % _PROGRESS_EVERY == 0 or number == total):
+            console.print(f"{number} of {total} trials: {progress_text()}")
 
-        def line(outcome: Outcome) -> None:
-            count[outcome.result] += 1
-            if sum(count.values()) % _PROGRESS_EVERY == 0 or sum(count.values()) == total:
-                console.print(f"{sum(count.values())} of {total} trials: {progress_text()}")
-
-        yield line
-        return
-    columns = (
-        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn(),
-    )  # fmt: skip
-    with Progress(*columns, console=console) as progress:
-        task = progress.add_task(progress_text(), total=total)
-
-        def advance(outcome: Outcome) -> None:
-            count[outcome.result] += 1
-            progress.update(task, advance=1, description=progress_text())
-
-        yield advance
+    task = bar.add_task(progress_text(), total=total)
+    with bar if console.is_terminal else contextlib.nullcontext():
+        yield done

@@ -23,11 +23,10 @@ from wbc_controller.settings.config import load
 from wbc_controller.simulation.faults.catalogue import KINDS, draw
 from wbc_controller.simulation.faults.fault import Fault
 from wbc_controller.validation.campaign.expectations import Expectation, expect
-from wbc_controller.validation.campaign.monitored_robot import MonitoredRobot
+from wbc_controller.validation.campaign.monitor import MonitoredRobot, logged_errors
 from wbc_controller.validation.campaign.recordings import TrialRecordings
 from wbc_controller.validation.campaign.request_faults import REQUEST_KINDS, RequestFault, RequestFaultState
 from wbc_controller.validation.campaign.results import MAX_FALLEN_TIME, Outcome
-from wbc_controller.validation.error_log import logged_errors
 from wbc_controller.walking.gait import Phase
 
 ALL_KINDS: Mapping[str, type[Fault]] = {**KINDS, **REQUEST_KINDS}

@@ -16,9 +16,8 @@ from wbc_controller.settings.config import load
 from wbc_controller.simulation.faults.catalogue import KINDS, draw
 from wbc_controller.simulation.faults.fault import Fault, FaultContext, MeasurementFault, number
 from wbc_controller.simulation.measurement import Measurement
-from wbc_controller.validation.campaign.monitored_robot import MonitoredRobot
+from wbc_controller.validation.campaign.monitor import MonitoredRobot, logged_errors
 from wbc_controller.validation.campaign.results import MAX_FALLEN_TIME
-from wbc_controller.validation.error_log import logged_errors
 
 CLOCKS = ("simulated", "synchronized", "own")  # clocks of the controller
 _DURATION, _HANGING_PERIODS = 1.2, 10  # s, and periods on the hoist before

@@ -1,6 +1,7 @@
 """Controller with a mock robot as a target."""
 
 import dataclasses
+import itertools
 from collections.abc import Collection, Mapping
 from typing import Any
 
@@ -14,7 +15,6 @@ from wbc_controller.nodes.inputs import Inputs
 from wbc_controller.nodes.wiring import controller_endpoints, make_vocabulary
 from wbc_controller.records import Array, Mode
 from wbc_controller.validation.campaign.monitor import ZEROS_AT_ONCE
-from wbc_controller.validation.fuzz.examples import valid_message
 from wbc_controller.validation.fuzz.target import (
     CYCLE_LIMIT,
     READ_LIMIT,
@@ -23,6 +23,7 @@ from wbc_controller.validation.fuzz.target import (
     check_torques,
     fuzzed_robot,
     time_limit,
+    valid_message,
 )
 from wbc_controller.validation.lockstep import Lockstep
 
@@ -143,16 +144,15 @@ class ControllerTarget(Target):
         """Run the cycles of the delivered messages."""
         if self._refused:
             self._check_refused(publish=True)
-        alone = [each for each in self._accepted if each.requests.commands or _has_trajectory(each)]
-        together = [each for each in self._accepted if not (each.requests.commands or _has_trajectory(each))]
+        alone = [[each] for each in self._accepted if _is_alone(each)]
+        together = [each for each in self._accepted if not _is_alone(each)]
         self._accepted = []
-        for batch in [*([each] for each in alone), *([together] if together else [])]:
+        for batch in filter(None, [*alone, together]):
             self._gate.passed += batch
             before, mode = self._parts(), self._controller.mode
             report = self._cycle("messages that were read", publish=True)
-            late = [
-                sentence for sentence in report.refused if not sentence.startswith("/")
-            ]  # other texts begin with a topic
+            # Sentences of the reading begin with a topic.
+            late = [sentence for sentence in report.refused if not sentence.startswith("/")]
             if len(late) == sum(len(each.requests.commands) + len(each.requests.changes) for each in batch):
                 self._check_unchanged(before, mode, report)  # refused by the cycle
             else:
@@ -174,10 +174,7 @@ class ControllerTarget(Target):
 
     def _parts(self) -> dict[str, Any]:
         controller = self._controller
-        parts: dict[str, Any] = {
-            "settings": controller.live.settings,
-            "live settings": controller.live.newest,
-        }
+        parts: dict[str, Any] = {"settings": controller.live.settings, "live settings": controller.live.newest}
         for key, value in vars(controller.board).items():
             if key in (*controller.board.SAMPLE_CACHE, "forces"):  # forces are those of the last solution
                 continue
@@ -206,5 +203,7 @@ class ControllerTarget(Target):
         return report
 
 
-def _has_trajectory(latched: LatchedInputs) -> bool:
-    return any(isinstance(change, SetTrajectory) for changes in latched.requests.changes for change in changes)
+def _is_alone(latched: LatchedInputs) -> bool:
+    """True if the requests need a cycle of their own: commands and trajectories."""
+    changes = itertools.chain.from_iterable(latched.requests.changes)
+    return bool(latched.requests.commands) or any(isinstance(change, SetTrajectory) for change in changes)

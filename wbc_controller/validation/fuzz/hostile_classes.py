@@ -106,17 +106,12 @@ _KINDS: dict[str, tuple[type, tuple[str, ...], tuple[str, ...]]] = {
 
 @dataclass(frozen=True)
 class HostileClass:
-    """A user-defined class with one hostile member.
-
-    Attributes:
-        after: number of normal calls of a method.
-        value: of attribute or method; exceptions are raised.
-    """
+    """A user-defined class with one hostile member."""
 
     kind: str
     member: str
-    after: int
-    value: Any
+    after: int  # number of normal calls of a method
+    value: Any  # of attribute or method; exceptions are raised
 
     def make(self, model: RobotModel) -> Any:
         """Make the object."""
@@ -159,10 +154,8 @@ def hostile_class() -> SearchStrategy[HostileClass]:
     members = [
         (kind, member) for kind, (_, methods, attributes) in _KINDS.items() for member in (*methods, *attributes)
     ]
-    return st.builds(
-        lambda where, after, value: HostileClass(where[0], where[1], after, value),
-        st.sampled_from(members), st.sampled_from((0, 0, 1, 2, 3, 5, 8, 12, 16, 20)), _values(),
-    )  # fmt: skip
+    after = st.sampled_from((0, 0, 1, 2, 3, 5, 8, 12, 16, 20))
+    return st.builds(lambda where, *rest: HostileClass(*where, *rest), st.sampled_from(members), after, _values())
 
 
 @cache

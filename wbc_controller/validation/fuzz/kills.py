@@ -49,14 +49,7 @@ class KillTrial:
         return not (self.gap <= self.bound + slack and fresh and self.state_correct)
 
 
-def kill_trials(
-    robot: str,
-    folder: Path,
-    trials: int,
-    *,
-    domain: int = DOMAIN,
-    seed: int = 0,
-) -> Iterator[KillTrial]:
+def kill_trials(robot: str, folder: Path, trials: int, *, domain: int = DOMAIN, seed: int = 0) -> Iterator[KillTrial]:
     """Kill, hang up and stop controller and mock robot at random times; raise `WbcError` if no restart succeeds."""
     rng = np.random.default_rng(seed)
     with RobotProcesses(robot, folder, domain, {"safety.activation_ramp": 0.1, "safety.damping_time": 0.5}) as nodes:

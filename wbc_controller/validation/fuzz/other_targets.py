@@ -21,7 +21,6 @@ from wbc_controller.settings import NODE_NAME
 from wbc_controller.simulation.measurement import STREAMS, measure
 from wbc_controller.simulation.mock_robot import MockRobot
 from wbc_controller.simulation.plant import Plant
-from wbc_controller.validation.fuzz.examples import valid_message
 from wbc_controller.validation.fuzz.target import (
     CYCLE_LIMIT,
     READ_LIMIT,
@@ -30,6 +29,7 @@ from wbc_controller.validation.fuzz.target import (
     check_torques,
     fuzzed_robot,
     time_limit,
+    valid_message,
     with_all_diagnostics,
 )
 
@@ -57,7 +57,6 @@ class GuardTarget(Target):
         self._period = 1.0 / settings.control.rate
         self._step = settings.limits.torque_rate * self._period * self._limits
         self._count = 0
-        self._tau: Array | None = None
         self._command()
         self._cycle("the start")
 
@@ -115,7 +114,7 @@ class GuardTarget(Target):
 
     def _command(self) -> None:
         self._send("joint_commands")
-        self._tau = np.zeros(self._model.na)
+        self._tau: Array = np.zeros(self._model.na)
 
     def _cycle(self, why: str) -> None:
         self.clear_outputs()
@@ -125,7 +124,7 @@ class GuardTarget(Target):
             raise InvariantViolation(f"the guard sent torques despite commands, after {why}")
         for payload in self.outputs["effort"]:
             tau: Array = np.asarray(decode(payload, self.types["effort"]).data)
-            check_torques(tau, tau if self._tau is None else self._tau, self._limits, self._step, "the guard")
+            check_torques(tau, self._tau, self._limits, self._step, "the guard")
             self._tau = tau
 
 

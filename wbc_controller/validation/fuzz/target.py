@@ -1,25 +1,24 @@
-"""Base class of the fuzzer's targets."""
+"""Base class of the fuzzer's targets, and valid messages for them."""
 
 import contextlib
 import gc
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.middleware.codec import decode, encode
+from wbc_controller.middleware.codec import decode, encode, message
 from wbc_controller.middleware.topics import TASK_TYPES, Direction, Endpoint, counterpart
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.clock import ManualClock
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings, parse_settings
-from wbc_controller.validation.error_log import logged_errors
+from wbc_controller.validation.campaign.monitor import logged_errors
 
 READ_LIMIT = 0.5  # processor time of reading a request, s
 CYCLE_LIMIT = 0.02  # processor time of a cycle and its messages, s
@@ -97,8 +96,37 @@ class Target:
         return {key.removeprefix("refused/"): reason for key, reason in entries.items() if key.startswith("refused/")}
 
 
-@dataclass(frozen=True, slots=True)
-class Robot:
+def valid_message(type_name: str, names: Sequence[str], frame: str, stamp: int) -> Any:
+    """Return a valid message."""
+    content = message(type_name)
+    if hasattr(content, "header"):
+        content.header.stamp.sec, content.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
+        content.header.frame_id = frame
+    if type_name == "sensor_msgs/msg/JointState":
+        content.name = list(names)
+        content.position, content.velocity, content.effort = (np.zeros(len(names)) for _ in range(3))
+    elif type_name == "std_msgs/msg/Float64MultiArray":
+        content.data = np.zeros(len(names))
+    elif type_name == "geometry_msgs/msg/Vector3Stamped":
+        content.vector.z = 1.0
+    elif type_name == "geometry_msgs/msg/PoseArray":
+        content.poses = [message("geometry_msgs/msg/Pose")]
+    elif type_name.startswith("trajectory_msgs/msg/"):
+        joints = "MultiDOF" not in type_name
+        content.joint_names = list(names) if joints else ["frame"]
+        for second in range(1, 4):
+            point = message(f"{type_name}Point")
+            point.time_from_start.sec = second
+            if joints:
+                point.positions = np.zeros(len(names))
+            else:
+                point.transforms = [message("geometry_msgs/msg/Transform")]
+                point.transforms[0].translation.z = 1.0
+            content.points.append(point)
+    return content
+
+
+class Robot(NamedTuple):
     """Robot of the fuzzer."""
 
     settings: Settings
