@@ -10,16 +10,12 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.passive import PassiveForces
 
 
-def add_mimic_joints(spec: Any, followers: Followers, stiff: list[float], impedance: list[float]) -> None:
+def add_mimic_joints(spec: Any, followers: Followers) -> None:
     """Couple mimic joints to their leaders."""
     for name, mimic in followers.mimics.items():
-        equality = spec.add_equality()
-        equality.type = mujoco.mjtEq.mjEQ_JOINT
-        equality.objtype = mujoco.mjtObj.mjOBJ_JOINT
+        equality = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT)
         equality.name1, equality.name2 = name, mimic.leader
         equality.data[:5] = [mimic.offset, mimic.ratio, 0.0, 0.0, 0.0]
-        equality.solref = stiff
-        equality.solimp = impedance
 
 
 def add_rotors(spec: Any, model: RobotModel) -> None:

@@ -47,8 +47,7 @@ _WORLD, _WORLD_ALIAS = "world", "<world>"
 
 def contact_frame(model: RobotModel, name: str, contact: schema.ContactSettings) -> tuple[int, pin.SE3]:
     """Return the Pinocchio joint of a contact, and its placement in the joint's frame."""
-    model.frame_id(contact.frame, f"contacts.{name}.frame")
-    joint, placement = frame_on_joint(model, contact.frame)
+    joint, placement = frame_on_joint(model, contact.frame, f"contacts.{name}.frame")
     return joint, placement * placement_of(contact.translation, getattr(contact, "rpy", (0.0, 0.0, 0.0)))
 
 
@@ -214,13 +213,14 @@ def compile_mechanism(
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = FRICTION_STIFFNESS
+    spec.default.equality.solref, spec.default.equality.solimp = stiff, impedance
     for name, index in zip(model.joints, model.v_index, strict=True):
         joint = spec.joint(name)
         joint.armature = float(model.pinocchio.armature[index])
         joint.solref_limit = stiff
     add_rotors(spec, model)
     if model.followers is not None:
-        add_mimic_joints(spec, model.followers, stiff, impedance)
+        add_mimic_joints(spec, model.followers)
     if model.floating_base:
         base = spec.body(root)
         base.add_freejoint()
@@ -264,7 +264,7 @@ def compile_mechanism(
                 _set_contact_surface(geom, getattr(contact, "friction", 0.0), stiff, impedance)
     for attachment in attachments.values():
         holder, link = (_body(spec, model, joint, root).name for joint in attachment.joints)
-        add_attachment(spec, attachment, (holder, link), stiff, impedance)
+        add_attachment(spec, attachment, (holder, link))
     try:
         compiled = spec.compile()
     except (ValueError, RuntimeError) as error:

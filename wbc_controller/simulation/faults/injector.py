@@ -49,21 +49,16 @@ class Injector:
 
     def update(self) -> None:
         """Start and end due faults; called once per period."""
-        now, changed = self._plant.time + _SAME, False
-        still = []
-        for end, effect in self._acting:
-            if end <= now and effect.ended() is not False:
-                changed = True
-            else:
-                still.append((end, effect))
-        self._acting = still
-        for begin, fault in [entry for entry in self._planned if entry[0] <= now]:
+        now = self._plant.time + _SAME
+        active = [(end, effect) for end, effect in self._acting if end > now or effect.ended() is False]
+        due = [entry for entry in self._planned if entry[0] <= now]
+        changed = bool(due) or len(active) < len(self._acting)
+        self._acting, self._planned = active, [entry for entry in self._planned if entry[0] > now]
+        for begin, fault in due:
             end = begin + fault.duration
             rng = np.random.default_rng(fault.seed)
             context = FaultContext(self._robot, self._plant, self._period, self._plant.time, end, rng)
             self._acting.append((end, fault.begin(context)))
-            changed = True
-        self._planned = [entry for entry in self._planned if entry[0] > now]
         for _, effect in self._acting:
             effect.each_period()
         if changed:
