@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from gaits import simulated
 
 import wbc_controller as wbc
 from wbc_controller.errors import InputRefused
@@ -67,8 +68,7 @@ def way_of(simulation, seconds):
 )
 def test_a_quadruped_walks_in_groups_as_commanded_and_stops_within_three_steps(changes, command, together):
     """A swing beyond `limits.acceleration` would move the base in place of the foot."""
-    simulation = wbc.Simulation(wbc.load("go2").replace(changes))
-    controller, walker = simulation.controller, simulation.controller.walker
+    simulation, controller, walker = simulated("go2", changes)
     controller.walk(*command)
     _, results = way_of(simulation, 1.7)
     way, more = way_of(simulation, walker.gait.cycle * (2 if changes else 3))
@@ -92,17 +92,17 @@ def test_a_quadruped_walks_in_groups_as_commanded_and_stops_within_three_steps(c
 
 
 def test_a_command_in_several_directions_is_scaled_together():
-    simulation = wbc.Simulation(wbc.load("go2").replace({"walking.max_speed": 0.8, "walking.max_side_speed": 0.4}))
-    simulation.controller.walk(0.8, 0.4, 1.5)
+    simulation, controller, walker = simulated("go2", {"walking.max_speed": 0.8, "walking.max_side_speed": 0.4})
+    controller.walk(0.8, 0.4, 1.5)
     simulation.run(1.8)
-    velocity = simulation.controller.walker.velocity
+    velocity = walker.velocity
     assert velocity.linear == pytest.approx((0.8 + 0.4j) / math.sqrt(3.0))
     assert velocity.turning == pytest.approx(1.5 / math.sqrt(3.0))
 
 
 def test_a_quadruped_stops_at_a_goal_and_reports_its_plan():
-    simulation = wbc.Simulation("go2")
-    controller, walker, plans = simulation.controller, simulation.controller.walker, []
+    simulation, controller, walker = simulated("go2")
+    plans = []
     controller.walk_to(0.4, 0.1, 0.3)
     simulation.run(4.6, lambda now: plans.append(walker.plan()))
     assert walker.phase is Phase.STAND
@@ -131,8 +131,7 @@ def test_a_jammed_contact_sensor_of_a_quadruped_changes_nothing():
 
 
 def test_a_trot_starts_in_the_heading_of_its_feet():
-    simulation = wbc.Simulation("go2")
-    controller, walker = simulation.controller, simulation.controller.walker
+    simulation, controller, walker = simulated("go2")
     q, v = simulation.plant.state()
     turn = 2.0
     place = complex(q[0], q[1]) * cmath.rect(1.0, turn)
