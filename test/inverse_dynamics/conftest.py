@@ -76,9 +76,13 @@ class Bench:
 
 
 @pytest.fixture(scope="session")
-def load(robot_of) -> Callable[[str], tuple[RobotModel, Settings]]:
-    """Return a function for model and settings of a shipped robot, cached by name."""
-    return lambda name: robot_of(name)[::-1]
+def g1(robot_of) -> RobotModel:
+    return robot_of("g1")[1]
+
+
+@pytest.fixture(scope="session")
+def go2(robot_of) -> RobotModel:
+    return robot_of("go2")[1]
 
 
 @pytest.fixture(scope="session")

@@ -160,8 +160,8 @@ def test_solution_is_continuous_as_a_direction_becomes_a_constraint():
     assert steps.max() < 4.0 * np.median(steps)
 
 
-def test_contacts_with_full_rank_are_unchanged(load):
-    model, settings = load("go2")
+def test_contacts_with_full_rank_are_unchanged(robot_of):
+    settings, model = robot_of("go2")
     qp = make_qp(settings, model)
     q = stance(model, qp, list(qp.contacts))
     state = RobotState(0, frozen(q), frozen(np.zeros(model.nv)))

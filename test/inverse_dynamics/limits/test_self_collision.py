@@ -33,9 +33,9 @@ def settings(robot, **changes):
 
 
 @pytest.fixture(scope="module")
-def every_pair(load):
+def every_pair(robot_of):
     """Return G1's model, and a limit with a row for every pair."""
-    model, of_robot = load("g1")
+    of_robot, model = robot_of("g1")
     changed = of_robot.limits.model_copy(update=settings("g1"))
     return model, make_self_collision(of_robot.model_copy(update={"limits": changed}), model)
 

@@ -22,9 +22,9 @@ def close(a, b, tolerance=1e-9):
 
 
 @pytest.fixture(scope="module")
-def snapshots(load):
+def snapshots(robot_of):
     """Return one snapshot per robot, reused for every state."""
-    return {robot: Dynamics(load(robot)[0]) for robot in ROBOTS}
+    return {robot: Dynamics(robot_of(robot)[1]) for robot in ROBOTS}
 
 
 @pytest.mark.parametrize("robot", ROBOTS)

@@ -14,8 +14,8 @@ POSTURE = (0.1, 0.8, -1.5)
 
 
 @pytest.fixture(scope="module")
-def urdf(load):
-    return load("go2")[0].urdf
+def urdf(go2):
+    return go2.urdf
 
 
 @pytest.mark.parametrize(
@@ -93,20 +93,17 @@ def test_a_joint_without_limits_is_named(urdf):
         build_model(urdf, LEG, POSTURE, joint_limits=crossed)
 
 
-def test_order_of_the_joints(load, urdf):
-    full, _ = load("go2")
-    order = np.random.default_rng(0).permutation(full.na)
-    shuffled = build_model(urdf, [full.joints[i] for i in order], full.posture[order], armature=0.01)
-    assert shuffled.joints == tuple(full.joints[i] for i in order)
+def test_order_of_the_joints(go2, urdf):
+    order = np.random.default_rng(0).permutation(go2.na)
+    shuffled = build_model(urdf, [go2.joints[i] for i in order], go2.posture[order], armature=0.01)
+    assert shuffled.joints == tuple(go2.joints[i] for i in order)
     base = pin.SE3.Random()
-    np.testing.assert_allclose(
-        pin.XYZQUATToSE3(full.configuration(full.posture, base)[:7]).homogeneous, base.homogeneous
-    )
-    np.testing.assert_array_equal(full.configuration(full.posture)[:7], [0, 0, 0, 0, 0, 0, 1])
+    np.testing.assert_allclose(pin.XYZQUATToSE3(go2.configuration(go2.posture, base)[:7]).homogeneous, base.homogeneous)
+    np.testing.assert_array_equal(go2.configuration(go2.posture)[:7], [0, 0, 0, 0, 0, 0, 1])
     for name in ("effort_limits", "velocity_limits", "position_lower", "position_upper", "posture"):
-        np.testing.assert_array_equal(getattr(shuffled, name), getattr(full, name)[order])
-    joints = np.linspace(-0.3, 0.3, full.na)
-    np.testing.assert_array_equal(shuffled.configuration(joints[order]), full.configuration(joints))
+        np.testing.assert_array_equal(getattr(shuffled, name), getattr(go2, name)[order])
+    joints = np.linspace(-0.3, 0.3, go2.na)
+    np.testing.assert_array_equal(shuffled.configuration(joints[order]), go2.configuration(joints))
     for i, name in enumerate(shuffled.joints):
         joint = shuffled.pinocchio.joints[shuffled.pinocchio.getJointId(name)]
         assert (joint.idx_q, joint.idx_v) == (shuffled.q_index[i], shuffled.v_index[i])
@@ -122,14 +119,13 @@ def test_limits_and_armature(urdf):
         assert not getattr(whole, name).flags.writeable
 
 
-def test_unknown_names_are_refused_with_the_nearest_one(load):
-    model, _ = load("g1")
+def test_unknown_names_are_refused_with_the_nearest_one(g1):
     with pytest.raises(ConfigurationError, match=r"tasks\.x\.frame = 'pelvs': .*did you mean 'pelvis'\? Valid: "):
-        model.frame_id("pelvs", "tasks.x.frame")
+        g1.frame_id("pelvs", "tasks.x.frame")
     with pytest.raises(ConfigurationError, match=r"tasks\.x\.joints: 'left_knee' .*did you mean 'left_knee_joint'"):
-        model.joint_columns(["left_knee"], "tasks.x.joints")
-    np.testing.assert_array_equal(model.joint_columns([], "x"), np.arange(model.na))
-    np.testing.assert_array_equal(model.joint_columns(["waist_yaw_joint"], "x"), [12])
+        g1.joint_columns(["left_knee"], "tasks.x.joints")
+    np.testing.assert_array_equal(g1.joint_columns([], "x"), np.arange(g1.na))
+    np.testing.assert_array_equal(g1.joint_columns(["waist_yaw_joint"], "x"), [12])
 
 
 @pytest.mark.parametrize(
