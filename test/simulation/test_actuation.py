@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from chains import MENAGERIE, TENDON, menagerie
+from snapshots import dynamics_at
 from stepping import simulate
 
 from wbc_controller.controller.build.program import make_qp
@@ -22,8 +23,7 @@ SOFT = 0.02
 
 def forward(model, q, v, tau):
     """Equations of motion with the couplings, as one linear system in v̇ and λ."""
-    dynamics, C = Dynamics(model), model.actuation.C
-    dynamics.update(q, v)
+    dynamics, C = dynamics_at(model, q, v), model.actuation.C
     matrix = np.block([[dynamics.M, -C.T], [C, np.zeros((len(C), len(C)))]])
     right = np.concatenate([model.actuation.generalized_force(tau) - dynamics.h, np.zeros(len(C))])
     return np.linalg.solve(matrix, right)[: model.nv]

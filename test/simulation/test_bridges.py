@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
+from snapshots import dynamics_at
 
 import wbc_controller as wbc
 from wbc_controller.simulation.plant import Plant
@@ -100,8 +101,7 @@ def test_states_round_trip_and_frames_agree(scene, seed):
     again_q, again_v = interface.state(scene.data)
     np.testing.assert_allclose(again_q, q, atol=1e-12)
     np.testing.assert_allclose(again_v, v, atol=1e-12)
-    dynamics = wbc.Dynamics(scene.model)
-    dynamics.update(again_q, again_v)
+    dynamics = dynamics_at(scene.model, again_q, again_v)
     for link in ("FL_calf", "RR_thigh"):
         frame = scene.model.frame_id(link, "link")
         body = scene.mujoco.body(link).id

@@ -1,6 +1,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
+from snapshots import dynamics_at
 
 from wbc_controller.errors import InputRefused
 from wbc_controller.inverse_dynamics.contacts import PointContact
@@ -15,7 +16,6 @@ from wbc_controller.inverse_dynamics.references.changes import (
     SetWeight,
 )
 from wbc_controller.inverse_dynamics.references.trajectories import Knot
-from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.tasks import ComTask, FramePoseTask, PostureTask
 from wbc_controller.records import Tuning
 
@@ -26,9 +26,7 @@ JUST = 1.0e-7
 
 @pytest.fixture(scope="module")
 def dynamics(go2, random_state):
-    snapshot = Dynamics(go2)
-    snapshot.update(*random_state(go2, np.random.default_rng(0)))
-    return snapshot
+    return dynamics_at(go2, *random_state(go2, np.random.default_rng(0)))
 
 
 @pytest.fixture
@@ -159,9 +157,7 @@ def test_past_trajectory_is_refused_with_all_changes(board, dynamics):
 @pytest.fixture
 def elsewhere(go2, random_state):
     """Return a snapshot after a motion of the robot."""
-    snapshot = Dynamics(go2)
-    snapshot.update(*random_state(go2, np.random.default_rng(1)))
-    return snapshot
+    return dynamics_at(go2, *random_state(go2, np.random.default_rng(1)))
 
 
 POSE = np.concatenate([GOAL, pin.Quaternion(pin.exp3(np.array([0.2, -0.3, 0.4]))).coeffs()])
