@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from wbc_controller.controller.build.estimation import make_leg_kinematics
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.estimation.leg_kinematics import LegKinematics
 
@@ -79,9 +80,8 @@ def test_the_points_are_those_of_the_contacts_and_the_imu_is_where_the_urdf_says
 
 def test_wheels_and_contacts_between_links_have_no_points(robot_of):
     settings, model = robot_of("go2")
-    frames = {name: contact.frame for name, contact in settings.contacts.items()}
     contacts = make_qp(settings, model).contacts
     (first, *others) = contacts
     contacts[first].internal = True
-    legs = LegKinematics(model, contacts, frames, "base", joint_noise=1e-3, point_noise=1e-3)
+    legs = make_leg_kinematics(settings, model, contacts, "base")
     assert list(legs.points) == others

@@ -19,7 +19,7 @@ from wbc_controller.mechanics.energy import energy_residual
 from wbc_controller.mechanics.external import ExternalWrench
 from wbc_controller.mechanics.momentum import momentum_residual
 from wbc_controller.safety.model_audit import ModelAudit
-from wbc_controller.settings.files import find_configuration, load_settings
+from wbc_controller.settings.config import load
 from wbc_controller.simulation.simulation import Simulation
 from wbc_controller.validation.lockstep import Lockstep
 
@@ -46,9 +46,8 @@ class Run:
     reports: list[CycleReport] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        settings = load_settings(find_configuration(self.robot))
-        quick = settings.safety.model_copy(update={"activation_ramp": 0.1, "bring_up_time": 0.0})
-        self.settings = settings.model_copy(update={"safety": quick})
+        quick = {"safety.activation_ramp": 0.1, "safety.bring_up_time": 0.0}
+        self.settings = load(self.robot).replace(quick).settings
         other = {"model": self.plant} if self.plant else {}
         self.lockstep = Lockstep(self.settings, mock=other, observers=(self.reports.append,))
         self.model, self.mock, self.loop = self.lockstep.model, self.lockstep.mock, self.lockstep.loop
@@ -153,7 +152,7 @@ def test_the_residuals_are_those_of_the_laws_of_motion(robot):
 
 
 def test_a_wrong_mass_is_named_within_a_second():
-    settings = load_settings(find_configuration("g1"))
+    settings = load("g1").settings
     run = Run(plant=make_model(settings, heavier(make_model(settings).urdf, "right_elbow_link", 0.8)))
     assert run.until_warned("UNMODELLED_FORCE")
     assert "UNMODELLED_FORCE" in run.reports[-1].audit.warnings[0]

@@ -12,7 +12,7 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
-from snapshots import dynamics_at
+from snapshots import dynamics_at, rate_along
 
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts import (
@@ -139,27 +139,19 @@ KINDS = {
 }
 
 
-def velocity_by_differences(contact, model, q, v, step=1.0e-6):
+def velocity_by_differences(contact, model, q, v):
     """Return the velocity of a ball or wheel along the axes of its force, by finite differences."""
-    ends = [dynamics_at(model, pin.integrate(model.pinocchio, q, sign * step * v), v) for sign in (-1.0, 1.0)]
     middle = dynamics_at(model, q, v)
-
-    def rate(values):
-        return (values(ends[1]) - values(ends[0])) / (2.0 * step)
-
-    def frame(dynamics):
-        return dynamics.placement(contact._frame_id)
-
     touching = contact.points(middle)[0]
-    fixed = frame(middle).actInv(touching)  # material point at the contact
-    velocity = rate(lambda dynamics: frame(dynamics).act(fixed))
+
+    def of_link(frame):
+        """Return the velocity of the material point of a link at the contact, world axes."""
+        fixed = middle.placement(frame).actInv(touching)
+        return rate_along(lambda dynamics: dynamics.placement(frame).act(fixed), model, q, v, 1.0e-6)
+
+    velocity = of_link(contact._frame_id)
     if contact._other is not None:
-
-        def other(dynamics):
-            return dynamics.placement(contact._other)
-
-        below = other(middle).actInv(touching)
-        velocity -= rate(lambda dynamics: other(dynamics).act(below))
+        velocity -= of_link(contact._other)
     return contact.axes(middle).T @ velocity
 
 
@@ -191,11 +183,7 @@ def test_drift_is_the_velocity_rate_at_constant_v(g1, random_state, kind, seed):
     rng = np.random.default_rng(seed)
     contact = KINDS[kind](g1, rng)
     q, v = random_state(g1, rng)
-    step, ends = 1.0e-5, []
-    for sign in (-step, step):
-        dynamics = dynamics_at(g1, pin.integrate(g1.pinocchio, q, sign * v), v)
-        ends.append(contact.jacobian(dynamics) @ v)
-    expected = (ends[1] - ends[0]) / (2.0 * step)
+    expected = rate_along(lambda dynamics: contact.jacobian(dynamics) @ v, g1, q, v, 1.0e-5)
     drift = contact.drift(dynamics_at(g1, q, v))
     assert np.linalg.norm(drift - expected) < 2.0e-6 * max(1.0, np.linalg.norm(expected))
 
@@ -229,9 +217,9 @@ def test_open_loop_closes_with_its_stiffness(g1, random_state, seed):
     for mask, joint in ([1] * 6, pin.SE3.Identity()), ([1, 1, 1, 0, 1, 1], turned), ([1, 1, 1, 0, 0, 0], turned):
         loop = LoopClosure("l", g1, HANDS, (place, b.actInv(a * place * joint * small)), mask, stiffness=100.0)
         assert np.abs(loop.error(dynamics)).max() < 1.0e-3
-        ends = [loop.error(dynamics_at(g1, pin.integrate(g1.pinocchio, q, sign * v), v)) for sign in (-1e-6, 1e-6)]
         J = loop.jacobian(dynamics)
-        np.testing.assert_allclose((ends[1] - ends[0]) / 2e-6, J @ v, atol=2.0e-3 * max(1.0, np.abs(J @ v).max()))
+        rate = rate_along(loop.error, g1, q, v, 1e-6)
+        np.testing.assert_allclose(rate, J @ v, atol=2.0e-3 * max(1.0, np.abs(J @ v).max()))
         expected = -loop.drift(dynamics) - 20.0 * (J @ v) - 100.0 * loop.error(dynamics)
         np.testing.assert_allclose(loop.acceleration_at_rest(dynamics) - loop.damping * J @ v, expected)
 
