@@ -15,7 +15,6 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.records import Array, References, RobotState, frozen
 from wbc_controller.settings import Settings
-from wbc_controller.settings.tasks import TaskSettings
 from wbc_controller.validation.fuzz.problems import random_problem, rest
 
 
@@ -31,16 +30,13 @@ class Bench:
 
     def on_soles(self, **sole: float) -> "Bench":
         """Return the same robot with other sole sizes in the controller."""
-        other = copy.copy(self)
-        contacts = {name: contact.model_copy(update=sole) for name, contact in self.settings.contacts.items()}
-        other.settings = self.settings.model_copy(update={"contacts": contacts})
-        other.controller = make_qp(other.settings, self.model, lambda: 0.0)
-        return other
+        contacts = self.settings.contacts.items()
+        return self.rebuilt(contacts={name: contact.model_copy(update=sole) for name, contact in contacts})
 
-    def rebuilt(self, tasks: dict[str, TaskSettings]) -> "Bench":
-        """Return the same robot with other tasks."""
+    def rebuilt(self, **sections: Any) -> "Bench":
+        """Return the same robot with other sections of its settings."""
         other = copy.copy(self)
-        other.settings = self.settings.model_copy(update={"tasks": tasks})
+        other.settings = self.settings.model_copy(update=sections)
         other.controller = make_qp(other.settings, self.model, lambda: 0.0)
         return other
 
@@ -48,7 +44,7 @@ class Bench:
         """Return the same robot with tasks on other priority levels."""
         tasks = self.settings.tasks
         moved = {name: tasks[name].model_copy(update={"level": level}) for name, level in levels.items()}
-        return self.rebuilt({**tasks, **moved})
+        return self.rebuilt(tasks={**tasks, **moved})
 
     def state(self, q: Array | None = None, v: Array | None = None) -> RobotState:
         """Return a state, by default at rest in the stance."""

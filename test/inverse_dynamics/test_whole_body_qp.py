@@ -469,16 +469,12 @@ def test_changes_in_mutable_mappings_are_noticed(robots):
     state, references, before = g1.random_problem(3)
     weights, contacts = dict(references.weights), dict(references.contacts)
     friction = dict.fromkeys(contacts, 1.0)
-    own = replace(references, weights=weights, contacts=contacts, friction=friction)  # mutable, of the caller
+    mutable = {"weights": weights, "contacts": contacts, "friction": friction}  # of the caller
+    own = replace(references, **mutable)
     task, contact = next(iter(weights)), next(iter(contacts))
 
     def answers():
-        fixed = replace(
-            references,
-            weights=frozen_mapping(weights),
-            contacts=frozen_mapping(contacts),
-            friction=frozen_mapping(friction),
-        )
+        fixed = replace(references, **{name: frozen_mapping(values) for name, values in mutable.items()})
         return [g1.controller.solve(state, each, before).v_dot for each in (own, fixed, fixed, own)]
 
     seen = [answers()]

@@ -4,7 +4,6 @@ import logging
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
 from typing import Any
 
 import mujoco
@@ -193,8 +192,8 @@ def compile_mechanism(
     contacts: Mapping[str, schema.ContactSettings],
     step: float,
     mock: MockSettings,
-    shapes: Mapping[int, Sequence[Shape]] = MappingProxyType({}),
-    attachments: Mapping[str, Attachment] = MappingProxyType({}),
+    shapes: Mapping[int, Sequence[Shape]],
+    attachments: Mapping[str, Attachment],
 ) -> Any:
     """Build MuJoCo's model; the step is in s.
 

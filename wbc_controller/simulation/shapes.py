@@ -54,7 +54,7 @@ def read_shapes(
     soles: Mapping[int, Sequence[Array]],
     tips: Mapping[int, Array],
     wheels: Mapping[int, pin.SE3],
-    folder: Path | None = None,
+    folder: Path | None,
 ) -> dict[int, list[Shape]]:
     """Read the collision shapes by Pinocchio joint.
 

@@ -47,11 +47,8 @@ def failure(robot, references=None, state=None):
 def asked(robot, state=None, before=None):
     """Return the explanation with limits that would be relaxed, and the problem."""
     state, references = state or robot.state(), robot.references(state)
-    return (
-        conflict_of(robot.controller, state, references, before),
-        robot.controller.formulation.build(state, references, before),
-        robot.controller.formulation.effort_bounds(references),
-    )
+    why, formulation = conflict_of(robot.controller, state, references, before), robot.controller.formulation
+    return why, formulation.build(state, references, before), formulation.effort_bounds(references)
 
 
 # Each case makes constraints contradictory, and returns their names --------------------------------------------------

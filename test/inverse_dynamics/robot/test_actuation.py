@@ -254,12 +254,9 @@ def test_invalid_actuation_is_refused(case):
     ],
 )
 def test_invalid_mimics_are_refused(more, said):
+    joints = joint("one", "a", "b"), joint("two", "b", "c", more=more)
     with pytest.raises(ConfigurationError, match=said):
-        read_mimics(
-            parse_urdf(
-                robot(link("a"), link("b"), link("c"), joint("one", "a", "b"), joint("two", "b", "c", more=more))
-            )
-        )
+        read_mimics(parse_urdf(robot(link("a"), link("b"), link("c"), *joints)))
 
 
 def test_weak_actuators_and_unbalanced_passive_joints_are_named():
