@@ -110,8 +110,8 @@ def add_attachment(spec: Any, attachment: Attachment, bodies: tuple[str, str]) -
 
 def add_equality(spec: Any, name: str, kind: Any, bodies: tuple[str, str]) -> None:
     """Add a weld or a connection at the origins of two bodies to a MuJoCo specification."""
-    equality = spec.add_equality(name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_BODY)
-    equality.name1, equality.name2 = bodies
+    body = mujoco.mjtObj.mjOBJ_BODY
+    equality = spec.add_equality(name=name, type=kind, objtype=body, name1=bodies[0], name2=bodies[1])
     equality.data[:11] = [0.0] * 6 + [1.0, 0.0, 0.0, 0.0, _TORQUE_SCALE]
 
 
