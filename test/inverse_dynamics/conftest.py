@@ -10,6 +10,7 @@ import pinocchio as pin
 import pytest
 
 from wbc_controller.controller.build.program import make_qp
+from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.check.preflight import stance
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
@@ -83,10 +84,10 @@ def go2(robot_of) -> RobotModel:
 
 @pytest.fixture(scope="session")
 def bench(robot_of) -> Callable[..., Bench]:
-    """Return a function that builds a controller: bench("g1", limits={"velocity": False})."""
+    """Return a function that builds a controller by name or settings: bench("g1", limits={"velocity": False})."""
 
-    def build(robot: str, **changes: dict[str, Any]) -> Bench:
-        return Bench(*robot_of(robot), changes)
+    def build(robot: str | Settings, **changes: dict[str, Any]) -> Bench:
+        return Bench(*(robot_of(robot) if isinstance(robot, str) else (robot, make_model(robot))), changes)
 
     return build
 
