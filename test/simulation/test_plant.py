@@ -25,9 +25,7 @@ def penetration(plant):
 
 def random_state(model, rng):
     joints = rng.uniform(np.maximum(model.position_lower, -3.0), np.minimum(model.position_upper, 3.0))
-    base = pin.SE3.Random()
-    base.rotation = pin.exp3(rng.normal(size=3))
-    base.translation = np.array([rng.normal(), rng.normal(), IN_THE_AIR])
+    base = pin.SE3(pin.exp3(rng.normal(size=3)), np.array([rng.normal(), rng.normal(), IN_THE_AIR]))
     return model.configuration(joints, base), rng.normal(size=model.nv, scale=2.0)
 
 
