@@ -29,8 +29,7 @@ if TYPE_CHECKING:
     from wbc_controller.inverse_dynamics.tasks import EffortTask, MotionTask, RateTask, Task
     from wbc_controller.records import Fault, JointCommand, Mode, Reference, Solution
     from wbc_controller.settings.config import Config, load
-    from wbc_controller.simulation.bridges.joints import state_from_joints
-    from wbc_controller.simulation.bridges.mujoco import MujocoInterface
+    from wbc_controller.simulation.bridges import MujocoInterface, state_from_joints
     from wbc_controller.simulation.simulation import Simulation
 
 #: Version of the package, its wheel and its recordings; package.xml and CITATION.cff repeat it.
@@ -50,8 +49,7 @@ _NAMES = {
     "inverse_dynamics.tasks": "EffortTask MotionTask RateTask Task",
     "records": "Fault JointCommand Mode Reference Solution",
     "settings.config": "Config load",
-    "simulation.bridges.joints": "state_from_joints",
-    "simulation.bridges.mujoco": "MujocoInterface",
+    "simulation.bridges": "MujocoInterface state_from_joints",
     "simulation.simulation": "Simulation",
 }
 _PUBLIC = {name: module for module, names in _NAMES.items() for name in names.split()}

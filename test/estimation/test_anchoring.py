@@ -8,6 +8,7 @@ import pinocchio as pin
 from wbc_controller.estimation.anchoring import Anchoring
 from wbc_controller.estimation.planar_transform import heading_of
 from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
+from wbc_controller.walking.feet import about_z
 
 FEET = {
     "left": np.array([[0.1, 0.1, 0.0], [-0.1, 0.1, 0.0], [0.0, 0.15, 0.0]]),
@@ -16,14 +17,9 @@ FEET = {
 PERIOD = 0.02
 
 
-def turned(heading):
-    c, s = np.cos(heading), np.sin(heading)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
 def drifting(place, seconds, turn=0.02, speed=(0.01, -0.02, 0.005)):
     """Return a point of the true world in the world of a drifting filter."""
-    return place @ turned(turn * seconds).T + np.array([3.0, -5.0, 0.1]) + np.array(speed) * seconds
+    return place @ about_z(turn * seconds).T + np.array([3.0, -5.0, 0.1]) + np.array(speed) * seconds
 
 
 def reported(anchoring, positions):
@@ -90,7 +86,7 @@ def test_a_robot_whose_estimate_drifts_by_3_cm_a_second_keeps_its_feet():
     trial.stand()
     trial.run(0.3)
     began, drift = trial.com(), np.array([0.0, 0.03, 0.0]) * trial.controller.period
-    turn = turned(0.02 * trial.controller.period)
+    turn = about_z(0.02 * trial.controller.period)
     errors = []
 
     def check():

@@ -6,18 +6,16 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from wbc_controller.controller.build.estimation import make_leg_kinematics
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.estimation.consistency import LIMIT, ContactConsistency
-from wbc_controller.estimation.leg_kinematics import LegKinematics
 
 OMEGA = np.zeros(3)
 
 
 def make(robot_of, robot, frame):
     settings, model = robot_of(robot)
-    frames = {name: contact.frame for name, contact in settings.contacts.items()}
-    contacts = make_qp(settings, model).contacts
-    legs = LegKinematics(model, contacts, frames, frame, joint_noise=1e-3, point_noise=1e-3)
+    legs = make_leg_kinematics(settings, model, make_qp(settings, model).contacts, frame)
     return settings, model, legs, ContactConsistency(legs)
 
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from snapshots import dynamics_at
 
+from wbc_controller.controller.build.estimation import make_leg_kinematics
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.estimation.leg_kinematics import LegKinematics
 
@@ -60,8 +62,7 @@ def test_the_points_are_those_of_the_contacts_and_the_imu_is_where_the_urdf_says
     q, v = model.posture + 0.2 * rng.uniform(-1, 1, model.nj), rng.normal(size=model.nj)
     base = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
     whole, moving = model.state(q, v, base, np.zeros(6))
-    dynamics = make_qp(settings, model).dynamics
-    dynamics.update(whole, moving)
+    dynamics = dynamics_at(model, whole, moving)
     legs.update(q, v)
     imu = dynamics.placement(model.frame_id(frame, "test"))
     np.testing.assert_allclose(legs.imu_rotation, imu.rotation, atol=1e-12)
@@ -79,9 +80,8 @@ def test_the_points_are_those_of_the_contacts_and_the_imu_is_where_the_urdf_says
 
 def test_wheels_and_contacts_between_links_have_no_points(robot_of):
     settings, model = robot_of("go2")
-    frames = {name: contact.frame for name, contact in settings.contacts.items()}
     contacts = make_qp(settings, model).contacts
     (first, *others) = contacts
     contacts[first].internal = True
-    legs = LegKinematics(model, contacts, frames, "base", joint_noise=1e-3, point_noise=1e-3)
+    legs = make_leg_kinematics(settings, model, contacts, "base")
     assert list(legs.points) == others

@@ -22,6 +22,11 @@ from wbc_controller.settings.config import load
 LIMITS = DisturbanceLimits(time_constant=0.5, share=0.2)
 
 
+@pytest.fixture(scope="module")
+def model(robot_of):
+    return robot_of("go2")[1]
+
+
 @settings(max_examples=25)
 @given(seed=st.integers(0, 10_000), nv=st.integers(2, 12), rows=st.integers(0, 6), double=st.booleans())
 def test_the_free_part_does_what_the_force_does_on_the_contacts(seed, nv, rows, double):
@@ -48,8 +53,7 @@ def fed(observer, model, missed, seconds, gap=0.002):
         observer.update(M, J, (), gap, gap * missed)
 
 
-def test_disturbance_time_constant_and_bound(robot_of):
-    _, model = robot_of("go2")
+def test_disturbance_time_constant_and_bound(model):
     observer = DisturbanceObserver(model, LIMITS)
     knee = model.v_index[model.joints.index("FL_calf_joint")]
     missed = np.zeros(model.nv)
@@ -72,9 +76,8 @@ def test_disturbance_time_constant_and_bound(robot_of):
     assert observer.forces[knee] == pytest.approx(rest * np.exp(-1.0), rel=0.02)
 
 
-def test_anti_windup(robot_of):
+def test_anti_windup(model):
     """A clamped residual also appears along other components."""
-    _, model = robot_of("go2")
     rng, nv, gap = np.random.default_rng(4), model.nv, 0.002
     A, J = rng.normal(size=(nv, nv)), rng.normal(size=(9, nv))
     M = A @ A.T + np.eye(nv)
@@ -91,8 +94,7 @@ def test_anti_windup(robot_of):
     np.testing.assert_allclose(observer.forces, expected, atol=1e-3 * np.abs(expected).max())
 
 
-def test_decay_after_switching_off(robot_of):
-    _, model = robot_of("go2")
+def test_decay_after_switching_off(model):
     observer = DisturbanceObserver(model, LIMITS)
     fed(observer, model, np.full(model.nv, 0.5), 0.2)
     observer.limits, before, steps = DisturbanceLimits(0.5, 0.2, on=False), observer.forces.copy(), []
@@ -105,8 +107,7 @@ def test_decay_after_switching_off(robot_of):
     assert 0.5 < 0.01 * len(steps) < 5.0
 
 
-def test_sums_are_dropped_at_contact_changes(robot_of):
-    _, model = robot_of("go2")
+def test_sums_are_dropped_at_contact_changes(model):
     observer = DisturbanceObserver(model, LIMITS)
     M, J = np.eye(model.nv), np.zeros((0, model.nv))
     for contacts in (("a",), ("b",), ("a",), ("b",)):  # shorter than a sum
@@ -128,29 +129,25 @@ def estimated(model, *, rows=(), gap=0.002, sent=1.0, relaxed=(), growing=None):
     return compensation.observer.forces
 
 
-def test_contact_forces_are_not_disturbances(robot_of):
-    _, model = robot_of("go2")
+def test_contact_forces_are_not_disturbances(model):
     found = estimated(model, rows=[3, 7])
     np.testing.assert_allclose(found[[3, 7]], 0.0, atol=1e-6)
     assert (np.delete(found, [3, 7]) > 0.01).all()
 
 
 @pytest.mark.parametrize("sent", [0.5, 1.2])
-def test_torques_other_than_the_programs_count_as_they_were_sent(robot_of, sent):
-    _, model = robot_of("go2")
+def test_torques_other_than_the_programs_count_as_they_were_sent(model, sent):
     moved = model.actuation.generalized_force((sent - 1.0) * np.ones(model.na))
     np.testing.assert_allclose(estimated(model, sent=sent, growing=moved), 0.0, atol=1e-12)
     np.testing.assert_allclose(estimated(model, sent=sent, growing=moved + 1.0), estimated(model), rtol=1e-9)
 
 
 @pytest.mark.parametrize("reason", [{"gap": 0.008}, {"sent": None}, {"relaxed": ("limit",)}])
-def test_no_estimate_after_dropped_states_or_without_torques(robot_of, reason):
-    _, model = robot_of("go2")
+def test_no_estimate_after_dropped_states_or_without_torques(model, reason):
     assert not estimated(model, **reason).any()
 
 
-def test_friction_compensation_at_rest_and_in_motion(robot_of):
-    _, model = robot_of("go2")
+def test_friction_compensation_at_rest_and_in_motion(model):
     joint = model.joints[3]
     index = model.v_index[3]
     friction = FrictionCompensation(model, {joint: 2.0}, {joint: 0.5})

@@ -1,5 +1,7 @@
 """Sensors of the base against the legs: detection of axis and unit errors."""
 
+from functools import cache
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -88,20 +90,13 @@ def test_agreement_about_one_axis_is_not_final():
     assert not comparison.agreed
 
 
-@pytest.fixture(scope="module")
-def legs():
-    """Legs of G1, with soles, and of Go2, with balls, from the base."""
-    found = {}
-    for robot in ("g1", "go2"):
-        controller = Controller(robot, preflight=False)
-        settings, model = controller.config.settings, controller.model
-        contacts = {name: controller.contacts[name] for name in settings.contacts}
-        found[robot] = make_leg_kinematics(settings, model, contacts, model.base_link), model, tuple(contacts)
-    return found
-
-
-def standing(legs, robot):
-    kinematics, model, contacts = legs[robot]
+@cache
+def standing(robot):
+    """Return the legs of a standing robot from its base, its model, and its contacts: soles of G1, balls of Go2."""
+    controller = Controller(robot, preflight=False)
+    settings, model = controller.config.settings, controller.model
+    contacts = {name: controller.contacts[name] for name in settings.contacts}
+    kinematics = make_leg_kinematics(settings, model, contacts, model.base_link)
     kinematics.update(np.array(model.posture), np.zeros(model.nj))
     return kinematics, model, tuple(name for name in contacts if name in kinematics.points)
 
@@ -112,17 +107,17 @@ def standing(legs, robot):
     [(0.0, None), (0.5, None), (-0.9, None), (np.pi / 2.0, "90° apart: as if rotated about its x axis"),
      (np.pi, "180° apart: wrong sign, or z axis pointing down")],
 )  # fmt: skip
-def test_gravity_is_compared_with_the_contacts(legs, robot, roll, said):
-    kinematics, _, contacts = standing(legs, robot)
+def test_gravity_is_compared_with_the_contacts(robot, roll, said):
+    kinematics, _, contacts = standing(robot)
     found = gravity_contradiction(kinematics, contacts, np.array([0.0, np.sin(roll), np.cos(roll)]))
     assert found is None if said is None else said in found
     assert gravity_contradiction(kinematics, (), np.array([0.0, 0.0, -1.0])) is None
 
 
 @pytest.mark.parametrize("robot", ["g1", "go2"])
-def test_turn_and_displacement_are_those_of_the_legs(legs, robot, monkeypatch):
+def test_turn_and_displacement_are_those_of_the_legs(robot, monkeypatch):
     """The robot bends its legs with its feet at rest; the sensor measures in deg/s."""
-    kinematics, _, contacts = standing(legs, robot)
+    kinematics, _, contacts = standing(robot)
     sensor = SensorAgreement(kinematics, "the sensor", with_displacements=True)
     still, before = kinematics.positions(contacts), np.zeros((2, 3))
     sensor.check(PERIOD, before, contacts)
@@ -140,8 +135,8 @@ def test_turn_and_displacement_are_those_of_the_legs(legs, robot, monkeypatch):
     assert "in deg/s" in (sensor.check(PERIOD, before, contacts, known_wrong=True) or "")
 
 
-def test_no_comparison_without_rigid_motion(legs, monkeypatch):
-    kinematics, _, contacts = standing(legs, "g1")
+def test_no_comparison_without_rigid_motion(monkeypatch):
+    kinematics, _, contacts = standing("g1")
     sensor, still = SensorAgreement(kinematics, "the sensor", with_displacements=True), kinematics.positions(contacts)
     for time in np.arange(0.0, 1.0, PERIOD):
         slip = np.where(np.arange(len(still))[:, None] < 3, motion(time)[1], 0.0)
@@ -149,9 +144,9 @@ def test_no_comparison_without_rigid_motion(legs, monkeypatch):
         assert sensor.check(PERIOD, -5.0 * motion(time), contacts) is None
 
 
-def test_no_comparison_directly_after_a_touchdown(legs, monkeypatch):
+def test_no_comparison_directly_after_a_touchdown(monkeypatch):
     """In a trot, the landed feet of Go2 roll for 0.04 s, and the legs then measure the opposite turn of the body."""
-    kinematics, _, contacts = standing(legs, "go2")
+    kinematics, _, contacts = standing("go2")
     sensor, still = SensorAgreement(kinematics, "the sensor", with_displacements=False), kinematics.positions(contacts)
     turn = np.array([0.0, 0.0, 0.005])
 
@@ -164,8 +159,8 @@ def test_no_comparison_directly_after_a_touchdown(legs, monkeypatch):
     assert any("as if" in (check(step, contacts) or "") for step in range(100, 150))
 
 
-def test_odometry_with_a_wrong_twist_remains_refused_until_a_restart(legs):
-    kinematics, model, contacts = standing(legs, "go2")
+def test_odometry_with_a_wrong_twist_remains_refused_until_a_restart():
+    kinematics, model, contacts = standing("go2")
     agreement, joints = OdometryAgreement(kinematics), (np.array(model.posture), np.zeros(model.nj))
     pose, before = np.array([0.0, 0.0, 0.3, 0.0, 0.0, 0.0, 1.0]), np.zeros(3)
     for i in range(200):

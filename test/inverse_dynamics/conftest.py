@@ -10,12 +10,12 @@ import pinocchio as pin
 import pytest
 
 from wbc_controller.controller.build.program import make_qp
+from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.check.preflight import stance
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.records import Array, References, RobotState, frozen
 from wbc_controller.settings import Settings
-from wbc_controller.settings.tasks import TaskSettings
 from wbc_controller.validation.fuzz.problems import random_problem, rest
 
 
@@ -31,16 +31,13 @@ class Bench:
 
     def on_soles(self, **sole: float) -> "Bench":
         """Return the same robot with other sole sizes in the controller."""
-        other = copy.copy(self)
-        contacts = {name: contact.model_copy(update=sole) for name, contact in self.settings.contacts.items()}
-        other.settings = self.settings.model_copy(update={"contacts": contacts})
-        other.controller = make_qp(other.settings, self.model, lambda: 0.0)
-        return other
+        contacts = self.settings.contacts.items()
+        return self.rebuilt(contacts={name: contact.model_copy(update=sole) for name, contact in contacts})
 
-    def rebuilt(self, tasks: dict[str, TaskSettings]) -> "Bench":
-        """Return the same robot with other tasks."""
+    def rebuilt(self, **sections: Any) -> "Bench":
+        """Return the same robot with other sections of its settings."""
         other = copy.copy(self)
-        other.settings = self.settings.model_copy(update={"tasks": tasks})
+        other.settings = self.settings.model_copy(update=sections)
         other.controller = make_qp(other.settings, self.model, lambda: 0.0)
         return other
 
@@ -48,7 +45,7 @@ class Bench:
         """Return the same robot with tasks on other priority levels."""
         tasks = self.settings.tasks
         moved = {name: tasks[name].model_copy(update={"level": level}) for name, level in levels.items()}
-        return self.rebuilt({**tasks, **moved})
+        return self.rebuilt(tasks={**tasks, **moved})
 
     def state(self, q: Array | None = None, v: Array | None = None) -> RobotState:
         """Return a state, by default at rest in the stance."""
@@ -76,17 +73,21 @@ class Bench:
 
 
 @pytest.fixture(scope="session")
-def load(robot_of) -> Callable[[str], tuple[RobotModel, Settings]]:
-    """Return a function for model and settings of a shipped robot, cached by name."""
-    return lambda name: robot_of(name)[::-1]
+def g1(robot_of) -> RobotModel:
+    return robot_of("g1")[1]
+
+
+@pytest.fixture(scope="session")
+def go2(robot_of) -> RobotModel:
+    return robot_of("go2")[1]
 
 
 @pytest.fixture(scope="session")
 def bench(robot_of) -> Callable[..., Bench]:
-    """Return a function that builds a controller: bench("g1", limits={"velocity": False})."""
+    """Return a function that builds a controller by name or settings: bench("g1", limits={"velocity": False})."""
 
-    def build(robot: str, **changes: dict[str, Any]) -> Bench:
-        return Bench(*robot_of(robot), changes)
+    def build(robot: str | Settings, **changes: dict[str, Any]) -> Bench:
+        return Bench(*(robot_of(robot) if isinstance(robot, str) else (robot, make_model(robot))), changes)
 
     return build
 

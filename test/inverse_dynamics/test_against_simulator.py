@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from stepping import simulate
 
 from wbc_controller.controller.build.references import make_board
 from wbc_controller.inverse_dynamics.references.changes import SetTrajectory
@@ -97,8 +98,7 @@ def compared(request, bench):
                 weight = model.mass * model.gravity
                 result.force.append(np.linalg.norm(expected - force) / max(np.linalg.norm(force), weight))
                 result.speed.append(float(np.linalg.norm(v)))
-        for _ in range(plant.steps_per_period):
-            plant.step()
+        simulate(plant, plant.steps_per_period)
     print(
         f"\n{request.param}: {len(result.speed)} states, {sum(s > 0.1 for s in result.speed)} of them moving; "
         f"largest error: v̇ {max(result.acceleration):.2%}, forces {max(result.force):.3%}"
@@ -140,8 +140,7 @@ def test_unreachable_squat_keeps_joint_limits(bench):
         tau = solution.tau if tau is None else np.clip(solution.tau, tau - step, tau + step)
         relaxed += bool(solution.relaxed)
         plant.apply(tau)
-        for _ in range(plant.steps_per_period):
-            plant.step()
+        simulate(plant, plant.steps_per_period)
         joints = plant.state()[0][model.q_index]
         beyond.append(np.maximum(joints - model.position_upper, model.position_lower - joints).max())
     assert 10 < relaxed < 150

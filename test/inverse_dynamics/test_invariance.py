@@ -8,15 +8,11 @@ import pytest
 
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.references import make_board
-from wbc_controller.controller.build.robot import make_model
-from wbc_controller.controller.check.preflight import stance
 from wbc_controller.inverse_dynamics.references.changes import EnableTask
 from wbc_controller.inverse_dynamics.robot.actuation import Actuation
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.mechanics import CoordinateChange, change_coordinates
 from wbc_controller.records import References, RobotState, frozen
-from wbc_controller.settings.files import find_configuration, load_settings
-from wbc_controller.validation.fuzz.problems import rest
 
 NEW_ROOT = {"g1": "waist_pitch_joint", "go2": "RL_thigh_joint"}
 
@@ -47,9 +43,8 @@ def hurried(references: References, heading: float = 0.3) -> References:
 
 
 @pytest.mark.parametrize("robot", list(NEW_ROOT))
-def test_solution_is_independent_of_coordinates(robot):
-    settings = load_settings(find_configuration(robot))
-    model = make_model(settings)
+def test_solution_is_independent_of_coordinates(robot_of, robot):
+    settings, model = robot_of(robot)
     rng = np.random.default_rng(7)
     names = [name for name in model.pinocchio.names[1:] if name != "<floating base>"]
     flipped = [name for name in names if rng.random() < 0.5]
@@ -85,21 +80,18 @@ def test_solution_is_independent_of_coordinates(robot):
 
 
 @pytest.mark.parametrize(("robot", "share"), [("go2", 0.92), ("g1", 1.0 - 1e-8)])
-def test_available_friction_is_independent_of_heading(robot, share):
+def test_available_friction_is_independent_of_heading(bench, robot, share):
     """Exactly for soles, with rotating pyramids; within cos(π / 8) for points."""
-    settings = load_settings(find_configuration(robot))
-    model = make_model(settings)
-    controller = make_qp(settings, model)
-    start, reached = stance(model, controller, list(controller.contacts)), []
+    standing, reached = bench(robot), []
     for heading in np.linspace(0.0, np.pi / 2.0, 9):
-        q = start.copy()
-        turned = pin.SE3(pin.exp3(np.array([0.0, 0.0, heading])), np.zeros(3)) * pin.XYZQUATToSE3(start[:7])
+        q = standing.stance.copy()
+        turned = pin.SE3(pin.exp3(np.array([0.0, 0.0, heading])), np.zeros(3)) * pin.XYZQUATToSE3(q[:7])
         q[:7] = pin.SE3ToXYZQUAT(turned)
-        state = RobotState(0, frozen(q), frozen(np.zeros(model.nv)))
-        solution = controller.solve(state, hurried(rest(controller, settings, state), heading))
+        state = standing.state(q)
+        solution = standing.controller.solve(state, hurried(standing.references(state), heading))
         assert any(name.startswith("cone:") for name in solution.binding)
         ahead = np.array([np.cos(heading), np.sin(heading), 0.0])
-        reached.append(ahead @ controller.dynamics.com_jacobian @ solution.v_dot)
+        reached.append(ahead @ standing.controller.dynamics.com_jacobian @ solution.v_dot)
     assert min(reached) > share * max(reached)
     if robot == "go2":  # 0.6 of gravity is 5.9 m/s², and the body sinks slightly
         assert min(reached) > 5.9

@@ -3,13 +3,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from snapshots import dynamics_at
 
 from wbc_controller.errors import NoSolution
 from wbc_controller.inverse_dynamics import whole_body_qp
 from wbc_controller.inverse_dynamics.formulation.answer import Answer
 from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT, QuadraticProgram
 from wbc_controller.inverse_dynamics.formulation.unpacking import unpack
-from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.solvers import make_solver
 from wbc_controller.recording.json_records import to_json
 from wbc_controller.records import Reference, frozen_mapping
@@ -28,8 +28,7 @@ def keep_contacts(monkeypatch):
 
 def imbalance(bench, state, solution):
     """Return M v̇ + h - Sᵀτ - Σ Jᵀf, (nv,)."""
-    dynamics = Dynamics(bench.model)
-    dynamics.update(state.q, state.v)
+    dynamics = dynamics_at(bench.model, state.q, state.v)
     result = dynamics.M @ solution.v_dot + dynamics.h
     result[bench.model.v_index] -= solution.tau
     for name, force in solution.forces.items():
@@ -193,8 +192,7 @@ def rising(bench, speed):
     knee = model.joints.index("leg_left_4_joint")
     q[model.q_index[knee]] = model.position_lower[knee] + 0.05
     v[model.v_index[knee]] = -speed
-    dynamics = Dynamics(model)
-    dynamics.update(q, v)
+    dynamics = dynamics_at(model, q, v)
     legs = {name: talos.controller.contacts[name].jacobian(dynamics) for name in ("left_foot", "right_foot")}
     v[:6] -= np.linalg.solve(legs["left_foot"][:, :6], legs["left_foot"] @ v)
     right = [model.v_index[model.joints.index(f"leg_right_{i}_joint")] for i in range(1, 7)]
@@ -471,16 +469,12 @@ def test_changes_in_mutable_mappings_are_noticed(robots):
     state, references, before = g1.random_problem(3)
     weights, contacts = dict(references.weights), dict(references.contacts)
     friction = dict.fromkeys(contacts, 1.0)
-    own = replace(references, weights=weights, contacts=contacts, friction=friction)  # mutable, of the caller
+    mutable = {"weights": weights, "contacts": contacts, "friction": friction}  # of the caller
+    own = replace(references, **mutable)
     task, contact = next(iter(weights)), next(iter(contacts))
 
     def answers():
-        fixed = replace(
-            references,
-            weights=frozen_mapping(weights),
-            contacts=frozen_mapping(contacts),
-            friction=frozen_mapping(friction),
-        )
+        fixed = replace(references, **{name: frozen_mapping(values) for name, values in mutable.items()})
         return [g1.controller.solve(state, each, before).v_dot for each in (own, fixed, fixed, own)]
 
     seen = [answers()]

@@ -62,6 +62,14 @@ class Rig:
         return self.sent[-round(duration / PERIOD) :]
 
 
+@pytest.fixture
+def rig():
+    """Return a rig in which commands have come for 0.1 s."""
+    rig = Rig()
+    rig.run(0.1, commands=True)
+    return rig
+
+
 def test_it_is_silent_while_commands_flow_and_before_the_first_one():
     rig = Rig()
     assert set(rig.run(1.0, commands=True)) == {None}
@@ -93,18 +101,14 @@ def test_it_damps_in_time_then_sends_zero_then_nothing(config):
     assert rig.guard.takeovers == 1
 
 
-def test_a_triggered_controller_owes_nothing_without_joint_states_until_these_are_stale():
-    rig = Rig()
-    rig.run(0.1, commands=True)
+def test_a_triggered_controller_owes_nothing_without_joint_states_until_these_are_stale(rig):
     silent = rig.run(0.05 + PATIENCE, states=False)
     assert set(silent) == {None}
     assert rig.run(0.01, states=False)[-1] is not None
 
 
 @pytest.mark.parametrize("mode", [Mode.INACTIVE, Mode.STOPPED, Mode.FAULT])
-def test_a_controller_that_has_let_go_is_left_alone(mode):
-    rig = Rig()
-    rig.run(0.1, commands=True)
+def test_a_controller_that_has_let_go_is_left_alone(rig, mode):
     rig.now += PERIOD
     rig.command(np.zeros(3), mode)
     assert set(rig.run(1.0)) == {None}
@@ -123,9 +127,7 @@ def test_death_during_a_ramp_to_zero_is_a_takeover(mode, torques):
 
 
 @pytest.mark.parametrize("after", [0.05, 1.0, 2.0])  # while damping, at zero, released
-def test_a_command_ends_it_at_once_and_the_next_silence_begins_anew(after):
-    rig = Rig()
-    rig.run(0.1, commands=True)
+def test_a_command_ends_it_at_once_and_the_next_silence_begins_anew(rig, after):
     rig.run(after)
     rig.now += 1e-6
     rig.command()
@@ -137,9 +139,7 @@ def test_a_command_ends_it_at_once_and_the_next_silence_begins_anew(after):
     assert rig.guard.takeovers == 2
 
 
-def test_a_restarted_controller_that_waits_does_not_end_the_damping():
-    rig = Rig()
-    rig.run(0.1, commands=True)
+def test_a_restarted_controller_that_waits_does_not_end_the_damping(rig):
     rig.run(0.1)
     rig.hear(mode=Mode.INACTIVE)
     assert np.allclose(rig.run(0.1)[-1], -2.0 * SPEED)
@@ -148,18 +148,14 @@ def test_a_restarted_controller_that_waits_does_not_end_the_damping():
 @pytest.mark.parametrize(
     "velocity", [None, [np.nan, 0.0, 0.0], [0.0, np.inf, 0.0]], ids=["none", "not a number", "infinite"]
 )
-def test_without_usable_velocities_the_torques_sink_to_zero(velocity):
-    rig = Rig()
-    rig.run(0.1, commands=True)
+def test_without_usable_velocities_the_torques_sink_to_zero(rig, velocity):
     sent = [tau for tau in rig.run(0.1, velocity=velocity) if tau is not None]
     assert np.isfinite(sent).all()
     assert not sent[-1].any()
     assert rig.guard.velocity_is_stale(rig.now, rig.inputs)
 
 
-def test_with_stale_velocities_the_torques_sink_to_zero_and_rise_when_they_come_back():
-    rig = Rig()
-    rig.run(0.1, commands=True)
+def test_with_stale_velocities_the_torques_sink_to_zero_and_rise_when_they_come_back(rig):
     rig.run(0.1)
     assert not rig.run(0.1, states=False)[-1].any()
     assert rig.guard.velocity_is_stale(rig.now, rig.inputs)

@@ -5,7 +5,6 @@ push are detected within a second.
 """
 
 import xml.etree.ElementTree as ElementTree
-from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
@@ -19,7 +18,7 @@ from wbc_controller.mechanics.energy import energy_residual
 from wbc_controller.mechanics.external import ExternalWrench
 from wbc_controller.mechanics.momentum import momentum_residual
 from wbc_controller.safety.model_audit import ModelAudit
-from wbc_controller.settings.files import find_configuration, load_settings
+from wbc_controller.settings.config import load
 from wbc_controller.simulation.simulation import Simulation
 from wbc_controller.validation.lockstep import Lockstep
 
@@ -37,22 +36,15 @@ def heavier(urdf: str, link: str, factor: float) -> str:
     return ElementTree.tostring(tree, encoding="unicode")
 
 
-@dataclass
-class Run:
-    """A controller and a mock robot in one thread."""
+class Run(Lockstep):
+    """A controller and a mock robot in one thread, released from the hoist."""
 
-    robot: str = "g1"
-    plant: RobotModel | None = None
-    reports: list[CycleReport] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        settings = load_settings(find_configuration(self.robot))
-        quick = settings.safety.model_copy(update={"activation_ramp": 0.1, "bring_up_time": 0.0})
-        self.settings = settings.model_copy(update={"safety": quick})
-        other = {"model": self.plant} if self.plant else {}
-        self.lockstep = Lockstep(self.settings, mock=other, observers=(self.reports.append,))
-        self.model, self.mock, self.loop = self.lockstep.model, self.lockstep.mock, self.lockstep.loop
-        self.lockstep.user.send_text("command", "activate")
+    def __init__(self, robot: str = "g1", plant: RobotModel | None = None) -> None:
+        quick = {"safety.activation_ramp": 0.1, "safety.bring_up_time": 0.0}
+        self.reports: list[CycleReport] = []
+        mock = {"model": plant} if plant else {}
+        super().__init__(load(robot).replace(quick).settings, mock=mock, observers=(self.reports.append,))
+        self.user.send_text("command", "activate")
         self.until(LET_GO)
         self.mock.plant.hold(False)
         self.until(CALM)
@@ -63,12 +55,12 @@ class Run:
 
     def until(self, time: float) -> None:
         while self.time < time - 1e-9:
-            self.lockstep.cycle()
+            self.cycle()
             if self.mock.plant.fallen:
                 return
 
     def change(self, *changes) -> None:
-        self.loop.controller.board.apply(changes, self.loop.controller.qp.dynamics, self.time)
+        self.controller.board.apply(changes, self.controller.qp.dynamics, self.time)
 
     def audits(self, since: float):
         return [report.audit for report in self.reports if report.audit and report.stamp * 1e-9 > since]
@@ -91,7 +83,7 @@ class Run:
 
 def test_with_the_right_model_nothing_is_left_over():
     run = Run("go2")
-    com, still = run.loop.controller.qp.dynamics.com.copy(), np.zeros(3)
+    com, still = run.controller.qp.dynamics.com.copy(), np.zeros(3)
     knots = Knot(1.0, com - [0.0, 0.0, 0.06], still, still), Knot(2.0, com, still, still)
     run.change(SetTrajectory("com", None, knots))
     run.until(CALM + 2.4)
@@ -153,7 +145,7 @@ def test_the_residuals_are_those_of_the_laws_of_motion(robot):
 
 
 def test_a_wrong_mass_is_named_within_a_second():
-    settings = load_settings(find_configuration("g1"))
+    settings = load("g1").settings
     run = Run(plant=make_model(settings, heavier(make_model(settings).urdf, "right_elbow_link", 0.8)))
     assert run.until_warned("UNMODELLED_FORCE")
     assert "UNMODELLED_FORCE" in run.reports[-1].audit.warnings[0]
@@ -184,7 +176,7 @@ def test_an_unknown_push_is_named_within_a_second_and_then_forgotten():
 
 def test_a_push_that_is_known_and_a_setpoint_are_no_surprise():
     run = Run("go2")
-    run.change(SetSetpoint("com", run.loop.controller.qp.dynamics.com + np.array([0.02, 0.02, -0.03])))
+    run.change(SetSetpoint("com", run.controller.qp.dynamics.com + np.array([0.02, 0.02, -0.03])))
     run.until(CALM + 1.2)
     assert not run.warned(CALM, 2.0)
     push = np.array([0.0, 20.0, 0.0, 0.0, 0.0, 0.0])

@@ -10,8 +10,6 @@ from wbc_controller.settings.contacts import SurfaceContact
 from wbc_controller.simulation.mechanism import contact_frame
 from wbc_controller.simulation.plant import Plant
 
-ROBOTS = ("g1", "go2")
-
 
 class Standing:
     """Gravity compensation with a spring and damper at each joint."""
@@ -57,11 +55,6 @@ def load(robot_of):
 def standing():
     """Return the class of the standing controller."""
     return Standing
-
-
-@pytest.fixture(params=ROBOTS)
-def any_robot(request: pytest.FixtureRequest, load) -> tuple[RobotModel, Settings]:
-    return load(request.param)
 
 
 @pytest.fixture

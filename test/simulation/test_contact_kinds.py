@@ -3,6 +3,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
+from robot_cases import joint, link
 from stepping import simulate
 
 from wbc_controller.controller.build.program import make_qp
@@ -15,7 +16,6 @@ from wbc_controller.safety.model_audit import ModelAudit
 from wbc_controller.settings import Settings
 from wbc_controller.settings.config import load
 from wbc_controller.settings.contacts import LoopSettings
-from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.simulation.attachments import HINGE_LENGTH, closures_of, points_of
 from wbc_controller.simulation.plant import Plant
 from wbc_controller.simulation.simulation import Simulation
@@ -32,7 +32,7 @@ KNOB = {"type": "point", "frame": "right_rubber_hand", "against": "left_rubber_h
 
 
 def g1_with(name, contact, **others):
-    values = load_settings(find_configuration("g1")).model_dump()
+    values = load("g1").settings.model_dump()
     if name == "left_foot":
         values["contacts"].pop(name)
     values["contacts"][name] = contact
@@ -104,16 +104,14 @@ def test_the_wrenches_that_are_read_explain_the_acceleration(case):
 # A cart --------------------------------------------------------------------------------------------------------------
 
 RADIUS = 0.1
-LINK = """<link name="{0}"><inertial><origin xyz="0 0 {1}"/><mass value="{2}"/>
-  <inertia ixx="{3}" ixy="0" ixz="0" iyy="{4}" iyz="0" izz="{3}"/></inertial></link>"""
-WHEEL = """<joint name="{0}_joint" type="revolute"><parent link="base"/><child link="{0}"/><origin xyz="{1}"/>
-  <axis xyz="0 1 0"/><limit lower="-100" upper="100" effort="20" velocity="50"/></joint>"""
 
 
 def cart(slope=0.0):
     wheels = {"fl": "0.3 0.2 0", "fr": "0.3 -0.2 0", "rl": "-0.3 0.2 0", "rr": "-0.3 -0.2 0"}
-    urdf = '<robot name="cart">' + LINK.format("base", 0.1, 10.0, 0.2, 0.2)
-    urdf += "".join(LINK.format(n, 0, 1.0, 0.003, 0.005) + WHEEL.format(n, xyz) for n, xyz in wheels.items())
+    limit = 'lower="-100" upper="100" effort="20" velocity="50"'
+    parts = [link("base", 10.0, "0 0 0.1", inertia=0.2)]
+    for name, place in wheels.items():
+        parts += [link(name, 1.0, inertia=0.005), joint(f"{name}_joint", "base", name, at=place, limit=limit)]
     normal = [np.sin(slope), 0.0, np.cos(slope)]
     wheel = {"type": "rolling", "axis": [0, 2, 0], "radius": RADIUS, "friction": 0.8, "max_normal_force": 300.0}
     drive = {"type": "frame_position", "frame": "base", "mask": [True, False, False], "setpoint_duration": 0.8}
@@ -125,7 +123,7 @@ def cart(slope=0.0):
             "tasks": {"drive": drive},
             "mock": {"floor_normal": normal},
         }
-    ), urdf + "</robot>"
+    ), f'<robot name="cart">{"".join(parts)}</robot>'
 
 
 def test_a_cart_rolls_to_where_it_is_sent_and_its_wheels_turn_as_far():
@@ -197,18 +195,16 @@ def test_points_that_hold_the_axes_of_masks_and_loops():
     for mask in (masked(0, 1), masked(0, 1, 2, 3), masked(3, 4, 5), masked(1, 2, 3, 4, 5)):
         with pytest.raises(ConfigurationError, match=r"key = \[.*\]: not supported by the mock robot; valid: all six "):
             points_of(mask, "key")
-    rod = LINK.format("{}", 0, 1.0, 0.01, 0.01)
-    joint = '<joint name="{0}_joint" type="revolute"><parent link="{1}"/><child link="{0}"/><origin xyz="{2} 0 0"/>'
-    joint += '<axis xyz="0 1 0"/><limit lower="-4" upper="4" effort="20" velocity="20"/></joint>'
-    bars = (("crank", "ground", 0.0), ("coupler", "crank", 0.2), ("rocker", "ground", 0.5))
-    urdf = '<robot name="r"><link name="ground"/>'
-    urdf += "".join(rod.format(n) + joint.format(n, parent, at) for n, parent, at in bars) + "</robot>"
-    names = [f"{n}_joint" for n, _, _ in bars]
+    parts, limit = [link("ground")], 'lower="-4" upper="4" effort="20" velocity="20"'
+    for name, parent, place in (("crank", "ground", 0.0), ("coupler", "crank", 0.2), ("rocker", "ground", 0.5)):
+        own = joint(f"{name}_joint", parent, name, at=f"{place} 0 0", limit=limit)
+        parts += [link(name, 1.0, inertia=0.01), own]
+    names = ["crank_joint", "coupler_joint", "rocker_joint"]
     values = {
         "robot": {"base": "fixed", "joints": names, "posture": [0.0, 0.0, 0.0]},  # in line
         "tasks": {"posture": {"type": "posture"}},
     }
-    model = make_model(Settings.model_validate(values), urdf)
+    model = make_model(Settings.model_validate(values), f'<robot name="bars">{"".join(parts)}</robot>')
     loop = {"frame_a": "coupler", "frame_b": "rocker", "translation_a": [0.5, 0.0, 0.0]}
     found = [
         closures_of(model, {"pin": LoopSettings.model_validate(loop | {"mask": mask})})["pin"].points
@@ -226,7 +222,7 @@ def test_grips_and_palms_are_made_and_broken_while_the_robot_sways_without_a_jum
     """Repeated switches in both directions, several per cycle."""
     pinned = {"translation": [0.0] * 3, "mask": masked(0, 1, 2), "max_force": 100.0, "enabled": False}
     contacts = {"grip": GRIP | pinned, "palm": PALM | {"enabled": False}}
-    values = load_settings(find_configuration("g1")).model_dump()
+    values = load("g1").settings.model_dump()
     robot = Simulation(Settings.model_validate(values | {"contacts": values["contacts"] | contacts}))
     rng, made, torques = np.random.default_rng(4), dict.fromkeys(contacts, False), []
     start = np.array(robot.controller.dynamics.com)

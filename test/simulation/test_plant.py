@@ -25,9 +25,7 @@ def penetration(plant):
 
 def random_state(model, rng):
     joints = rng.uniform(np.maximum(model.position_lower, -3.0), np.minimum(model.position_upper, 3.0))
-    base = pin.SE3.Random()
-    base.rotation = pin.exp3(rng.normal(size=3))
-    base.translation = np.array([rng.normal(), rng.normal(), IN_THE_AIR])
+    base = pin.SE3(pin.exp3(rng.normal(size=3)), np.array([rng.normal(), rng.normal(), IN_THE_AIR]))
     return model.configuration(joints, base), rng.normal(size=model.nv, scale=2.0)
 
 
@@ -87,8 +85,9 @@ def test_links_without_a_contact_that_come_down_are_named(plant):
     assert down <= {"base", *(f"{leg}_{link}" for leg in ("FL", "FR", "RL", "RR") for link in ("hip", "thigh", "calf"))}
 
 
-def test_standing_the_feet_carry_the_weight_and_the_release_is_smooth(any_robot, standing):
-    model, settings = any_robot
+@pytest.mark.parametrize("name", ROBOTS)
+def test_standing_the_feet_carry_the_weight_and_the_release_is_smooth(load, standing, name):
+    model, settings = load(name)
     plant = Plant(model, settings)
     assert (plant.held, plant.fallen, plant.time) == (True, False, 0.0)
     start, _ = plant.state()
@@ -418,28 +417,26 @@ def test_a_planar_joint_moves_in_its_plane_and_turns_about_its_axis(axis):
         np.testing.assert_allclose(moved.translation, [2.0, -1.0, 0.0], atol=1e-12)
 
 
+def arm(urdf):
+    joints, posture = ["shoulder", "elbow"], [0.0, 0.0]
+    return Plant(build_model(urdf, joints, posture, floating_base=False), arm_settings(joints, posture))
+
+
 def test_inertias_of_flat_links_and_of_no_body(caplog):
     """Flat links are accepted; links for frames often have an invalid inertia, which MuJoCo refuses."""
-    settings, rng = arm_settings(["shoulder", "elbow"], [0.0, 0.0]), np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     for _ in range(20):
         rotation = pin.exp3(rng.normal(size=3))
         x, y = rng.uniform(0.01, 1.0, size=2)
         tensor = rotation @ np.diag([x, y, x + y]) @ rotation.T
         places = {f"i{'xyz'[i]}{'xyz'[j]}": (i, j) for i in range(3) for j in range(i, 3)}
         inertia = " ".join(f'{name}="{float(tensor[place])!r}"' for name, place in places.items())
-        urdf = ARM.replace('ixx="IXX" iyy="0.1" izz="0.01" ixy="0.001" ixz="0" iyz="0"', inertia)
-        Plant(build_model(urdf, ["shoulder", "elbow"], [0.0, 0.0], floating_base=False), settings)
-    settings = arm_settings(["shoulder"], [0.0])
-    urdf = ARM.replace("IXX", "0.1").replace('<mass value="1"/>', '<mass value="0"/>')
-    model = build_model(urdf, ["shoulder", "elbow"], [0.0, 0.0], floating_base=False)
+        arm(ARM.replace('ixx="IXX" iyy="0.1" izz="0.01" ixy="0.001" ixz="0" iyz="0"', inertia))
     with pytest.raises(ConfigurationError, match=r"robot\.urdf: MuJoCo"):
-        Plant(model, settings)
-    joints = ["shoulder", "elbow"]
-    settings = arm_settings(joints, [0.0, 0.0])
-    with caplog.at_level("WARNING"):
-        Plant(build_model(ARM.replace("IXX", "0.1"), joints, [0.0, 0.0], floating_base=False), settings)
-        assert not caplog.text
-        plant = Plant(build_model(ARM.replace("IXX", "9"), joints, [0.0, 0.0], floating_base=False), settings)
+        arm(ARM.replace("IXX", "0.1").replace('<mass value="1"/>', '<mass value="0"/>'))
+    arm(ARM.replace("IXX", "0.1"))
+    assert not caplog.text
+    plant = arm(ARM.replace("IXX", "9"))
     assert "invalid inertia of lower: " in caplog.text
     body = plant.model.body("lower")
     np.testing.assert_allclose(body.inertia, (9.0 + 0.1 + 0.01) / 3.0)

@@ -69,7 +69,6 @@ def test_the_same_seed_and_time_measure_the_same_and_each_motor_has_an_error(sta
     ImperfectSensors(PARTS["cheap"], model, PERIOD, 0).measure(later)
     steps = later.position / (2.0 * math.pi / 2**14)  # of the encoder
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
-    model, _ = standing
     tau = np.linspace(-20.0, 20.0, model.na)
     sent = ImperfectSensors(PARTS["cheap"], model, PERIOD, 0).torques(tau)
     errors = sent[tau != 0.0] / tau[tau != 0.0] - 1.0

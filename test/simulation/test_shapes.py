@@ -1,9 +1,8 @@
 """The mock robot touches the floor with the URDF's shapes and reveals wrong configurations."""
 
-import logging
-
 import numpy as np
 import pytest
+from robot_cases import joint, link, robot
 from stepping import simulate
 
 import wbc_controller as wbc
@@ -15,10 +14,6 @@ from wbc_controller.simulation.plant import Plant
 
 SIDES = ("left", "right")
 PUSH = [180.0, 0.0, 0.0, 0.0, 0.0, 0.0]  # for a tenth of a second: the demo's shove forward
-LINK = '<link name="foot"><inertial><mass value="5"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>'
-TOP = '</link><link name="top"><inertial><mass value="1"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" '
-TOP += 'iyz="0"/></inertial></link><joint name="j" type="revolute"><parent link="foot"/><child link="top"/>'
-TOP += '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="9" velocity="9"/></joint>'
 SURFACE = {"type": "surface", "frame": "foot", "half_length": 0.1, "half_width": 0.05, "max_normal_force": 500.0}
 
 
@@ -58,7 +53,8 @@ def made(collision: str, contacts: dict | None = None) -> Plant:
     contacts = {"sole": SURFACE} if contacts is None else contacts
     values = {"robot": {"joints": ["j"], "posture": [0.0]}, "contacts": contacts, "mock": {"friction": 0.4}}
     settings = Settings.model_validate(values | {"tasks": {"posture": {"type": "posture"}}})
-    urdf = f'<robot name="r">{LINK}</inertial>{collision}{TOP}</robot>'
+    parts = link("foot", 5.0, inertia=0.1, more=collision), link("top", 1.0, inertia=0.1)
+    urdf = robot(*parts, joint("j", "foot", "top", "0 0 1", limit='lower="-1" upper="1" effort="9" velocity="9"'))
     plant = Plant(make_model(settings, urdf), settings)
     plant.hold(False, ramp=0.0)
     return plant
@@ -97,8 +93,7 @@ def test_a_mesh_stands_on_its_hull(tmp_path):
 
 
 def test_links_without_shapes_use_the_configuration(caplog):
-    with caplog.at_level(logging.WARNING):
-        plant = made("")
+    plant = made("")
     assert [record.message for record in caplog.records if "contacts sole have no collision element" in record.message]
     assert plant.state()[0][2] == pytest.approx(0.0, abs=1e-6)
     assert len(plant.contact_forces.geoms["sole"]) == 4

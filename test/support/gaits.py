@@ -1,8 +1,21 @@
-"""A biped's gait."""
+"""A biped's gait, and walks of simulated robots."""
 
+import wbc_controller as wbc
 from wbc_controller.walking.gait import Gait
 
 GAIT = Gait(
     single=0.5, double=0.1, shift=0.8, height=0.7, lowering=0.02, clearance=0.05, rough_clearance=0.1,
     width=0.2, least_width=0.14, length=0.45, greatest_width=0.55, reaction=0.08, speed=(0.5, 0.2, 0.5),
 )  # fmt: skip
+
+
+def simulated(robot, changes=None):
+    """Return the simulation of a robot with some settings changed, its controller and its walker."""
+    simulation = wbc.Simulation(wbc.load(robot).replace(changes or {}))
+    return simulation, simulation.controller, simulation.controller.walker
+
+
+def run_to(simulation, phase, step=0.002):
+    """Run until the walker is in a phase."""
+    while simulation.controller.walker.phase is not phase:
+        simulation.run(step)

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gaits import GAIT
+from gaits import GAIT, simulated
+from stepping import simulate
 
-import wbc_controller as wbc
 from wbc_controller.errors import NoSolution
 from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 from wbc_controller.walking.adaptation_kernels import SHORTEST
@@ -56,11 +56,10 @@ def test_steps_capture_the_dcm_up_to_the_largest_distance(time, excess, falls):
 
 def test_the_fall_of_a_standing_robot_is_predicted_before_it_reaches_the_ground():
     """A push forward: `test_the_lead_time_of_a_fall_ends_at_the_ground`."""
-    simulation = wbc.Simulation("g1")
-    controller = simulation.controller
+    simulation, controller, walker = simulated("g1")
     simulation.plant.push(controller.model.base_link, [120.0, 0.0, 0.0, 0.0, 0.0, 0.0], 0.1)
     simulation.run(1.5)
-    assert controller.walker.fall_watch.sentence == ""
+    assert walker.fall_watch.sentence == ""
     assert np.abs(simulation.plant.state()[1]).max() < 0.5
     simulation.reset()
     plant = simulation.plant
@@ -71,8 +70,7 @@ def test_the_fall_of_a_standing_robot_is_predicted_before_it_reaches_the_ground(
     for _ in range(500):
         result = controller.step(*plant.state(), plant.time)
         plant.apply(result.tau)
-        for _ in range(plant.steps_per_period):
-            plant.step()
+        simulate(plant, plant.steps_per_period)
         if plant.links_on_the_floor():
             break
     assert plant.links_on_the_floor()
@@ -82,14 +80,13 @@ def test_the_fall_of_a_standing_robot_is_predicted_before_it_reaches_the_ground(
 
 def test_a_fall_while_walking_is_predicted_before_the_base_tilts():
     """`test_a_stepping_robot_survives_a_change_of_its_velocity` has pushes without a prediction."""
-    simulation = wbc.Simulation("g1")
-    controller = simulation.controller
-    controller.walker.ask(Velocity())
+    simulation, controller, walker = simulated("g1")
+    walker.ask(Velocity())
     simulation.run(2.22)
     simulation.plant.push(controller.model.base_link, [0.0, 400.0, 0.0, 0.0, 0.0, 0.0], 0.1)
     with pytest.raises(NoSolution, match="FALLING"):
         simulation.run(1.2)
-    assert controller.walker.fall_watch.sentence
+    assert walker.fall_watch.sentence
 
 
 def test_the_lead_time_of_a_fall_ends_at_the_ground(monkeypatch, short_rest):

@@ -5,9 +5,8 @@ import re
 
 import numpy as np
 import pytest
-from gaits import GAIT
+from gaits import GAIT, run_to, simulated
 
-import wbc_controller as wbc
 from wbc_controller.errors import InputRefused
 from wbc_controller.walking.footstep_plan import planned, step_towards
 from wbc_controller.walking.footsteps import Stance, Velocity, nominal_step
@@ -66,8 +65,7 @@ def test_reach_is_measured_in_the_axes_of_the_other_foot():
 
 
 def test_a_robot_steps_on_the_plan_and_stops():
-    simulation = wbc.Simulation("g1")
-    controller, walker = simulation.controller, simulation.controller.walker
+    simulation, controller, walker = simulated("g1")
     feet = {foot.contact: foot for foot in walker._feet.values()}
     poses = [[0.15, 0.1, 0.0], [0.35, -0.12, 0.1], [0.35, 0.1, 0.2], [0.5, -0.12, 0.2]]
     middle = 0.5 * sum(foot.pose(controller.dynamics).translation for foot in feet.values())
@@ -91,11 +89,9 @@ def test_a_robot_steps_on_the_plan_and_stops():
 
 
 def test_a_velocity_replaces_the_plan_in_the_air():
-    simulation = wbc.Simulation("g1")
-    controller, walker = simulation.controller, simulation.controller.walker
+    simulation, controller, walker = simulated("g1")
     controller.walk_footsteps([[0.2, 0.1, 0.0], [0.4, -0.1, 0.0], [0.6, 0.1, 0.0]])
-    while walker.phase is not Phase.SINGLE:
-        simulation.run(0.01)
+    run_to(simulation, Phase.SINGLE, 0.01)
     simulation.run(0.1)
     assert (walker.phase, walker.footsteps_left) == (Phase.SINGLE, 3)
     with pytest.raises(InputRefused, match=r"step 1 of 1 \(right foot\)"):

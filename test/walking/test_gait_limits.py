@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pinocchio as pin
 import pytest
+from gaits import simulated
 
 import wbc_controller as wbc
 from wbc_controller.apps.new.draft import new_configuration
@@ -121,10 +122,10 @@ def test_the_gait_of_romeo_keeps_its_ankles_in_range():
     assert lift == pytest.approx(0.037, abs=0.003)
     assert gait.lowering + gait.clearance == pytest.approx(0.8 * lift, rel=0.02)
     assert gait.lowering + gait.rough_clearance == pytest.approx(0.9 * lift, rel=0.02)
-    simulation = wbc.Simulation(draft.settings)
-    simulation.controller.walk(0.0, gait.speed[1])
+    simulation, controller, walker = simulated(draft.settings)
+    controller.walk(0.0, gait.speed[1])
     simulation.run(3.2)
-    assert simulation.controller.walker.steps >= 3
+    assert walker.steps >= 3
     assert simulation.plant.state()[0][1] > 0.12
 
 
@@ -145,10 +146,10 @@ def test_soles_with_other_axes(quarters, swapped):
 def test_a_quadruped_keeps_to_the_speeds_of_its_joints():
     """With the clearance and speed of Go2, whose joints may move faster, it falls."""
     settings = new_configuration("package://example-robot-data/robots/laikago_description/urdf/laikago.urdf").settings
-    simulation = wbc.Simulation(settings)
-    gait = simulation.controller.walker.gait
+    simulation, controller, walker = simulated(settings)
+    gait = walker.gait
     assert 0.2 < gait.speed[0] < 0.6
-    simulation.controller.walk(gait.speed[0])
+    controller.walk(gait.speed[0])
     simulation.run(1.6)
     start, duration = simulation.plant.state()[0][0], 3.0 * gait.cycle
     simulation.run(duration)

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from gaits import GAIT
+from gaits import GAIT, simulated
 
 import wbc_controller as wbc
 from wbc_controller.walking.footsteps import Stance, Velocity, nominal_step
@@ -63,12 +63,11 @@ def test_a_straight_way_has_no_overshoot_and_a_far_goal_is_faced():
 
 
 def test_a_robot_stops_at_the_goal():
-    simulation = wbc.Simulation("g1")
-    controller = simulation.controller
+    simulation, controller, walker = simulated("g1")
     controller.walk_to(0.3, 0.1, 0.2)
     results = simulation.run(6.5)
-    assert controller.walker.phase is Phase.STAND
-    assert controller.walker.goal is None
+    assert walker.phase is Phase.STAND
+    assert walker.goal is None
     q, v = simulation.plant.state()
     assert abs(complex(q[0] - 0.3, q[1] - 0.1)) < 0.1
     assert 2.0 * math.atan2(q[5], q[6]) == pytest.approx(0.2, abs=0.1)

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from gaits import simulated
 from hypothesis import given
 from hypothesis import strategies as st
 
-import wbc_controller as wbc
 from wbc_controller.estimation.base_estimator import BaseEstimator
 from wbc_controller.inverse_dynamics.robot.instruction import placement_numbers
 from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
@@ -70,9 +70,8 @@ def heights(simulation):
     ids=["step", "up", "across"],
 )
 def test_a_robot_walks_onto_a_step_and_a_slope(block, height):
-    simulation = wbc.Simulation(wbc.load("g1").replace({"mock.terrain": {"ahead": block}}))
-    walker = simulation.controller.walker
-    simulation.controller.walk(0.2, 0.15) if block["position"][1] else simulation.controller.walk(0.3)
+    simulation, controller, walker = simulated("g1", {"mock.terrain": {"ahead": block}})
+    controller.walk(0.2, 0.15) if block["position"][1] else controller.walk(0.3)
     highest = []
     results = simulation.run(5.3, lambda now: highest.append(min(heights(now)) * (walker.phase is Phase.DOUBLE)))
     across = block["position"][1] > 0.0  # the first side that touches it turns the sole
@@ -80,7 +79,7 @@ def test_a_robot_walks_onto_a_step_and_a_slope(block, height):
     assert not simulation.plant.fallen
     assert max(highest) > 0.015
     if height is not None:
-        simulation.controller.stand()
+        controller.stand()
         simulation.run(2.8)
         assert walker.phase is Phase.STAND
         assert heights(simulation) == pytest.approx([height, height], abs=0.002)
@@ -89,9 +88,9 @@ def test_a_robot_walks_onto_a_step_and_a_slope(block, height):
 def test_a_foot_lands_with_one_side_on_a_plate():
     """The swing would push the sole until it tips, and the robot would fall."""
     plate = {"position": [0.15, 0.36, 0.04], "size": [2.0, 0.5, 0.04]}  # 4 cm high, from y = 0.11 m
-    simulation = wbc.Simulation(wbc.load("g1").replace({"mock.terrain": {"plate": plate}}))
-    walker, highest = simulation.controller.walker, []
-    simulation.controller.walk(0.2)
+    simulation, controller, walker = simulated("g1", {"mock.terrain": {"plate": plate}})
+    highest = []
+    controller.walk(0.2)
     simulation.run(3.0, lambda now: highest.append(max(heights(now)) * (walker.phase is Phase.DOUBLE)))
     assert not simulation.plant.fallen
     assert max(highest) > 0.02  # the sole is on the edge of the plate
@@ -99,8 +98,8 @@ def test_a_foot_lands_with_one_side_on_a_plate():
 
 def test_a_drift_of_the_estimated_height_is_no_slope():
     """By 2 cm/s; without compensation the footholds of 0.3 m/s incline by 0.067."""
-    simulation = wbc.Simulation("g1")
-    controller, walker, cycle = simulation.controller, simulation.controller.walker, simulation.controller.cycle
+    simulation, controller, walker = simulated("g1")
+    cycle = controller.cycle
     slopes = []
 
     def drifting(inputs):
@@ -135,10 +134,10 @@ def test_the_stance_foot_does_not_turn_on_slippery_ground(short_rest):
 
 def test_a_robot_walks_on_soft_ground():
     mat = {"position": [-1.0, 0.0, 0.1], "size": [10.0, 4.0, 0.1], "stiffness": 2.0e4}
-    simulation = wbc.Simulation(wbc.load("g1").replace({"mock.terrain": {"mat": mat}}))
-    simulation.controller.walk(0.3)
+    simulation, controller, walker = simulated("g1", {"mock.terrain": {"mat": mat}})
+    controller.walk(0.3)
     simulation.run(4.2)
-    assert simulation.controller.walker.steps >= 5
+    assert walker.steps >= 5
     assert simulation.plant.state()[0][0] > 0.6
 
 
@@ -168,14 +167,14 @@ def test_the_base_estimator_knows_whether_the_robot_walks(monkeypatch):
 
 
 def test_after_a_foothold_at_an_unexpected_height_the_feet_land_faster():
-    simulation = wbc.Simulation("g1")
-    walker, speeds = simulation.controller.walker, []
+    simulation, controller, walker = simulated("g1")
+    speeds = []
 
     def look(robot):
         if walker.phase is Phase.SINGLE:
             speeds.append((walker.steps, walker._step.landing.speed, walker._step.swing[1, 2]))
 
-    simulation.controller.walk(0.0)
+    controller.walk(0.0)
     simulation.run(1.0)
     walker._roughness.unevenness = 0.015
     simulation.run(1.8, look)
@@ -188,15 +187,15 @@ def test_after_a_foothold_at_an_unexpected_height_the_feet_land_faster():
 
 def test_rough_ground_is_remembered():
     """After an unexpected foothold, the feet rise twice as high, and their touchdown is planned below the ground."""
-    simulation = wbc.Simulation("g1")
-    walker, steps = simulation.controller.walker, {}
+    simulation, controller, walker = simulated("g1")
+    steps = {}
 
     def look(robot):
         if walker.phase is Phase.SINGLE:
             landing, swing = walker._step.landing, walker._step.swing
             steps.setdefault(walker.steps, []).append((landing.roughness, landing.height, swing[0, 2]))
 
-    simulation.controller.walk(0.0)
+    controller.walk(0.0)
     simulation.run(1.4, look)
     assert walker._roughness.share == 0.0
     walker._roughness.share = 1.0
@@ -213,9 +212,8 @@ def test_rough_ground_is_remembered():
 @pytest.mark.parametrize(("roughness", "share"), [(0.0, 0.4), (1.0, 0.65)])
 def test_steps_on_rough_ground_are_slower(roughness, share):
     """The fastest step of a biped that is pushed outwards."""
-    simulation = wbc.Simulation("g1")
-    walker = simulation.controller.walker
-    simulation.controller.walk(0.0)
+    simulation, controller, walker = simulated("g1")
+    controller.walk(0.0)
     simulation.run(1.0)
     step, cycle = walker._step, walker._latest[0]
     walker._step = replace(step, landing=replace(step.landing, roughness=roughness))
@@ -226,9 +224,8 @@ def test_steps_on_rough_ground_are_slower(roughness, share):
 
 def test_fast_steps_do_not_measure_the_roughness():
     """After a push, a fast foot of G1 landed tilted, 7 mm too high; with high steps on even ground the robot fell."""
-    simulation = wbc.Simulation("g1")
-    walker = simulation.controller.walker
-    simulation.controller.walk(0.0)
+    simulation, controller, walker = simulated("g1")
+    controller.walk(0.0)
     simulation.run(1.0)
     assert walker.phase is Phase.SINGLE
     step, cycle = walker._step, walker._latest[0]

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 import pytest
+from gaits import run_to, simulated
 
-import wbc_controller as wbc
 from wbc_controller.walking.gait import Phase
 from wbc_controller.walking.plan import margin, swing_path
 from wbc_controller.walking.swing_kernels import Landing, at_rest
@@ -38,16 +38,14 @@ def test_swing_path_ends_at_the_landing():
 
 
 def test_plan_of_a_step():
-    simulation = wbc.Simulation("g1")
-    walker = simulation.controller.walker
+    simulation, controller, walker = simulated("g1")
     assert walker.plan() is None
-    simulation.controller.walk(0.3)
+    controller.walk(0.3)
     simulation.run(0.4)
     shift = walker.plan()
     assert (shift.phase, dict(shift.landings), shift.remaining) == ("shift", {}, math.inf)
     assert 0.0 < shift.margin < 0.2
-    while walker.phase is not Phase.SINGLE:
-        simulation.run(0.01)
+    run_to(simulation, Phase.SINGLE, 0.01)
     simulation.run(0.3)
     plan = walker.plan()
     assert plan.phase == "single support"
@@ -56,10 +54,9 @@ def test_plan_of_a_step():
     assert 0.0 < plan.remaining < walker.gait.single
     assert abs(plan.dcm - plan.wanted_dcm) < 0.03
     sole = next(each for each in walker._feet.values() if each.contact == foot)
-    dynamics = simulation.controller.dynamics
+    dynamics = controller.dynamics
     np.testing.assert_allclose(plan.swings[foot][0], sole.pose(dynamics).translation, atol=0.03)
     np.testing.assert_allclose(plan.swings[foot][-1], plan.landings[foot], atol=2e-3)
-    while walker.phase is Phase.SINGLE:
-        simulation.run(0.01)
+    run_to(simulation, Phase.DOUBLE, 0.01)
     assert walker.plan().phase == "double support"
-    np.testing.assert_allclose(sole.pose(simulation.controller.dynamics).translation, plan.landings[foot], atol=0.03)
+    np.testing.assert_allclose(sole.pose(controller.dynamics).translation, plan.landings[foot], atol=0.03)

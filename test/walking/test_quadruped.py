@@ -5,10 +5,13 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
+from gaits import simulated
 
 import wbc_controller as wbc
 from wbc_controller.errors import InputRefused
+from wbc_controller.estimation.planar_transform import heading_of
 from wbc_controller.validation.accuracy.walks import mean_velocity
 from wbc_controller.walking.gait import Phase
 from wbc_controller.walking.terrain import Ground
@@ -48,40 +51,31 @@ def test_the_ground_is_the_plane_of_smallest_squares_below_the_feet():
     assert Ground.below(points).height_at(0.2 + 0.1j) == pytest.approx(0.005)
 
 
-def way_of(simulation, seconds):
-    """Run; return time, place and heading of the base in every cycle, and the results."""
-    way = []
-
-    def each(_):
-        q, _ = simulation.plant.state()
-        x, y, z, w = q[3:7]
-        way.append([simulation.time, q[0], q[1], math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))])
-
-    results = simulation.run(seconds, each)
-    return np.array(way), results
-
-
 @pytest.mark.parametrize(
     ("changes", "command", "together"),
     [({}, (0.8, 0.0, 0.0), 2), ({}, (-0.1, 0.15, 0.6), 2), (WALK, (0.08, 0.0, 0.1), 1)],
 )
 def test_a_quadruped_walks_in_groups_as_commanded_and_stops_within_three_steps(changes, command, together):
     """A swing beyond `limits.acceleration` would move the base in place of the foot."""
-    simulation = wbc.Simulation(wbc.load("go2").replace(changes))
-    controller, walker = simulation.controller, simulation.controller.walker
+    simulation, controller, walker = simulated("go2", changes)
     controller.walk(*command)
-    _, results = way_of(simulation, 1.7)
-    way, more = way_of(simulation, walker.gait.cycle * (2 if changes else 3))
-    speed = mean_velocity(way, 0.0, math.inf)
+    way = []
+
+    def look(now):
+        q, _ = now.plant.state()
+        way.append([now.time, *q[:2], heading_of(pin.XYZQUATToSE3(q[:7]))])
+
+    results = simulation.run(1.7)
+    results += simulation.run(walker.gait.cycle * (2 if changes else 3), look)
+    speed = mean_velocity(np.array(way), 0.0, math.inf)
     assert speed == pytest.approx(np.array(command), abs=0.03)
     steps = walker.steps
     controller.stand()
-    _, last = way_of(simulation, 2.0 if not changes else 3.6)
+    results += simulation.run(2.0 if not changes else 3.6)
     assert walker.phase is Phase.STAND
     assert walker.steps - steps <= 3
     assert np.abs(simulation.plant.state()[1]).max() < 0.02
-    assert set(last[-1].forces) == set(controller.contacts)
-    results += more + last
+    assert set(results[-1].forces) == set(controller.contacts)
     assert not any(result.relaxed for result in results)
     assert not [name for result in results for name in result.binding if name.startswith("motion")]
     swings = [set(controller.contacts) - set(result.forces) for result in results]
@@ -92,17 +86,17 @@ def test_a_quadruped_walks_in_groups_as_commanded_and_stops_within_three_steps(c
 
 
 def test_a_command_in_several_directions_is_scaled_together():
-    simulation = wbc.Simulation(wbc.load("go2").replace({"walking.max_speed": 0.8, "walking.max_side_speed": 0.4}))
-    simulation.controller.walk(0.8, 0.4, 1.5)
+    simulation, controller, walker = simulated("go2", {"walking.max_speed": 0.8, "walking.max_side_speed": 0.4})
+    controller.walk(0.8, 0.4, 1.5)
     simulation.run(1.8)
-    velocity = simulation.controller.walker.velocity
+    velocity = walker.velocity
     assert velocity.linear == pytest.approx((0.8 + 0.4j) / math.sqrt(3.0))
     assert velocity.turning == pytest.approx(1.5 / math.sqrt(3.0))
 
 
 def test_a_quadruped_stops_at_a_goal_and_reports_its_plan():
-    simulation = wbc.Simulation("go2")
-    controller, walker, plans = simulation.controller, simulation.controller.walker, []
+    simulation, controller, walker = simulated("go2")
+    plans = []
     controller.walk_to(0.4, 0.1, 0.3)
     simulation.run(4.6, lambda now: plans.append(walker.plan()))
     assert walker.phase is Phase.STAND
@@ -131,8 +125,7 @@ def test_a_jammed_contact_sensor_of_a_quadruped_changes_nothing():
 
 
 def test_a_trot_starts_in_the_heading_of_its_feet():
-    simulation = wbc.Simulation("go2")
-    controller, walker = simulation.controller, simulation.controller.walker
+    simulation, controller, walker = simulated("go2")
     q, v = simulation.plant.state()
     turn = 2.0
     place = complex(q[0], q[1]) * cmath.rect(1.0, turn)

@@ -6,6 +6,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from gaits import run_to, simulated
+from stepping import simulate
 
 import wbc_controller as wbc
 from wbc_controller.errors import ConfigurationError, InputRefused, NoSolution
@@ -71,15 +73,15 @@ def test_a_robot_walks_far_from_the_origin_as_commanded_and_stops(robot, command
 @pytest.mark.parametrize(("robot", "lowering"), [("g1", 0.032), ("go2", 0.02)])
 def test_a_second_walk_is_as_high_as_the_first(robot, lowering):
     """The robot stands as high as it has walked."""
-    simulation = wbc.Simulation(wbc.load(robot).replace({"walking.lowering": lowering}))
-    nominal, heights = simulation.controller.dynamics.com[2], []
+    simulation, controller, walker = simulated(robot, {"walking.lowering": lowering})
+    nominal, heights = controller.dynamics.com[2], []
     for _ in range(2):
-        simulation.controller.walk(0.0)
+        controller.walk(0.0)
         simulation.run(0.9)
-        simulation.controller.stand()
+        controller.stand()
         simulation.run(2.2)
-        assert simulation.controller.walker.phase is Phase.STAND
-        heights.append(simulation.controller.dynamics.com[2])
+        assert walker.phase is Phase.STAND
+        heights.append(controller.dynamics.com[2])
     np.testing.assert_allclose(heights, nominal - lowering, atol=0.006)
 
 
@@ -98,8 +100,8 @@ def test_the_height_remains_during_fast_motion(robot, forward, kick, most):
 
 def test_a_fast_robot_stops_within_three_steps_before_it_is_deactivated():
     """Asked just before a touchdown, which counts as the first step. Meanwhile it refuses commands to walk."""
-    simulation = wbc.Simulation(wbc.load("g1").replace({"walking.max_speed": 0.8}))
-    controller, walker, phases = simulation.controller, simulation.controller.walker, []
+    simulation, controller, walker = simulated("g1", {"walking.max_speed": 0.8})
+    phases = []
     controller.walk(0.8)
     simulation.run(3.8)
     while walker.phase is not Phase.SINGLE or simulation.time - walker._since < walker._step.landing.time - 0.06:
@@ -119,9 +121,8 @@ def test_a_fast_robot_stops_within_three_steps_before_it_is_deactivated():
 
 def stepping_g1(elapsed):
     """Return a simulation of G1 that steps in place, after a time in the swing of the right foot, and its walker."""
-    simulation = wbc.Simulation("g1")
-    walker = simulation.controller.walker
-    simulation.controller.walk(0.0)
+    simulation, controller, walker = simulated("g1")
+    controller.walk(0.0)
     while walker.steps < 1 or walker.phase is not Phase.SINGLE:
         simulation.run(0.002)
     simulation.run(elapsed)
@@ -184,8 +185,8 @@ def test_a_touchdown_counts_only_near_the_ground(monkeypatch, on_the_ground):
 
     if on_the_ground:
         monkeypatch.setattr(Foot, "swung", lowered)
-    simulation = wbc.Simulation("g1")
-    walker, heights = simulation.controller.walker, []  # above the planned touchdown, as shares of the clearance
+    simulation, controller, walker = simulated("g1")
+    heights = []  # above the planned touchdown, as shares of the clearance
 
     def look(robot):
         if walker.phase is Phase.SINGLE:
@@ -196,7 +197,7 @@ def test_a_touchdown_counts_only_near_the_ground(monkeypatch, on_the_ground):
             assert heights[-1] < 0.55 < max(heights)
             heights.clear()
 
-    simulation.controller.walk(0.0)
+    controller.walk(0.0)
     simulation.run(2.1, look)
     assert walker.steps >= 2
 
@@ -208,11 +209,9 @@ def test_a_foot_that_stops_in_the_air_has_landed_after_some_rest(monkeypatch, lo
     monkeypatch.setattr("wbc_controller.walking.touchdown._LOW", low)
     monkeypatch.setattr("wbc_controller.walking.touchdown._AT_REST", math.inf)  # it swings
     monkeypatch.setattr("wbc_controller.walking.touchdown.lands", lambda *_: bool(stopped))
-    simulation = wbc.Simulation("g1")
-    walker = simulation.controller.walker
-    simulation.controller.walk(0.0)
-    while walker.phase is not Phase.SINGLE:
-        simulation.run(0.002)
+    simulation, controller, walker = simulated("g1")
+    controller.walk(0.0)
+    run_to(simulation, Phase.SINGLE)
     simulation.run(0.6 * walker.gait.single)  # the foot is high
     stopped.append(True)
     simulation.run(0.01)
@@ -226,33 +225,32 @@ def test_a_foot_that_stops_in_the_air_has_landed_after_some_rest(monkeypatch, lo
     assert walker.phase is Phase.DOUBLE
 
 
-def test_a_foot_that_moves_high_above_the_ground_has_not_landed(monkeypatch):
-    """Limited torques slow a foot down in the air."""
-    monkeypatch.setattr("wbc_controller.walking.touchdown._LOW", 0.0)
-    monkeypatch.setattr("wbc_controller.walking.touchdown.lands", lambda share, late, *_: share > 0.6)
+def touchdown_delay(monkeypatch, **replaced):
+    """Return the time of a touchdown after the planned one, s, with some names of the walker replaced."""
+    for name, value in replaced.items():
+        monkeypatch.setattr(f"wbc_controller.walking.touchdown.{name}", value)
     simulation, walker = stepping_g1(0.0)
     begun = walker._since
     while walker.phase is Phase.SINGLE:
         planned = walker._step.landing.time
         simulation.run(0.002)
-    assert walker._since - begun - planned > -0.02
+    return walker._since - begun - planned
+
+
+def test_a_foot_that_moves_high_above_the_ground_has_not_landed(monkeypatch):
+    """Limited torques slow a foot down in the air."""
+    assert touchdown_delay(monkeypatch, _LOW=0.0, lands=lambda share, *_: share > 0.6) > -0.02
 
 
 def test_a_late_foot_has_landed_at_any_height(monkeypatch):
-    monkeypatch.setattr("wbc_controller.walking.touchdown.lands", lambda share, late, *_: late >= LATEST)
-    monkeypatch.setattr("wbc_controller.walking.touchdown._HIGHER", -1.0)
-    simulation, walker = stepping_g1(0.0)
-    begun = walker._since
-    while walker.phase is Phase.SINGLE:
-        planned = walker._step.landing.time
-        simulation.run(0.002)
-    assert walker._since - begun - planned == pytest.approx(LATEST, abs=0.005)
+    delay = touchdown_delay(monkeypatch, _HIGHER=-1.0, lands=lambda share, late, *_: late >= LATEST)
+    assert delay == pytest.approx(LATEST, abs=0.005)
 
 
 def tracking_errors(filtered, *, reaction=1.0, lag=1.0):
     """Return mean distances of DCM and swing foot to their references in single support, m, at 0.4 m/s."""
-    simulation = wbc.Simulation(wbc.load("g1").replace({"estimation.torque_filter": filtered}))
-    controller, walker, errors = simulation.controller, simulation.controller.walker, []
+    simulation, controller, walker = simulated("g1", {"estimation.torque_filter": filtered})
+    errors = []
     walker.gait = replace(walker.gait, reaction=reaction * walker.gait.reaction)
     walker._lag *= lag
 
@@ -277,9 +275,8 @@ def test_dcm_and_swing_foot_follow_their_references(filtered, without, quantity)
 
 def test_the_planned_touchdown_is_frozen_before_the_foot_lands():
     """In the last 0.05 s, noise of the ground's height would need large accelerations."""
-    simulation = wbc.Simulation("g1")
-    walker = simulation.controller.walker
-    simulation.controller.walk(0.3)
+    simulation, controller, walker = simulated("g1")
+    controller.walk(0.3)
     frozen = {}
     for _ in range(1300):
         simulation.run(0.002)
@@ -303,15 +300,14 @@ def test_the_planned_touchdown_is_frozen_before_the_foot_lands():
 )
 def test_a_walk_continues_exactly_from_a_saved_state(robot, ask):
     """Walks of G1 by a velocity: `test_walking_replay.py`."""
-    simulation = wbc.Simulation(robot)
-    controller, states = simulation.controller, []
+    simulation, controller, walker = simulated(robot)
+    states = []
     ask(controller)
     simulation.run(0.8)
-    while controller.walker.phase is not Phase.SINGLE:
-        simulation.run(0.002)
+    run_to(simulation, Phase.SINGLE)
     saved = from_json(to_json(controller.memory()))
     results = simulation.run(0.65, lambda now: states.append((now.result.state, now.result.time)))
-    assert controller.walker.steps >= 1
+    assert walker.steps >= 1
     other = wbc.Controller(controller.config)
     other.reset(states[0][0].q, states[0][0].v, states[0][1])
     other.recall(saved, controller.config.settings)
@@ -321,8 +317,7 @@ def test_a_walk_continues_exactly_from_a_saved_state(robot, ask):
 
 def walk_with_sensors(sensors, seconds):
     """Return the torques of G1 and the share of the swing at each touchdown; `sensors` returns states of sensors."""
-    simulation = wbc.Simulation("g1")
-    controller, walker = simulation.controller, simulation.controller.walker
+    simulation, controller, walker = simulated("g1")
     cycle, torques, shares = controller.cycle, [], []
 
     def share(now):
@@ -366,11 +361,11 @@ def test_force_sensors_of_the_robot_reach_the_walker(short_rest):
 
 def test_a_walk_survives_short_holding_in_single_support():
     """Cycles without a solution repeat the last torques, with damping."""
-    simulation = wbc.Simulation("g1")
-    controller, plant, solve = simulation.controller, simulation.plant, simulation.controller.qp.solve
+    simulation, controller, walker = simulated("g1")
+    plant, solve = simulation.plant, controller.qp.solve
     controller.walk(0.3)
     simulation.run(1.6)
-    while controller.walker.phase is not Phase.SINGLE or simulation.time - controller.walker._since < 0.2:
+    while walker.phase is not Phase.SINGLE or simulation.time - walker._since < 0.2:
         simulation.run(0.002)
 
     def fail(*_):
@@ -381,22 +376,20 @@ def test_a_walk_survives_short_holding_in_single_support():
         result = controller.step(*plant.state(), plant.time)
         assert result.mode is wbc.Mode.HOLDING
         plant.apply(result.tau)
-        for _ in range(plant.steps_per_period):
-            plant.step()
+        simulate(plant, plant.steps_per_period)
     controller.qp.solve = solve
     simulation.run(1.2)
-    assert controller.walker.phase in (Phase.SINGLE, Phase.DOUBLE)
+    assert walker.phase in (Phase.SINGLE, Phase.DOUBLE)
 
 
 def test_a_streamed_command_ends_after_its_timeout():
-    simulation = wbc.Simulation("go2")
-    controller = simulation.controller
+    simulation, controller, walker = simulated("go2")
     for _ in range(3):
         controller._command(Walk(np.array([0.2, 0.0, 0.0]), streamed=True))
         simulation.run(0.4)
-    assert controller.walker.phase in (Phase.SINGLE, Phase.DOUBLE)
+    assert walker.phase in (Phase.SINGLE, Phase.DOUBLE)
     simulation.run(1.6)
-    assert controller.walker.phase is Phase.STAND
+    assert walker.phase is Phase.STAND
     assert controller.mode is wbc.Mode.ACTIVE
 
 

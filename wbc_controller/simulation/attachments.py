@@ -82,9 +82,9 @@ def closures_of(model: RobotModel, loops: Mapping[str, LoopSettings]) -> dict[st
     return closures
 
 
-def frame_on_joint(model: RobotModel, name: str) -> tuple[int, pin.SE3]:
-    """Return the Pinocchio joint of a robot frame, and the frame's placement on it."""
-    frame = model.pinocchio.frames[model.frame_id(name, "frame")]
+def frame_on_joint(model: RobotModel, name: str, key: str = "frame") -> tuple[int, pin.SE3]:
+    """Return the Pinocchio joint of a robot frame, and the frame's placement on it; `key` is for errors."""
+    frame = model.pinocchio.frames[model.frame_id(name, key)]
     return int(frame.parentJoint), frame.placement
 
 
@@ -101,23 +101,18 @@ def _effective_mask(model: RobotModel, name: str, loop: LoopSettings) -> list[bo
     return [bool(np.linalg.norm(row - span.T @ (span @ row)) < _REDUNDANT) for row in J]
 
 
-def add_attachment(
-    spec: Any, attachment: Attachment, bodies: tuple[str, str], solref: list[float], solimp: list[float]
-) -> None:
+def add_attachment(spec: Any, attachment: Attachment, bodies: tuple[str, str]) -> None:
     """Add the constraints of an attachment to a MuJoCo specification, without placement."""
     kind = mujoco.mjtEq.mjEQ_WELD if attachment.points is None else mujoco.mjtEq.mjEQ_CONNECT
     for constraint in attachment.names:
-        equality = add_equality(spec, constraint, kind, bodies)
-        equality.solref, equality.solimp = solref, solimp
+        add_equality(spec, constraint, kind, bodies)
 
 
-def add_equality(spec: Any, name: str, kind: Any, bodies: tuple[str, str]) -> Any:
+def add_equality(spec: Any, name: str, kind: Any, bodies: tuple[str, str]) -> None:
     """Add a weld or a connection at the origins of two bodies to a MuJoCo specification."""
-    equality = spec.add_equality()
-    equality.name, equality.type, equality.objtype = name, kind, mujoco.mjtObj.mjOBJ_BODY
-    equality.name1, equality.name2 = bodies
+    body = mujoco.mjtObj.mjOBJ_BODY
+    equality = spec.add_equality(name=name, type=kind, objtype=body, name1=bodies[0], name2=bodies[1])
     equality.data[:11] = [0.0] * 6 + [1.0, 0.0, 0.0, 0.0, _TORQUE_SCALE]
-    return equality
 
 
 def place(model: Any, attachment: Attachment, holder: pin.SE3) -> None:

@@ -10,16 +10,12 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.passive import PassiveForces
 
 
-def add_mimic_joints(spec: Any, followers: Followers, stiff: list[float], impedance: list[float]) -> None:
+def add_mimic_joints(spec: Any, followers: Followers) -> None:
     """Couple mimic joints to their leaders."""
     for name, mimic in followers.mimics.items():
-        equality = spec.add_equality()
-        equality.type = mujoco.mjtEq.mjEQ_JOINT
-        equality.objtype = mujoco.mjtObj.mjOBJ_JOINT
+        equality = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT)
         equality.name1, equality.name2 = name, mimic.leader
         equality.data[:5] = [mimic.offset, mimic.ratio, 0.0, 0.0, 0.0]
-        equality.solref = stiff
-        equality.solimp = impedance
 
 
 def add_rotors(spec: Any, model: RobotModel) -> None:
@@ -28,20 +24,17 @@ def add_rotors(spec: Any, model: RobotModel) -> None:
     for name, ratios, inertia in zip(drive.names, drive.ratios, drive.rotor_inertia.tolist(), strict=True):
         if inertia == 0.0:
             continue
-        joints = [joint for joint, ratio in zip(model.joints, ratios.tolist(), strict=True) if ratio != 0.0]
-        numbers = [model.pinocchio.getJointId(joint) for joint in joints]
-        last = max(numbers)
-        apart = [joint for joint, i in zip(joints, numbers, strict=True) if i not in model.pinocchio.supports[last]]
+        driven = {joint: ratio for joint, ratio in zip(model.joints, ratios.tolist(), strict=True) if ratio != 0.0}
+        last = max(model.pinocchio.getJointId(joint) for joint in driven)
+        apart = [joint for joint in driven if model.pinocchio.getJointId(joint) not in model.pinocchio.supports[last]]
         if apart:
             raise ConfigurationError(
                 f"robot.transmission.{name}.rotor_inertia = {inertia}: it couples {', '.join(apart)} with "
                 f"{model.pinocchio.names[last]} on another branch, which MuJoCo does not support; use 0 for the mock"
             )
-        tendon = spec.add_tendon()
-        tendon.name = f"{name}/rotor"
-        tendon.armature = inertia
-        for joint in joints:
-            tendon.wrap_joint(joint, ratios[model.joints.index(joint)])
+        tendon = spec.add_tendon(name=f"{name}/rotor", armature=inertia)
+        for joint, ratio in driven.items():
+            tendon.wrap_joint(joint, ratio)
 
 
 def add_springs(model: Any, passive: PassiveForces) -> None:

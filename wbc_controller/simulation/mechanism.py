@@ -4,7 +4,6 @@ import logging
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
 from typing import Any
 
 import mujoco
@@ -47,8 +46,7 @@ _WORLD, _WORLD_ALIAS = "world", "<world>"
 
 def contact_frame(model: RobotModel, name: str, contact: schema.ContactSettings) -> tuple[int, pin.SE3]:
     """Return the Pinocchio joint of a contact, and its placement in the joint's frame."""
-    model.frame_id(contact.frame, f"contacts.{name}.frame")
-    joint, placement = frame_on_joint(model, contact.frame)
+    joint, placement = frame_on_joint(model, contact.frame, f"contacts.{name}.frame")
     return joint, placement * placement_of(contact.translation, getattr(contact, "rpy", (0.0, 0.0, 0.0)))
 
 
@@ -162,9 +160,9 @@ def _body(spec: Any, model: RobotModel, joint: int, root: str) -> Any:
 
 
 def _add_slab(
-    spec: Any, model: RobotModel, contact: schema.ContactSettings, joint: int, placement: pin.SE3, root: str
-) -> Any:
-    """Add the slab that a contact touches to its link, at the contact in the nominal posture."""
+    spec: Any, model: RobotModel, contact: schema.ContactSettings, joint: int, placement: pin.SE3, root: str, bit: int
+) -> None:
+    """Add the slab that a contact touches, with a collision bit, to its link, at the contact in the nominal posture."""
     data = model.pinocchio.createData()
     pin.forwardKinematics(model.pinocchio, data, model.configuration(model.posture))
     other, frame = frame_on_joint(model, str(contact.against))
@@ -173,20 +171,11 @@ def _add_slab(
         normal = frame.rotation @ np.array(contact.normal) / np.linalg.norm(contact.normal)
         centre = face.translation + lowest(contact, pin.SE3(face.rotation, np.zeros(3)), normal) * normal
         face = pin.SE3(rotation_to(normal), centre)
-    slab = _body(spec, model, other, root).add_geom(type=mujoco.mjtGeom.mjGEOM_BOX)
-    slab.size = [SLAB, SLAB, SLAB_DEPTH]
-    slab.pos = face.act(np.array([0.0, 0.0, -SLAB_DEPTH]))
-    slab.quat = wxyz(face.rotation)
-    slab.mass = 0.0
-    slab.conaffinity = 0
-    return slab
-
-
-def _set_contact_surface(geom: Any, friction: float, solref: list[float], solimp: list[float]) -> None:
-    geom.priority = 1
-    geom.condim = 3
-    geom.friction = [friction, 0.0, 0.0]
-    geom.solref, geom.solimp = solref, solimp
+    middle, size = face.act(np.array([0.0, 0.0, -SLAB_DEPTH])), [SLAB, SLAB, SLAB_DEPTH]
+    _body(spec, model, other, root).add_geom(
+        type=mujoco.mjtGeom.mjGEOM_BOX, size=size, pos=middle, quat=wxyz(face.rotation), mass=0.0, contype=bit,
+        conaffinity=0,
+    )  # fmt: skip
 
 
 def compile_mechanism(
@@ -194,8 +183,8 @@ def compile_mechanism(
     contacts: Mapping[str, schema.ContactSettings],
     step: float,
     mock: MockSettings,
-    shapes: Mapping[int, Sequence[Shape]] = MappingProxyType({}),
-    attachments: Mapping[str, Attachment] = MappingProxyType({}),
+    shapes: Mapping[int, Sequence[Shape]],
+    attachments: Mapping[str, Attachment],
 ) -> Any:
     """Build MuJoCo's model; the step is in s.
 
@@ -204,6 +193,10 @@ def compile_mechanism(
     tree, root = _mechanism(model)
     stiff = [STIFF_STEPS * step, 1.0]
     impedance = [IMPEDANCE, IMPEDANCE, 0.001, 0.5, 2.0]
+
+    def surface(friction: float) -> dict[str, Any]:
+        return {"priority": 1, "condim": 3, "friction": [friction, 0.0, 0.0], "solref": stiff, "solimp": impedance}
+
     try:
         spec = mujoco.MjSpec.from_string(ET.tostring(tree, encoding="unicode"))
     except (ValueError, RuntimeError) as error:
@@ -214,57 +207,49 @@ def compile_mechanism(
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = FRICTION_STIFFNESS
+    spec.default.equality.solref, spec.default.equality.solimp = stiff, impedance
     for name, index in zip(model.joints, model.v_index, strict=True):
         joint = spec.joint(name)
         joint.armature = float(model.pinocchio.armature[index])
         joint.solref_limit = stiff
     add_rotors(spec, model)
     if model.followers is not None:
-        add_mimic_joints(spec, model.followers, stiff, impedance)
+        add_mimic_joints(spec, model.followers)
     if model.floating_base:
         base = spec.body(root)
         base.add_freejoint()
         add_equality(spec, HOIST, mujoco.mjtEq.mjEQ_WELD, ("world", root))  # pose at run time
     if contacts:
-        floor = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0], name=FLOOR)
-        floor.quat = wxyz(rotation_to(np.array(mock.floor_normal)))
-        floor.contype, floor.conaffinity = ON_THE_FLOOR, 0
-        _set_contact_surface(floor, mock.friction, stiff, impedance)
+        ground = {"contype": ON_THE_FLOOR, "conaffinity": 0}
+        rotation, plane = rotation_to(np.array(mock.floor_normal)), mujoco.mjtGeom.mjGEOM_PLANE
+        floor = {"name": FLOOR, "type": plane, "size": [0.0, 0.0, 1.0], "quat": wxyz(rotation)}
+        spec.worldbody.add_geom(**floor, **ground, **surface(mock.friction))
         for name, block in mock.terrain.items():
             friction = mock.friction if block.friction is None else block.friction
-            for geom in add_terrain(spec, name, block):
-                geom.contype, geom.conaffinity = ON_THE_FLOOR, 0
-                _set_contact_surface(geom, friction, stiff, impedance)
+            add_terrain(spec, name, block, ground | surface(friction))
         for joint, own in shapes.items():
             body = _body(spec, model, joint, root)
             for index, shape in enumerate(own):
-                geom = add_shape(spec, body, shape, f"{body.name}/shape/{index}")
-                geom.contype, geom.conaffinity = 0, ON_THE_FLOOR
+                add_shape(spec, body, shape, f"{body.name}/shape/{index}", ON_THE_FLOOR)
     for number, (name, contact) in enumerate(contacts.items()):
         joint, placement = contact_frame(model, name, contact)
         body = _body(spec, model, joint, root)
         if contact.against is None and joint in shapes:
             continue
-        # A collision bit per slab.
-        bit = ON_THE_FLOOR
-        if contact.against is not None and not isinstance(contact, schema.FixedContact):
-            bit = 2 << (1 + number % 28)
-            _add_slab(spec, model, contact, joint, placement, root).contype = bit
         centres, axes = balls_of(contact)
+        ball: dict[str, Any] = {"type": mujoco.mjtGeom.mjGEOM_ELLIPSOID, "size": axes, "mass": 0.0}
+        if axes[0] == axes[2]:
+            ball |= {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [axes[0], 0.0, 0.0]}
+        ball |= {"quat": wxyz(placement.rotation @ _axle_frame(contact)), "contype": 0, "conaffinity": ON_THE_FLOOR}
+        if contact.against is not None and not isinstance(contact, schema.FixedContact):
+            bit = 2 << (1 + number % 28)  # a collision bit per slab
+            _add_slab(spec, model, contact, joint, placement, root, bit)
+            ball |= {"conaffinity": bit, **surface(contact.friction)}
         for geom_name, centre in zip(geom_names(name, contacts), centres, strict=True):
-            geom = body.add_geom(name=geom_name)
-            round_ = axes[0] == axes[2]
-            geom.type = mujoco.mjtGeom.mjGEOM_SPHERE if round_ else mujoco.mjtGeom.mjGEOM_ELLIPSOID
-            geom.pos = placement.act(centre)
-            geom.quat = wxyz(placement.rotation @ _axle_frame(contact))
-            geom.size = [axes[0], 0.0, 0.0] if round_ else axes
-            geom.mass = 0.0
-            geom.contype, geom.conaffinity = 0, bit
-            if bit != ON_THE_FLOOR:
-                _set_contact_surface(geom, getattr(contact, "friction", 0.0), stiff, impedance)
+            body.add_geom(name=geom_name, pos=placement.act(centre), **ball)
     for attachment in attachments.values():
         holder, link = (_body(spec, model, joint, root).name for joint in attachment.joints)
-        add_attachment(spec, attachment, (holder, link), stiff, impedance)
+        add_attachment(spec, attachment, (holder, link))
     try:
         compiled = spec.compile()
     except (ValueError, RuntimeError) as error:

@@ -187,12 +187,10 @@ class MockRobot:
             self.faults.distort(measured)
         for stream in STREAMS:
             payload = messages.encode(measured.message(stream)) if stream not in measured.silent else None
-            if stream == "pose":
-                if self._poses is not None:
-                    for taken, late in self._poses.due_messages(self.plant.time, stamp, payload):
-                        self._send(stream, taken, late)
-                continue
-            if self.faults.busy:
+            if stream == "pose" and self._poses is not None:
+                for taken, late in self._poses.due_messages(self.plant.time, stamp, payload):
+                    self._send(stream, taken, late)
+            elif self.faults.busy:
                 for message in self.faults.deliver(stream, stamp, payload):
                     self._send(stream, message.true_time, message.payload)
             elif payload is not None:

@@ -21,12 +21,7 @@ _log = logging.getLogger(__name__)
 
 
 def run_mock(
-    settings: Settings,
-    transport: Transport,
-    stop: threading.Event,
-    *,
-    faults: Path | None = None,
-    **options: Any,
+    settings: Settings, transport: Transport, stop: threading.Event, *, faults: Path | None = None, **options: Any
 ) -> None:
     """Run the mock robot until the event is set; `options` of `MockRobot`.
 

@@ -96,7 +96,6 @@ class Plant:
         if settings.mock.joint_friction > 0.0:
             add_friction(self.model, self._dof, settings.mock.joint_friction, self.step_seconds)
         self.model.dof_damping[self._dof] += settings.mock.joint_viscosity
-        self._following = self._addresses(model.followers.names) if model.followers is not None else None
         self._feet = {name: self._body_of(contact_frame(model, name, c)) for name, c in self.contacts.items()}
         self.contact_forces = ContactForces(
             self.model, self.contacts, {name: foot.id for name, foot in self._feet.items()}
@@ -189,10 +188,10 @@ class Plant:
     def coupling_error(self) -> float:
         """Return the largest position error of a mimic joint, rad or m."""
         followers = self._robot.followers
-        if followers is None or self._following is None:
+        if followers is None:
             return 0.0
-        q, _ = self.state()
-        return float(np.max(np.abs(self.data.qpos[self._following[0]] - q[followers.q_index])))
+        qpos, _ = self._addresses(followers.names)
+        return float(np.max(np.abs(self.data.qpos[qpos] - self.state()[0][followers.q_index])))
 
     def acceleration(self) -> Array:
         """Return the generalized acceleration, (nv,), in Pinocchio's conventions: v̇ = Rᵀ a − ω × v of the base."""
@@ -379,12 +378,10 @@ class Plant:
     def _write(self, q: Array, v: Array) -> None:
         self.data.qpos[self._qpos] = q[self._robot.q_index]
         self.data.qvel[self._dof] = v[self._robot.v_index]
-        if self._robot.followers is not None and self._following is not None:
-            qpos, dof = self._following
-            self.data.qpos[qpos], self.data.qvel[dof] = (
-                q[self._robot.followers.q_index],
-                v[self._robot.followers.v_index],
-            )
+        followers = self._robot.followers
+        if followers is not None:
+            qpos, dof = self._addresses(followers.names)
+            self.data.qpos[qpos], self.data.qvel[dof] = q[followers.q_index], v[followers.v_index]
         if self._robot.floating_base:
             self.data.qpos[:3] = q[:3]
             self.data.qpos[3:7] = q[[6, 3, 4, 5]]

@@ -54,7 +54,7 @@ def read_shapes(
     soles: Mapping[int, Sequence[Array]],
     tips: Mapping[int, Array],
     wheels: Mapping[int, pin.SE3],
-    folder: Path | None = None,
+    folder: Path | None,
 ) -> dict[int, list[Shape]]:
     """Read the collision shapes by Pinocchio joint.
 
@@ -95,9 +95,9 @@ def wxyz(rotation: Array) -> Array:
     return quaternion_of(rotation)[[3, 0, 1, 2]]
 
 
-def add_shape(spec: Any, body: Any, shape: Shape, name: str) -> Any:
-    """Add a massless shape to a body of a MuJoCo specification; return its geom."""
-    geom = body.add_geom(type=shape.kind, name=name, mass=0.0)
+def add_shape(spec: Any, body: Any, shape: Shape, name: str, bit: int) -> None:
+    """Add a massless shape, which touches geoms of a collision bit, to a body of a MuJoCo specification."""
+    geom = body.add_geom(type=shape.kind, name=name, mass=0.0, contype=0, conaffinity=bit)
     if shape.points is None:
         geom.size = [*(max(size, _LEAST_SIZE) for size in shape.size), 0.0, 0.0, 0.0][:3]  # MuJoCo refuses 0
         geom.pos = shape.placement.translation
@@ -106,7 +106,6 @@ def add_shape(spec: Any, body: Any, shape: Shape, name: str) -> Any:
         mesh = spec.add_mesh(name=name)
         mesh.uservert = shape.points.ravel().tolist()
         geom.meshname = name
-    return geom
 
 
 def _wheel_rim(elements: Sequence[pin.GeometryObject], wheel: pin.SE3) -> Shape:

@@ -35,15 +35,11 @@ def blocks(terrain: TerrainSettings) -> list[tuple[pin.SE3, Array]]:
     return found
 
 
-def add_terrain(spec: Any, name: str, terrain: TerrainSettings) -> list[Any]:
-    """Add the boxes of a block to a MuJoCo specification; return their geoms."""
-    geoms = []
+def add_terrain(spec: Any, name: str, terrain: TerrainSettings, options: Mapping[str, Any]) -> None:
+    """Add the boxes of a block, with options of their geoms, to a MuJoCo specification."""
     for index, (placement, half) in enumerate(blocks(terrain)):
-        geom = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, name=f"{TERRAIN}{name}/{index}", size=half)
-        geom.pos = placement.translation
-        geom.quat = wxyz(placement.rotation)
-        geoms.append(geom)
-    return geoms
+        box = {"type": mujoco.mjtGeom.mjGEOM_BOX, "name": f"{TERRAIN}{name}/{index}", "size": half}
+        spec.worldbody.add_geom(**box, **options, pos=placement.translation, quat=wxyz(placement.rotation))
 
 
 def soften(model: Any, terrain: Mapping[str, TerrainSettings], bodies: Iterable[int]) -> None:

@@ -12,6 +12,7 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
+from snapshots import dynamics_at, rate_along
 
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts import (
@@ -25,16 +26,9 @@ from wbc_controller.inverse_dynamics.contacts import (
     polygon_wrench_cone,
     wrench_cone,
 )
-from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 
 seeds = st.integers(0, 2**32 - 1)
 few = hypothesis_settings(max_examples=4, derandomize=True)
-
-
-def at(model, q, v):
-    dynamics = Dynamics(model)
-    dynamics.update(q, v)
-    return dynamics
 
 
 def same_rows(first, second):
@@ -107,15 +101,12 @@ def test_invalid_polygons_are_refused(vertices, said):
         Polygon(np.array(vertices, dtype=float), "key")
 
 
-def test_bounds_of_yaw_moment_and_fixed_contact(load):
-    model, _ = load("g1")
-    place = "foot", model, "left_ankle_roll_link", pin.SE3.Identity(), Rectangle(0.1, 0.05)
+def test_bounds_of_yaw_moment_and_fixed_contact(g1):
+    place = "foot", g1, "left_ankle_roll_link", pin.SE3.Identity(), Rectangle(0.1, 0.05)
     lower, upper = SurfaceContact(*place, max_yaw_moment=4.0).bounds(0.25)
     assert (lower[5], upper[5]) == (-1.0, 1.0)
     assert SurfaceContact(*place).bounds(0.25)[1][5] == np.inf
-    hand = FixedContact(
-        "hand", model, HANDS[0], pin.SE3.Identity(), [1, 0, 1, 0, 1, 0], max_force=200.0, max_moment=10.0
-    )
+    hand = FixedContact("hand", g1, HANDS[0], pin.SE3.Identity(), [1, 0, 1, 0, 1, 0], max_force=200.0, max_moment=10.0)
     lower, upper = hand.bounds(0.5)
     np.testing.assert_array_equal(upper, [100.0, 100.0, 5.0])
     np.testing.assert_array_equal(lower, -upper)
@@ -148,80 +139,65 @@ KINDS = {
 }
 
 
-def velocity_by_differences(contact, model, q, v, step=1.0e-6):
+def velocity_by_differences(contact, model, q, v):
     """Return the velocity of a ball or wheel along the axes of its force, by finite differences."""
-    ends = [at(model, pin.integrate(model.pinocchio, q, sign * step * v), v) for sign in (-1.0, 1.0)]
-    middle = at(model, q, v)
-
-    def rate(values):
-        return (values(ends[1]) - values(ends[0])) / (2.0 * step)
-
-    def frame(dynamics):
-        return dynamics.placement(contact._frame_id)
-
+    middle = dynamics_at(model, q, v)
     touching = contact.points(middle)[0]
-    fixed = frame(middle).actInv(touching)  # material point at the contact
-    velocity = rate(lambda dynamics: frame(dynamics).act(fixed))
+
+    def of_link(frame):
+        """Return the velocity of the material point of a link at the contact, world axes."""
+        fixed = middle.placement(frame).actInv(touching)
+        return rate_along(lambda dynamics: dynamics.placement(frame).act(fixed), model, q, v, 1.0e-6)
+
+    velocity = of_link(contact._frame_id)
     if contact._other is not None:
-
-        def other(dynamics):
-            return dynamics.placement(contact._other)
-
-        below = other(middle).actInv(touching)
-        velocity -= rate(lambda dynamics: other(dynamics).act(below))
+        velocity -= of_link(contact._other)
     return contact.axes(middle).T @ velocity
 
 
 @pytest.mark.parametrize(("stiffness", "rotation"), [(0.0, 50.0), (100.0, 20.0)])
-def test_a_sole_without_anchor_is_damped_more_in_rotation(load, stiffness, rotation):
-    sole = a_surface(load("g1")[0], np.random.default_rng(0), stiffness=stiffness)
+def test_a_sole_without_anchor_is_damped_more_in_rotation(g1, stiffness, rotation):
+    sole = a_surface(g1, np.random.default_rng(0), stiffness=stiffness)
     np.testing.assert_array_equal(sole.row_damping(), np.repeat([20.0, rotation], 3))
-    np.testing.assert_array_equal(a_point(load("g1")[0], np.random.default_rng(0)).row_damping(), np.full(3, 20.0))
+    np.testing.assert_array_equal(a_point(g1, np.random.default_rng(0)).row_damping(), np.full(3, 20.0))
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind.startswith(("point", "wheel"))])
 @few
 @given(seed=seeds)
-def test_jacobian_is_the_contact_velocity(load, random_state, kind, seed):
+def test_jacobian_is_the_contact_velocity(g1, random_state, kind, seed):
     """Other kinds: `test_anchors` (displacements) and `test_open_loop_closes_with_its_stiffness`."""
-    model, _ = load("g1")
     rng = np.random.default_rng(seed)
-    contact = KINDS[kind](model, rng)
-    q, v = random_state(model, rng)
-    J = contact.jacobian(at(model, q, v))
-    assert J.shape == (contact.size, model.nv)
-    expected = velocity_by_differences(contact, model, q, v)
+    contact = KINDS[kind](g1, rng)
+    q, v = random_state(g1, rng)
+    J = contact.jacobian(dynamics_at(g1, q, v))
+    assert J.shape == (contact.size, g1.nv)
+    expected = velocity_by_differences(contact, g1, q, v)
     assert np.abs(J @ v - expected).max() < 1.0e-6 * max(1.0, np.abs(expected).max())
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @few
 @given(seed=seeds)
-def test_drift_is_the_velocity_rate_at_constant_v(load, random_state, kind, seed):
-    model, _ = load("g1")
+def test_drift_is_the_velocity_rate_at_constant_v(g1, random_state, kind, seed):
     rng = np.random.default_rng(seed)
-    contact = KINDS[kind](model, rng)
-    q, v = random_state(model, rng)
-    step, ends = 1.0e-5, []
-    for sign in (-step, step):
-        dynamics = at(model, pin.integrate(model.pinocchio, q, sign * v), v)
-        ends.append(contact.jacobian(dynamics) @ v)
-    expected = (ends[1] - ends[0]) / (2.0 * step)
-    drift = contact.drift(at(model, q, v))
+    contact = KINDS[kind](g1, rng)
+    q, v = random_state(g1, rng)
+    expected = rate_along(lambda dynamics: contact.jacobian(dynamics) @ v, g1, q, v, 1.0e-5)
+    drift = contact.drift(dynamics_at(g1, q, v))
     assert np.linalg.norm(drift - expected) < 2.0e-6 * max(1.0, np.linalg.norm(expected))
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_force_and_wrench_have_the_same_power(load, random_state, kind):
+def test_force_and_wrench_have_the_same_power(g1, random_state, kind):
     """Compare fᵀ J v with the power of the world wrench; between links, on the first link."""
-    model, _ = load("g1")
     rng = np.random.default_rng(3)
-    contact = KINDS[kind](model, rng)
-    q, v = random_state(model, rng)
-    dynamics, force = at(model, q, v), rng.normal(size=contact.size)
+    contact = KINDS[kind](g1, rng)
+    q, v = random_state(g1, rng)
+    dynamics, force = dynamics_at(g1, q, v), rng.normal(size=contact.size)
     wrench = contact.wrench_in_world(dynamics, force)
     feels = [HANDS[1], HANDS[0]] if isinstance(contact, LoopClosure) else [HANDS[0], HANDS[1]]
-    J = [dynamics.jacobian(model.pinocchio.getFrameId(name), pin.WORLD) for name in feels]
+    J = [dynamics.jacobian(g1.pinocchio.getFrameId(name), pin.WORLD) for name in feels]
     generalized = J[0].T @ wrench - (J[1].T @ wrench if contact.internal else 0.0)
     np.testing.assert_allclose(contact.jacobian(dynamics).T @ force, generalized, atol=1e-9)
     assert contact.internal == ("link" in kind or kind in ("loop", "hinge"))
@@ -229,22 +205,21 @@ def test_force_and_wrench_have_the_same_power(load, random_state, kind):
 
 @few
 @given(seed=seeds)
-def test_open_loop_closes_with_its_stiffness(load, random_state, seed):
+def test_open_loop_closes_with_its_stiffness(g1, random_state, seed):
     """ė = J v near closure, so γ̇ = -D γ - K e decays critically."""
-    model, _ = load("g1")
     rng = np.random.default_rng(seed)
-    q, v = random_state(model, rng)
-    dynamics = at(model, q, v)
-    a, b = (dynamics.placement(model.pinocchio.getFrameId(name)) for name in HANDS)
+    q, v = random_state(g1, rng)
+    dynamics = dynamics_at(g1, q, v)
+    a, b = (dynamics.placement(g1.pinocchio.getFrameId(name)) for name in HANDS)
     place = random_place(rng)
     small = pin.exp6(1.0e-4 * rng.normal(size=6))
     turned = pin.SE3(pin.exp3(np.array([2.5, 0.0, 0.0])), np.zeros(3))  # the hinge is far from its zero
     for mask, joint in ([1] * 6, pin.SE3.Identity()), ([1, 1, 1, 0, 1, 1], turned), ([1, 1, 1, 0, 0, 0], turned):
-        loop = LoopClosure("l", model, HANDS, (place, b.actInv(a * place * joint * small)), mask, stiffness=100.0)
+        loop = LoopClosure("l", g1, HANDS, (place, b.actInv(a * place * joint * small)), mask, stiffness=100.0)
         assert np.abs(loop.error(dynamics)).max() < 1.0e-3
-        ends = [loop.error(at(model, pin.integrate(model.pinocchio, q, sign * v), v)) for sign in (-1e-6, 1e-6)]
         J = loop.jacobian(dynamics)
-        np.testing.assert_allclose((ends[1] - ends[0]) / 2e-6, J @ v, atol=2.0e-3 * max(1.0, np.abs(J @ v).max()))
+        rate = rate_along(loop.error, g1, q, v, 1e-6)
+        np.testing.assert_allclose(rate, J @ v, atol=2.0e-3 * max(1.0, np.abs(J @ v).max()))
         expected = -loop.drift(dynamics) - 20.0 * (J @ v) - 100.0 * loop.error(dynamics)
         np.testing.assert_allclose(loop.acceleration_at_rest(dynamics) - loop.damping * J @ v, expected)
 
@@ -275,7 +250,6 @@ def test_open_loop_closes_with_its_stiffness(load, random_state, seed):
         ),
     ],
 )
-def test_invalid_contacts_are_refused(load, make, said):
-    model, _ = load("g1")
+def test_invalid_contacts_are_refused(g1, make, said):
     with pytest.raises(ConfigurationError, match=said):
-        make(model)
+        make(g1)

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from conflicts import conflict_at_rest
 
 from wbc_controller.inverse_dynamics.contacts import FixedContact, LoopClosure
-from wbc_controller.inverse_dynamics.formulation.infeasibility import explain
 from wbc_controller.mechanics import Kinematics, PinnedFrames, constrained_dynamics
 from wbc_controller.mechanics import SurfaceContact as Held
 
@@ -25,14 +25,6 @@ def bolted(robot, **limits):
     """Return a robot with its base on a bolt."""
     bolt = FixedContact("bolt", robot.model, robot.model.base_link, pin.SE3.Identity(), **limits)
     return with_contacts(robot, bolt)
-
-
-def still(robot, references):
-    formulation = robot.controller.formulation
-    layout = formulation.build(robot.state(), references)
-    columns = slice(0, robot.model.nv)
-    layout.problem.x_lower[columns] = layout.problem.x_upper[columns] = 0.0
-    return explain(layout, robot.model, formulation.effort_bounds(references), held=("motion",))
 
 
 HANDS = ("left_rubber_hand", "right_rubber_hand")
@@ -67,14 +59,14 @@ def test_bolt_carries_the_weight(bench):
 def test_weak_bolt_is_named_with_its_unit(bench):
     robot = bolted(bench("go2"), max_force=100.0)
     weight = robot.model.mass * robot.model.gravity
-    why = still(robot, robot.references())
+    why, *_ = conflict_at_rest(robot)
     assert set(why.conflict) == {"force:bolt"}
     assert why.slack["force:bolt"] == pytest.approx(weight - 100.0, rel=1e-3)
     assert why.units["force:bolt"] == "N"
     assert why.sentence.startswith("conflict: force of bolt (at most 100 N, ")
     robot = bolted(bench("go2"), max_force=1000.0, max_moment=20.0)
     twist = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 50.0])
-    why = still(robot, replace(robot.references(), external_wrenches={robot.model.base_link: twist}))
+    why, *_ = conflict_at_rest(robot, replace(robot.references(), external_wrenches={robot.model.base_link: twist}))
     assert set(why.conflict) == {"moment:bolt"}
     assert why.units["moment:bolt"] == "N·m"
     assert "moment of bolt (at least -20 N·m, " in why.sentence

@@ -4,8 +4,7 @@ from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
-from changed_bounds import change_motion_bounds
-from conflicts import conflict_of
+from conflicts import change_motion_bounds, conflict_at_rest, conflict_of
 from scipy.optimize import linprog
 
 from wbc_controller.errors import NoSolution
@@ -13,7 +12,7 @@ from wbc_controller.inverse_dynamics import whole_body_qp
 from wbc_controller.inverse_dynamics.contacts.support import friction_pyramid
 from wbc_controller.inverse_dynamics.formulation import infeasibility
 from wbc_controller.inverse_dynamics.formulation.answer import Answer
-from wbc_controller.inverse_dynamics.formulation.infeasibility import MAX_PROGRAMS, explain, named_constraints
+from wbc_controller.inverse_dynamics.formulation.infeasibility import MAX_PROGRAMS, named_constraints
 
 KNEE = {"g1": "left_knee_joint", "talos": "leg_left_4_joint", "go2": "FL_calf_joint"}
 OTHER_KNEE = {"g1": "right_knee_joint", "talos": "leg_right_4_joint"}
@@ -34,16 +33,6 @@ def weaken(robot, joint, limit):
     robot.controller.formulation.torque_limit.effort_limits = limits
 
 
-def still(robot, references=None):
-    """Return the explanation for a robot at rest, and the problem."""
-    references = references or robot.references()
-    layout = robot.controller.formulation.build(robot.state(), references)
-    accelerations = slice(0, robot.model.nv)
-    layout.problem.x_lower[accelerations] = layout.problem.x_upper[accelerations] = 0.0
-    effort = robot.controller.formulation.effort_bounds(references)
-    return explain(layout, robot.model, effort, held=("motion",)), layout, effort
-
-
 def failure(robot, references=None, state=None):
     """Return the explanation of `NoSolution`, and the problem."""
     with pytest.raises(NoSolution) as error:
@@ -58,11 +47,8 @@ def failure(robot, references=None, state=None):
 def asked(robot, state=None, before=None):
     """Return the explanation with limits that would be relaxed, and the problem."""
     state, references = state or robot.state(), robot.references(state)
-    return (
-        conflict_of(robot.controller, state, references, before),
-        robot.controller.formulation.build(state, references, before),
-        robot.controller.formulation.effort_bounds(references),
-    )
+    why, formulation = conflict_of(robot.controller, state, references, before), robot.controller.formulation
+    return why, formulation.build(state, references, before), formulation.effort_bounds(references)
 
 
 # Each case makes constraints contradictory, and returns their names --------------------------------------------------
@@ -71,7 +57,7 @@ def asked(robot, state=None, before=None):
 def too_heavy(robot, name):
     for contact in robot.controller.contacts.values():
         contact.max_normal_force = 0.8 * weight(robot) / len(robot.controller.contacts)
-    return still(robot), {f"normal_force:{contact}" for contact in robot.controller.contacts}
+    return conflict_at_rest(robot), {f"normal_force:{contact}" for contact in robot.controller.contacts}
 
 
 def pulling(robot, name):
@@ -96,7 +82,7 @@ def all_feet_press(robot, name):
 
 def weak_arm(robot, name):
     weaken(robot, ELBOW[name], 0.05)
-    return still(robot), {f"torque:{ELBOW[name]}"}
+    return conflict_at_rest(robot), {f"torque:{ELBOW[name]}"}
 
 
 def crossed(robot, name):
@@ -133,7 +119,7 @@ def slippery(robot, name):
     robot.controller.forget()
     push = np.array([0.0, 0.1 * weight(robot), 0.0, 0.0, 0.0, 0.0])
     references = replace(robot.references(), external_wrenches={robot.model.base_link: push})
-    return still(robot, references), {f"cone:{contact}" for contact in robot.controller.contacts}
+    return conflict_at_rest(robot, references), {f"cone:{contact}" for contact in robot.controller.contacts}
 
 
 def weak_and_braked(robot, name):
@@ -231,7 +217,7 @@ def test_named_constraints_are_the_whole_problem(bench, name):
         )
         assert worst == pytest.approx(problem.violation(x))
     fresh = bench(name)
-    assert asked(fresh)[0] is still(fresh)[0] is None  # a feasible problem has no conflict
+    assert asked(fresh)[0] is conflict_at_rest(fresh)[0] is None  # a feasible problem has no conflict
 
 
 def test_failed_solver_is_named(bench, monkeypatch):

@@ -11,6 +11,7 @@ import own_classes
 import pinocchio as pin
 import pytest
 from chains import MENAGERIE, menagerie
+from snapshots import dynamics_at
 
 from wbc_controller.apps.new.draft import new_configuration
 from wbc_controller.controller.build.program import make_qp
@@ -95,9 +96,8 @@ def random_state(model, rng):
 
 def random_references(qp, rng):
     """Draw references, weights, activations, anchors, external forces, gains and limits."""
-    there = Dynamics(qp.model)
     elsewhere = random_state(qp.model, rng)
-    there.update(elsewhere.q, elsewhere.v)
+    there = dynamics_at(qp.model, elsewhere.q, elsewhere.v)
     tasks = {}
     for name, task in qp.tasks.items():
         rest = task.rest(there)

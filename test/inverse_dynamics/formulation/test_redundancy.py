@@ -5,7 +5,6 @@ from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from own_classes import Grip
 from scipy.linalg import null_space
@@ -14,7 +13,6 @@ from wbc_controller import Simulation
 from wbc_controller.apps.new.draft import new_configuration
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.robot import make_model
-from wbc_controller.controller.check.preflight import stance
 from wbc_controller.inverse_dynamics.contacts import Rectangle, placement_of
 from wbc_controller.inverse_dynamics.formulation.redundancy import (
     EXAMINED_MOBILITY,
@@ -40,7 +38,7 @@ def drafted():
 
 def solo_8(solver="daqp"):
     """Solo 8: four point feet, legs without hip abduction."""
-    return drafted().replace(SOLVERS[solver] | {"solver.name": "daqp" if solver == "levels" else solver})
+    return drafted().replace(SOLVERS[solver] | {"solver.name": "daqp" if solver == "levels" else solver}).settings
 
 
 def without_ankle_roll():
@@ -51,50 +49,38 @@ def without_ankle_roll():
     return g1.replace({f"robot.{key}": [getattr(robot, key)[i] for i in kept] for key in ("joints", "posture")})
 
 
-class Standing:
-    """Robot on all its contacts."""
+def leaning(robot, share):
+    """Return the stance with left legs stretched by a share."""
+    joints = np.array([1.0 - share if joint.startswith(("FL", "HL")) else 1.0 for joint in robot.model.joints])
+    q = robot.stance.copy()
+    q[robot.model.q_index] *= joints
+    return q
 
-    def __init__(self, config):
-        self.settings = config.settings
-        self.model = make_model(self.settings)
-        self.qp = make_qp(self.settings, self.model)
-        self.q = stance(self.model, self.qp, list(self.qp.contacts))
-        self.references = rest(self.qp, self.settings, self.state(self.q))
 
-    def state(self, q, v=None):
-        return RobotState(0, frozen(q), frozen(np.zeros(self.model.nv) if v is None else v))
+def near(robot, rng):
+    """Return a random state near the stance, with moving contacts."""
+    return robot.near_stance(rng, position=0.03, velocity=0.2)
 
-    def leaning(self, share):
-        """Return the stance with left legs stretched by a share."""
-        joints = np.array([1.0 - share if joint.startswith(("FL", "HL")) else 1.0 for joint in self.model.joints])
-        q = self.q.copy()
-        q[self.model.q_index] *= joints
-        return q
 
-    def near(self, rng):
-        """Return a random state near the stance, with moving contacts."""
-        q = pin.integrate(self.model.pinocchio, self.q, 0.03 * rng.uniform(-1.0, 1.0, self.model.nv))
-        return self.state(q, 0.2 * rng.uniform(-1.0, 1.0, self.model.nv))
-
-    def rows(self, state):
-        """Return J and b of the contacts at a state."""
-        rows = self.qp.formulation.build(state, self.references).contact_rows
-        return rows[:, :-1], rows[:, -1]
+def contact_rows(robot, state):
+    """Return J and b of the contacts at a state."""
+    rows = robot.controller.formulation.build(state, robot.references()).contact_rows
+    return rows[:, :-1], rows[:, -1]
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
-def test_redundant_feet_have_a_least_squares_solution(solver):
-    robot = Standing(solo_8(solver))
+def test_redundant_feet_have_a_least_squares_solution(bench, solver):
+    robot = bench(solo_8(solver))
     rng, missed = np.random.default_rng(3), []
     for _ in range(8):
-        state = robot.near(rng)
-        solution = robot.qp.solve(state, robot.references)
-        J, b = robot.rows(state)
+        state = near(robot, rng)
+        solution = robot.controller.solve(state, robot.references())
+        J, b = contact_rows(robot, state)
         off = J @ solution.v_dot - b
         assert solution.relaxed == ()
         assert solution.residuals["contact_motion"] == pytest.approx(np.abs(off).max(), abs=1e-9)
         assert solution.residuals["equations_of_motion"] < 1e-3 if solver == "osqp" else 1e-6
-        values, u = mobilities(J, np.ones(len(J)), robot.qp.dynamics)
+        values, u = mobilities(J, np.ones(len(J)), robot.controller.dynamics)
         assert (values < LEAST_MOBILITY).sum() in (1, 2)  # of 12: all feet together, and the lean near the level stance
         held = values >= LEAST_MOBILITY
         np.testing.assert_allclose(u[:, held].T @ off, 0.0, atol=1e-3 if solver == "osqp" else 1e-6)
@@ -117,17 +103,17 @@ def test_robots_with_redundant_feet_sway(make, least):
     assert least < controller.dynamics.com[1] - start[1] < 12e-3
 
 
-def test_mobilities_do_not_depend_on_the_coordinates():
-    robot = Standing(solo_8())
-    q = robot.leaning(0.2)
-    robot.qp.dynamics.update(q, np.zeros(robot.model.nv))
-    J = np.vstack([contact.jacobian(robot.qp.dynamics) for contact in robot.qp.contacts.values()])
+def test_mobilities_do_not_depend_on_the_coordinates(bench):
+    robot = bench(solo_8())
+    q = leaning(robot, 0.2)
+    robot.controller.dynamics.update(q, np.zeros(robot.model.nv))
+    J = np.vstack([contact.jacobian(robot.controller.dynamics) for contact in robot.controller.contacts.values()])
     other = change_coordinates(robot.model.pinocchio, root="HR_HFE", flip=["FL_KFE"], shuffle=2)
     units = np.eye(robot.model.nv)
     T = np.column_stack([other.velocity(q, unit) for unit in units])  # velocities here = T times velocities there
-    M = np.linalg.inv(T).T @ robot.qp.dynamics.M @ np.linalg.inv(T)
+    M = np.linalg.inv(T).T @ robot.controller.dynamics.M @ np.linalg.inv(T)
     there = np.linalg.eigvalsh(robot.model.mass * (J @ np.linalg.inv(T)) @ np.linalg.solve(M, (J @ np.linalg.inv(T)).T))
-    values, _ = mobilities(J, np.ones(len(J)), robot.qp.dynamics)
+    values, _ = mobilities(J, np.ones(len(J)), robot.controller.dynamics)
     np.testing.assert_allclose(values, there, atol=1e-9 * there.max())
     assert values[1] < LEAST_MOBILITY < values[2]
 
@@ -144,33 +130,31 @@ def test_mimic_joints_reduce_the_mobility():
     np.testing.assert_allclose(directions @ np.diag(values) @ directions.T, expected, atol=1e-12)
 
 
-def test_solution_is_continuous_as_a_direction_becomes_a_constraint():
-    robot = Standing(solo_8())
-    com = robot.references.tasks["com"]
+def test_solution_is_continuous_as_a_direction_becomes_a_constraint(bench):
+    robot = bench(solo_8())
+    com = robot.references().tasks["com"]
     asked = replace(com, position=frozen(com.position + [0.0, 0.01, 0.0]))
-    references = replace(robot.references, tasks={**robot.references.tasks, "com": asked})
+    references = replace(robot.references(), tasks={**robot.references().tasks, "com": asked})
     shares, answers, held = np.linspace(0.1, 0.6, 100), [], []
     for share in shares:
-        state = robot.state(robot.leaning(share), 0.1 * np.eye(robot.model.nv)[3])
-        answers.append(robot.qp.solve(state, references).tau)
-        J, _ = robot.rows(state)
-        held.append(int((mobilities(J, np.ones(len(J)), robot.qp.dynamics)[0] >= LEAST_MOBILITY).sum()))
+        state = robot.state(leaning(robot, share), 0.1 * np.eye(robot.model.nv)[3])
+        answers.append(robot.controller.solve(state, references).tau)
+        J, _ = contact_rows(robot, state)
+        held.append(int((mobilities(J, np.ones(len(J)), robot.controller.dynamics)[0] >= LEAST_MOBILITY).sum()))
     assert (held[0], held[-1]) == (10, 11)
     steps = np.abs(np.diff(answers, axis=0)).max(axis=1)
     assert steps.max() < 4.0 * np.median(steps)
 
 
-def test_contacts_with_full_rank_are_unchanged(load):
-    model, settings = load("go2")
-    qp = make_qp(settings, model)
-    q = stance(model, qp, list(qp.contacts))
-    state = RobotState(0, frozen(q), frozen(np.zeros(model.nv)))
-    layout = qp.formulation.build(state, rest(qp, settings, state))
+def test_contacts_with_full_rank_are_unchanged(bench):
+    robot = bench("go2")
+    layout = robot.controller.formulation.build(robot.state(), robot.references())
+    dynamics = robot.controller.dynamics
     assert layout.contact_rows is None
-    hard, soft = separate_redundant_rows(layout.J, layout.contact_motion, layout.metric, qp.dynamics)
+    hard, soft = separate_redundant_rows(layout.J, layout.contact_motion, layout.metric, dynamics)
     assert np.array_equal(hard, np.column_stack([layout.J, layout.contact_motion]))
     assert not soft.any()
-    assert mobilities(layout.J, layout.metric, qp.dynamics)[0].min() > 10.0 * EXAMINED_MOBILITY
+    assert mobilities(layout.J, layout.metric, dynamics)[0].min() > 10.0 * EXAMINED_MOBILITY
 
 
 def test_redundancy_in_a_motion_without_a_change_of_contacts_is_found():
@@ -197,28 +181,28 @@ def test_redundancy_in_a_motion_without_a_change_of_contacts_is_found():
     assert layout.contact_rows is None
 
 
-def test_redundancy_after_activation_is_found():
-    robot, fresh = Standing(solo_8()), Standing(solo_8())
+def test_redundancy_after_activation_is_found(bench):
+    robot, fresh = bench(solo_8()), bench(solo_8())
     rng = np.random.default_rng(5)
     for _ in range(5):
-        state = robot.near(rng)
-        robot.qp.formulation.redundancy = tuple(robot.qp.contacts), False, state.q
-        found = robot.qp.solve(state, robot.references)
-        assert robot.qp.formulation.redundancy[1]
-        np.testing.assert_allclose(found.tau, fresh.qp.solve(state, fresh.references).tau, atol=1e-7)
+        state = near(robot, rng)
+        robot.controller.formulation.redundancy = tuple(robot.controller.contacts), False, state.q
+        found = robot.controller.solve(state, robot.references())
+        assert robot.controller.formulation.redundancy[1]
+        np.testing.assert_allclose(found.tau, fresh.controller.solve(state, fresh.references()).tau, atol=1e-7)
 
 
 @pytest.mark.parametrize("solver", ["daqp", "levels"])
-def test_restored_program_is_identical(solver):
-    robot, other = Standing(solo_8(solver)), Standing(solo_8(solver))
+def test_restored_program_is_identical(bench, solver):
+    robot, other = bench(solo_8(solver)), bench(solo_8(solver))
     rng = np.random.default_rng(6)
-    robot.qp.solve(robot.near(rng), robot.references)
+    robot.controller.solve(near(robot, rng), robot.references())
     for examined in (True, False):
-        state = robot.near(rng)
-        robot.qp.formulation.redundancy = tuple(robot.qp.contacts), examined, state.q
-        memory = robot.qp.memory()
-        other.qp.recall(memory)
-        expected, found = (each.qp.solve(state, robot.references) for each in (robot, other))
+        state = near(robot, rng)
+        robot.controller.formulation.redundancy = tuple(robot.controller.contacts), examined, state.q
+        memory = robot.controller.memory()
+        other.controller.recall(memory)
+        expected, found = (each.controller.solve(state, robot.references()) for each in (robot, other))
         assert found.tau.tobytes() == expected.tau.tobytes()
         assert found.iterations == expected.iterations
 

@@ -1,6 +1,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
+from snapshots import dynamics_at
 
 from wbc_controller.errors import InputRefused
 from wbc_controller.inverse_dynamics.contacts import PointContact
@@ -15,7 +16,6 @@ from wbc_controller.inverse_dynamics.references.changes import (
     SetWeight,
 )
 from wbc_controller.inverse_dynamics.references.trajectories import Knot
-from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.tasks import ComTask, FramePoseTask, PostureTask
 from wbc_controller.records import Tuning
 
@@ -25,20 +25,16 @@ JUST = 1.0e-7
 
 
 @pytest.fixture(scope="module")
-def dynamics(load, random_state):
-    model, _ = load("go2")
-    snapshot = Dynamics(model)
-    snapshot.update(*random_state(model, np.random.default_rng(0)))
-    return snapshot
+def dynamics(go2, random_state):
+    return dynamics_at(go2, *random_state(go2, np.random.default_rng(0)))
 
 
 @pytest.fixture
-def board(load, dynamics):
-    model, _ = load("go2")
+def board(go2, dynamics):
     plans = {
         "com": TaskPlan(ComTask("com", [True] * 3), 50.0, True, DURATION),
-        "foot": TaskPlan(FramePoseTask("foot", model, "FL_foot"), 5.0, False, DURATION),
-        "posture": TaskPlan(PostureTask("posture", model), 0.1, True, 0.0),
+        "foot": TaskPlan(FramePoseTask("foot", go2, "FL_foot"), 5.0, False, DURATION),
+        "posture": TaskPlan(PostureTask("posture", go2), 0.1, True, 0.0),
     }
     contacts = {"left": ContactPlan(True, CONTACT_RAMP), "right": ContactPlan(False, CONTACT_RAMP)}
     contacts |= {"stiff": ContactPlan(True, 0.0)}
@@ -159,12 +155,9 @@ def test_past_trajectory_is_refused_with_all_changes(board, dynamics):
 
 
 @pytest.fixture
-def elsewhere(load, random_state):
+def elsewhere(go2, random_state):
     """Return a snapshot after a motion of the robot."""
-    model, _ = load("go2")
-    snapshot = Dynamics(model)
-    snapshot.update(*random_state(model, np.random.default_rng(1)))
-    return snapshot
+    return dynamics_at(go2, *random_state(go2, np.random.default_rng(1)))
 
 
 POSE = np.concatenate([GOAL, pin.Quaternion(pin.exp3(np.array([0.2, -0.3, 0.4]))).coeffs()])
@@ -282,12 +275,11 @@ def test_contact_activation_ramps(board, dynamics):
         (["left", "right"], {"left": 0.15, "right": 0.1}),  # 300 N and 100 N
     ],
 )
-def test_contacts_are_unloaded_from_their_force_and_leave_the_weight(load, dynamics, unloaded, at_half):
-    model, _ = load("go2")
+def test_contacts_are_unloaded_from_their_force_and_leave_the_weight(go2, dynamics, unloaded, at_half):
     most, forces = {"left": 2000.0, "right": 1000.0}, {"left": [9.0, 0.0, 600.0], "right": [0.0, -9.0, 200.0]}
     plans = {}
     for name, largest in most.items():
-        foot = PointContact(name, model, "FL_foot", np.zeros(3), 0.0, max_normal_force=largest)
+        foot = PointContact(name, go2, "FL_foot", np.zeros(3), 0.0, max_normal_force=largest)
         plans[name] = ContactPlan(True, CONTACT_RAMP, foot)
     tuning = Tuning({}, 0.02, 0.02, 1.0, 200.0, 100.0)
     board = ReferenceBoard(BoardPlan({}, plans, WEIGHT_RAMP, tuning, robot_weight=400.0))

@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from chains import MENAGERIE, MENAGERIE_JOINTS, TENDON, joint, link, menagerie, mimic, robot
+from snapshots import dynamics_at
 
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.references import make_board
@@ -82,8 +83,7 @@ def test_torque_task_uses_joint_torques(small):
 def test_rotors_add_the_energy_of_their_own_speeds(small):
     _, model = small
     state = random_state(model, np.random.default_rng(7))
-    dynamics = Dynamics(model)
-    dynamics.update(state.q, state.v)
+    dynamics = dynamics_at(model, state.q, state.v)
     links = pin.crba(model.pinocchio, model.pinocchio.createData(), np.array(state.q))
     both = model.actuation.rates(state.v[model.v_index])[model.actuators.index("both")]
     energy = 0.5 * state.v @ (dynamics.M - links) @ state.v
@@ -254,12 +254,9 @@ def test_invalid_actuation_is_refused(case):
     ],
 )
 def test_invalid_mimics_are_refused(more, said):
+    joints = joint("one", "a", "b"), joint("two", "b", "c", more=more)
     with pytest.raises(ConfigurationError, match=said):
-        read_mimics(
-            parse_urdf(
-                robot(link("a"), link("b"), link("c"), joint("one", "a", "b"), joint("two", "b", "c", more=more))
-            )
-        )
+        read_mimics(parse_urdf(robot(link("a"), link("b"), link("c"), *joints)))
 
 
 def test_weak_actuators_and_unbalanced_passive_joints_are_named():

@@ -5,6 +5,7 @@ from chains import joint, link, robot
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
+from snapshots import dynamics_at
 
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.controller import Controller
@@ -22,9 +23,9 @@ def close(a, b, tolerance=1e-9):
 
 
 @pytest.fixture(scope="module")
-def snapshots(load):
+def snapshots(robot_of):
     """Return one snapshot per robot, reused for every state."""
-    return {robot: Dynamics(load(robot)[0]) for robot in ROBOTS}
+    return {robot: Dynamics(robot_of(robot)[1]) for robot in ROBOTS}
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
@@ -62,8 +63,7 @@ def test_matrices_of_a_robot_with_one_joint():
     settings = parse_settings(
         {"robot": own, "tasks": {"posture": {"type": "posture"}, "pose": pose, "momentum": momentum}}, "a test"
     )
-    dynamics = Dynamics(make_model(settings, urdf))
-    dynamics.update(np.array([0.5]), np.array([2.0]))
+    dynamics = dynamics_at(make_model(settings, urdf), np.array([0.5]), np.array([2.0]))
     frame = dynamics.model.pinocchio.getFrameId("arm")
     matrices = dynamics.centroidal_matrix, dynamics.joint_jacobians, dynamics.jacobian(frame, pin.LOCAL)
     assert {J.shape for J in matrices} == {(6, 1)}

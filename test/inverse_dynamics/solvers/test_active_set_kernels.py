@@ -28,28 +28,18 @@ def solve_level(problem, squares, sides, memory, kept=0):
     return outcome, cost, active_set._sides[1]
 
 
-def condensed_in_numpy(problem, sides):
-    """Return x, multipliers and cost."""
-    squares, n, active = problem.cost.squares, problem.n, sides.nonzero()[0]
-    base, count = squares.base, len(squares.weights)
-    W = np.hstack([problem.rows(active), problem.bounds[(sides[active] > 0).astype(int), active][:, None]])
-    B = np.vstack([problem.memory[: count + len(problem.b)]])
-    N = np.zeros((0, n + 1))
-    if base:
-        N, B = np.linalg.solve(B[-base:, :base], B[-base:]), B[:-base]
-    equations, B = len(B), np.vstack([B, W])
-    B = B - B[:, :base] @ N
-    inverse, t = np.zeros(n + 1), np.append(squares.target, -1.0)
-    inverse[base:-1] = 1.0 / squares.diagonal[base:]
-    beta = -B @ t
-    K = (B * inverse) @ B.T
-    K[np.arange(count), np.arange(count)] += 1.0 / squares.weights
-    p = np.linalg.solve(K, beta)
-    x = p @ (B * inverse) + t
-    x[:base] = -N @ x
+def plain_level(problem, squares, sides, kept, x_above):
+    """Return x, multipliers and cost of one level from the full system by least squares."""
+    n, active = problem.n, sides.nonzero()[0]
+    cost = QuadraticCost(np.zeros((n, n)), np.zeros(n))
+    cost.update(squares, 0.0)
+    E = np.vstack([problem.A, kept, problem.rows(active)])
+    e = np.concatenate([problem.b, kept @ x_above, problem.bounds[(sides[active] > 0).astype(int), active]])
+    K = np.block([[cost.H, E.T], [E, np.zeros((len(E), len(E)))]])
+    found = np.linalg.lstsq(K, np.concatenate([-cost.g, e]), rcond=1e-13)[0]
     multipliers = np.zeros(len(sides))
-    multipliers[active] = -p[equations:]
-    return x[:-1], multipliers, problem.cost.squares_constant + 0.5 * p @ beta
+    multipliers[active] = found[n + len(E) - len(active) :]
+    return found[:n], multipliers, cost.value(found[:n])
 
 
 @settings(max_examples=60)
@@ -67,7 +57,8 @@ def test_kernel_equals_numpy(seed, base, rows, equalities, bound):
     if bound:
         sides[base + 2] = -1  # every other one from the first on has a lower bound
         sides[problem.n : problem.n + bound - 1] = 1
-    x, multipliers, cost = condensed_in_numpy(problem, sides)
+    nothing = np.zeros((0, problem.n))
+    x, multipliers, cost = plain_level(problem, problem.cost.squares, sides, nothing, np.zeros(problem.n))
     solved, found_cost, found, found_multipliers = solve_condensed(problem, sides)
     size = max(1.0, float(np.abs(x).max()))
     right_set = (sides * multipliers >= 0.0).all() and problem.violation(x) <= kernel.FEASIBLE
@@ -77,7 +68,7 @@ def test_kernel_equals_numpy(seed, base, rows, equalities, bound):
     assert found.least_room == found.room.min()
     assert found.violation == max(0.0, -found.least_room, found.equalities.max(initial=0.0))
     if right_set:
-        assert found_cost == pytest.approx(cost, rel=1e-9)
+        assert found_cost == pytest.approx(cost + problem.cost.squares_constant, rel=1e-9)
         np.testing.assert_allclose(found_multipliers, multipliers, atol=1e-9 * max(1.0, np.abs(multipliers).max()))
 
 
@@ -107,23 +98,6 @@ def test_refinement_with_different_weights():
     free = np.linalg.svd(problem.A)[2][len(problem.b) :]
     gradient = problem.H @ x + problem.g
     assert np.abs(free @ gradient).max() <= 1e-9 * np.abs(gradient).max()
-
-
-def plain_level(problem, squares, sides, kept, x_above):
-    """Return x, multipliers and cost of one level from the full system by least squares."""
-    cost, active, n = (
-        QuadraticCost(np.zeros((problem.n, problem.n)), np.zeros(problem.n)),
-        sides.nonzero()[0],
-        problem.n,
-    )
-    cost.update(squares, 0.0)
-    E = np.vstack([problem.A, kept, problem.rows(active)])
-    e = np.concatenate([problem.b, kept @ x_above, problem.bounds[(sides[active] > 0).astype(int), active]])
-    K = np.block([[cost.H, E.T], [E, np.zeros((len(E), len(E)))]])
-    found = np.linalg.lstsq(K, np.concatenate([-cost.g, e]), rcond=1e-13)[0]
-    multipliers = np.zeros(len(sides))
-    multipliers[active] = found[n + len(E) - len(active) :]
-    return found[:n], multipliers, cost.value(found[:n])
 
 
 @settings(max_examples=100)

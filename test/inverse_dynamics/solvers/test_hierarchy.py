@@ -283,4 +283,4 @@ def test_tolerance_of_wrong_length_is_refused(bench):
     tasks = dict(robot.settings.tasks)
     tasks["posture"] = tasks["posture"].model_copy(update={"tolerance": [0.1, 0.2]})
     with pytest.raises(ConfigurationError, match=r"posture.tolerance: 2 values; .* 29 values"):
-        robot.rebuilt(tasks)
+        robot.rebuilt(tasks=tasks)

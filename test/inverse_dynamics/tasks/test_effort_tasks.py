@@ -14,7 +14,7 @@ VERTICAL = [False, False, True, False, False, False]
 def with_task(bench, robot="g1", **keys):
     made = bench(robot)
     kind = ContactWrenchTask if keys["type"] == "contact_wrench" else TorqueTask
-    return made.rebuilt(dict(made.settings.tasks) | {"effort": kind.model_validate(keys)})
+    return made.rebuilt(tasks=dict(made.settings.tasks) | {"effort": kind.model_validate(keys)})
 
 
 def solve(robot, references=None):
@@ -36,7 +36,7 @@ def test_wrench_task_with_tolerance(bench):
     made = bench("g1")
     keys = {"type": "contact_wrench", "contact": "left_foot", "mask": VERTICAL, "target": [0, 0, 120, 0, 0, 0]}
     task = ContactWrenchTask.model_validate(keys | {"weight": 1.0, "tolerance": 20.0, "level": 1})
-    made = made.rebuilt(dict(made.settings.tasks) | {"effort": task})
+    made = made.rebuilt(tasks=dict(made.settings.tasks) | {"effort": task})
     solution = solve(made)
     plain = solve(made, made.references(effort=0.0))
     load = solution.forces["left_foot"][2]

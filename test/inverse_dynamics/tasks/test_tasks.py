@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
+from snapshots import dynamics_at, rate_along
 
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics import tasks
@@ -36,12 +37,6 @@ def make(kind, model, robot, **options):
     return kinds[kind.removeprefix("frame_")](kind, model, FRAMES[robot], **options)
 
 
-def snapshot(model, q, v):
-    dynamics = Dynamics(model)
-    dynamics.update(q, v)
-    return dynamics
-
-
 def rotation(quaternion):
     return pin.Quaternion(quaternion).toRotationMatrix()
 
@@ -59,8 +54,8 @@ def displacement(kind, start, end):
 @pytest.mark.parametrize("robot", ROBOTS)
 @some_states
 @given(seed=seeds)
-def test_jacobian_and_drift_are_derivatives_of_position_and_velocity(load, random_state, robot, kind, seed):
-    model, _ = load(robot)
+def test_jacobian_and_drift_are_derivatives_of_position_and_velocity(robot_of, random_state, robot, kind, seed):
+    _, model = robot_of(robot)
     q, v = random_state(model, np.random.default_rng(seed))
     task, dynamics, step = make(kind, model, robot), Dynamics(model), 1.0e-6
     columns = []
@@ -75,26 +70,19 @@ def test_jacobian_and_drift_are_derivatives_of_position_and_velocity(load, rando
     assert J.shape == (task.size, model.nv)
     assert np.abs(J - np.array(columns).T).max() < 1.0e-7
     np.testing.assert_allclose(task.velocity(dynamics), J @ v, atol=1.0e-10)
-    q, v = random_state(model, np.random.default_rng(seed))
-    task, dynamics, step = make(kind, model, robot), Dynamics(model), 1.0e-5
-    ends = []
-    for sign in (-step, step):
-        dynamics.update(pin.integrate(model.pinocchio, q, sign * v), v)
-        ends.append(np.array(task.velocity(dynamics)))
-    dynamics.update(q, v)
-    drift = task.drift(dynamics)
-    assert np.linalg.norm((ends[1] - ends[0]) / (2.0 * step) - drift) < 1.0e-6 * max(1.0, np.linalg.norm(drift))
+    drift, rate = task.drift(dynamics), rate_along(task.velocity, model, q, v, 1.0e-5)
+    assert np.linalg.norm(rate - drift) < 1.0e-6 * max(1.0, np.linalg.norm(drift))
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("robot", ROBOTS)
 @some_states
 @given(seed=seeds)
-def test_error_leads_from_the_position_to_the_reference(load, random_state, robot, kind, seed):
-    model, _ = load(robot)
+def test_error_leads_from_the_position_to_the_reference(robot_of, random_state, robot, kind, seed):
+    _, model = robot_of(robot)
     rng = np.random.default_rng(seed)
     task = make(kind, model, robot)
-    here, there = (snapshot(model, *random_state(model, rng)) for _ in range(2))
+    here, there = (dynamics_at(model, *random_state(model, rng)) for _ in range(2))
     assert np.abs(task.error(here, task.position(here))).max() < 1.0e-9
     goal = np.array(task.position(there))
     error = task.error(here, goal)
@@ -106,27 +94,25 @@ def test_error_leads_from_the_position_to_the_reference(load, random_state, robo
         np.testing.assert_allclose(reached, rotation(goal[-4:]), atol=1.0e-9)
 
 
-def test_positions_of_frames_equal_pinocchio(load, random_state):
-    model, _ = load("g1")
-    q, v = random_state(model, np.random.default_rng(1))
-    dynamics, data = snapshot(model, q, v), model.pinocchio.createData()
-    pin.framesForwardKinematics(model.pinocchio, data, q)
-    placement = data.oMf[model.pinocchio.getFrameId(FRAMES["g1"])]
-    np.testing.assert_allclose(make("frame_pose", model, "g1").position(dynamics), pin.SE3ToXYZQUAT(placement))
-    np.testing.assert_allclose(make("frame_position", model, "g1").position(dynamics), placement.translation)
+def test_positions_of_frames_equal_pinocchio(g1, random_state):
+    q, v = random_state(g1, np.random.default_rng(1))
+    dynamics, data = dynamics_at(g1, q, v), g1.pinocchio.createData()
+    pin.framesForwardKinematics(g1.pinocchio, data, q)
+    placement = data.oMf[g1.pinocchio.getFrameId(FRAMES["g1"])]
+    np.testing.assert_allclose(make("frame_pose", g1, "g1").position(dynamics), pin.SE3ToXYZQUAT(placement))
+    np.testing.assert_allclose(make("frame_position", g1, "g1").position(dynamics), placement.translation)
     np.testing.assert_allclose(
-        rotation(make("frame_orientation", model, "g1").position(dynamics)), placement.rotation, atol=1e-12
+        rotation(make("frame_orientation", g1, "g1").position(dynamics)), placement.rotation, atol=1e-12
     )
-    reference = data.oMf[model.pinocchio.getFrameId(REFERENCE_FRAMES["g1"])]
+    reference = data.oMf[g1.pinocchio.getFrameId(REFERENCE_FRAMES["g1"])]
     expected = pin.SE3ToXYZQUAT(reference.actInv(placement))
-    np.testing.assert_allclose(make("relative_pose", model, "g1").position(dynamics), expected, atol=1e-12)
+    np.testing.assert_allclose(make("relative_pose", g1, "g1").position(dynamics), expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("length", [0.5, 2.0])
-def test_reference_orientation_of_any_length(load, random_state, length):
-    model, _ = load("go2")
-    dynamics = snapshot(model, *random_state(model, np.random.default_rng(2)))
-    task = make("frame_orientation", model, "go2")
+def test_reference_orientation_of_any_length(go2, random_state, length):
+    dynamics = dynamics_at(go2, *random_state(go2, np.random.default_rng(2)))
+    task = make("frame_orientation", go2, "go2")
     reference = pin.Quaternion(pin.exp3(np.array([0.1, 0.2, -0.3]))).coeffs()
     expected = task.error(dynamics, reference)
     np.testing.assert_allclose(task.error(dynamics, length * reference), expected, atol=1e-12)
@@ -144,13 +130,12 @@ def test_reference_orientation_of_any_length(load, random_state, length):
         ("relative_pose", [True, False, True, False, False, True]),
     ],
 )
-def test_equation_has_the_masked_rows(load, random_state, kind, mask):
-    model, _ = load("g1")
+def test_equation_has_the_masked_rows(g1, random_state, kind, mask):
     rng = np.random.default_rng(3)
-    dynamics = snapshot(model, *random_state(model, rng))
-    goal = np.array(make(kind, model, "g1").position(snapshot(model, *random_state(model, rng))))
+    dynamics = dynamics_at(g1, *random_state(g1, rng))
+    goal = np.array(make(kind, g1, "g1").position(dynamics_at(g1, *random_state(g1, rng))))
     stiffness, damping = rng.uniform(0.0, 100.0, (2, len(mask)))
-    task = make(kind, model, "g1", mask=mask, stiffness=list(stiffness), damping=list(damping))
+    task = make(kind, g1, "g1", mask=mask, stiffness=list(stiffness), damping=list(damping))
     reference = Reference(goal, rng.normal(size=task.size), rng.normal(size=task.size))
     J, right, error = task.equation(dynamics, reference)
     assert task.dimension == sum(mask)
@@ -163,46 +148,43 @@ def test_equation_has_the_masked_rows(load, random_state, kind, mask):
     np.testing.assert_allclose(error, full_error[mask], atol=1e-9)
 
 
-def test_posture_task_keeps_the_order_of_its_joints(load, random_state):
-    model, _ = load("go2")
-    q, v = random_state(model, np.random.default_rng(4))
-    dynamics = snapshot(model, q, v)
-    task = tasks.PostureTask("legs", model, ["RR_calf_joint", "FL_hip_joint"], stiffness=10.0, damping=1.0)
-    indices = [model.pinocchio.joints[model.pinocchio.getJointId(name)].idx_v for name in task.joints]
+def test_posture_task_keeps_the_order_of_its_joints(go2, random_state):
+    q, v = random_state(go2, np.random.default_rng(4))
+    dynamics = dynamics_at(go2, q, v)
+    task = tasks.PostureTask("legs", go2, ["RR_calf_joint", "FL_hip_joint"], stiffness=10.0, damping=1.0)
+    indices = [go2.pinocchio.joints[go2.pinocchio.getJointId(name)].idx_v for name in task.joints]
     np.testing.assert_array_equal(task.velocity(dynamics), v[indices])
-    np.testing.assert_array_equal(task.jacobian(dynamics), np.eye(model.nv)[indices])
+    np.testing.assert_array_equal(task.jacobian(dynamics), np.eye(go2.nv)[indices])
     _, right, _ = task.equation(dynamics, Reference(np.array([0.1, 0.2]), np.zeros(2), np.array([7.0, 8.0])))
-    q_indices = [model.pinocchio.joints[model.pinocchio.getJointId(name)].idx_q for name in task.joints]
+    q_indices = [go2.pinocchio.joints[go2.pinocchio.getJointId(name)].idx_q for name in task.joints]
     np.testing.assert_allclose(right, [7.0, 8.0] + 10.0 * ([0.1, 0.2] - q[q_indices]) - v[indices])
-    assert tasks.PostureTask("all", model).joints == model.joints
+    assert tasks.PostureTask("all", go2).joints == go2.joints
     with pytest.raises(ConfigurationError, match=r"tasks\.legs\.joints: 'FL_hip_jont'.*did you mean 'FL_hip_joint'"):
-        tasks.PostureTask("legs", model, ["FL_hip_jont"])
+        tasks.PostureTask("legs", go2, ["FL_hip_jont"])
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_default_damping_is_critical(load, kind):
-    model, _ = load("g1")
-    assert make(kind, model, "g1", stiffness=64.0).damping == pytest.approx(2.0 * math.sqrt(64.0))
-    assert make(kind, model, "g1", stiffness=64.0, damping=0.0).damping == 0.0
-    size = make(kind, model, "g1").size
-    np.testing.assert_allclose(make(kind, model, "g1", stiffness=np.arange(size) ** 2).damping, 2.0 * np.arange(size))
+def test_default_damping_is_critical(g1, kind):
+    assert make(kind, g1, "g1", stiffness=64.0).damping == pytest.approx(2.0 * math.sqrt(64.0))
+    assert make(kind, g1, "g1", stiffness=64.0, damping=0.0).damping == 0.0
+    size = make(kind, g1, "g1").size
+    np.testing.assert_allclose(make(kind, g1, "g1", stiffness=np.arange(size) ** 2).damping, 2.0 * np.arange(size))
 
 
-def test_default_reference_requires_no_acceleration(load, random_state):
-    model, _ = load("g1")
+def test_default_reference_requires_no_acceleration(g1, random_state):
     rng = np.random.default_rng(5)
-    q, _ = random_state(model, rng)
-    dynamics = snapshot(model, q, np.zeros(model.nv))
+    q, _ = random_state(g1, rng)
+    dynamics = dynamics_at(g1, q, np.zeros(g1.nv))
     for kind in KINDS:
-        task = make(kind, model, "g1")
+        task = make(kind, g1, "g1")
         reference = task.rest(dynamics)
         _, right, error = task.equation(dynamics, reference)
         assert np.abs(right).max() < 1.0e-6
         assert np.abs(error).max() < 1.0e-8
         before = np.array(reference.position)
-        dynamics.update(*random_state(model, rng))
+        dynamics.update(*random_state(g1, rng))
         np.testing.assert_array_equal(reference.position, before)
-        dynamics.update(q, np.zeros(model.nv))
+        dynamics.update(q, np.zeros(g1.nv))
 
 
 @pytest.mark.parametrize(
@@ -214,29 +196,28 @@ def test_default_reference_requires_no_acceleration(load, random_state):
         (tasks.RelativePoseTask, ["FL_foot", "bse"], "reference_frame = 'bse'.*did you mean 'base'"),
     ],
 )
-def test_unknown_frames_are_refused(load, kind, frames, said):
+def test_unknown_frames_are_refused(go2, kind, frames, said):
     with pytest.raises(ConfigurationError, match=rf"tasks\.paw\.{said}"):
-        kind("paw", load("go2")[0], *frames)
+        kind("paw", go2, *frames)
 
 
 @pytest.mark.parametrize(("kind", "key"), [*((kind, "stiffness") for kind in KINDS), ("com", "damping")])
-def test_gains_of_wrong_length_are_refused(load, kind, key):
-    model, _ = load("g1")
-    size = make(kind, model, "g1").size
+def test_gains_of_wrong_length_are_refused(g1, kind, key):
+    size = make(kind, g1, "g1").size
     said = rf"tasks\.{kind}\.{key} has {size + 1} values; expected one number, or a list with one for .* {size} "
     with pytest.raises(ConfigurationError, match=said):
-        make(kind, model, "g1", **{key: [1.0] * (size + 1)})
+        make(kind, g1, "g1", **{key: [1.0] * (size + 1)})
 
 
 @pytest.mark.parametrize("kind", [tasks.AxisAlignmentTask, tasks.GazeTask])
 @pytest.mark.parametrize("robot", ROBOTS)
 @some_states
 @given(seed=seeds)
-def test_angle_to_a_moving_target_is_a_damped_spring(load, random_state, robot, kind, seed):
-    model, _ = load(robot)
+def test_angle_to_a_moving_target_is_a_damped_spring(robot_of, random_state, robot, kind, seed):
+    _, model = robot_of(robot)
     rng = np.random.default_rng(seed)
     q, v = random_state(model, rng)
-    dynamics = snapshot(model, q, v)
+    dynamics = dynamics_at(model, q, v)
     task = kind("aim", model, FRAMES[robot], rng.normal(size=3), stiffness=50.0, damping=[5.0, 9.0])
     ahead = rng.uniform(0.5, 2.0) * task.direction(dynamics)
     r = ahead if kind is tasks.AxisAlignmentTask else task.position(dynamics) - task.direction(dynamics) + ahead
@@ -261,23 +242,21 @@ def test_angle_to_a_moving_target_is_a_damped_spring(load, random_state, robot, 
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-10, 1e-5, 0.3, 1.5, 3.0, np.pi - 1e-10, np.pi])
-def test_axis_error_is_the_angle(load, random_state, angle):
-    model, _ = load("g1")
-    dynamics = snapshot(model, *random_state(model, np.random.default_rng(10)))
-    task = tasks.AxisAlignmentTask("aim", model, FRAMES["g1"], [1.0, 0.0, 0.0])
-    R = dynamics.placement(model.pinocchio.getFrameId(FRAMES["g1"])).rotation
+def test_axis_error_is_the_angle(g1, random_state, angle):
+    dynamics = dynamics_at(g1, *random_state(g1, np.random.default_rng(10)))
+    task = tasks.AxisAlignmentTask("aim", g1, FRAMES["g1"], [1.0, 0.0, 0.0])
+    R = dynamics.placement(g1.pinocchio.getFrameId(FRAMES["g1"])).rotation
     goal = 3.0 * R @ pin.exp3(angle * np.array([0.0, 0.6, 0.8])) @ [1.0, 0.0, 0.0]
     error = task.error(dynamics, goal)
     assert np.linalg.norm(error) == pytest.approx(angle, abs=1e-9)
     np.testing.assert_allclose(R @ pin.exp3(np.array([0.0, *error])) @ [3.0, 0.0, 0.0], goal, atol=1e-8)
 
 
-def test_target_without_direction(load, random_state):
-    model, _ = load("g1")
-    dynamics = snapshot(model, random_state(model, np.random.default_rng(11))[0], np.zeros(model.nv))
-    here = dynamics.placement(model.pinocchio.getFrameId(FRAMES["g1"])).translation
+def test_target_without_direction(g1, random_state):
+    dynamics = dynamics_at(g1, random_state(g1, np.random.default_rng(11))[0], np.zeros(g1.nv))
+    here = dynamics.placement(g1.pinocchio.getFrameId(FRAMES["g1"])).translation
     for kind, target in ((tasks.AxisAlignmentTask, np.zeros(3)), (tasks.GazeTask, np.array(here))):
-        _, right, error = kind("aim", model, FRAMES["g1"], [1, 0, 0]).equation(
+        _, right, error = kind("aim", g1, FRAMES["g1"], [1, 0, 0]).equation(
             dynamics, Reference(target, np.ones(3), np.ones(3))
         )
         assert not error.any()
@@ -285,19 +264,18 @@ def test_target_without_direction(load, random_state):
 
 
 @pytest.mark.parametrize("kind", [tasks.AxisAlignmentTask, tasks.GazeTask])
-def test_default_reference_of_an_axis(load, random_state, kind):
-    model, _ = load("g1")
-    dynamics = snapshot(model, random_state(model, np.random.default_rng(12))[0], np.zeros(model.nv))
-    task = kind("aim", model, FRAMES["g1"], [0.0, 1.0, 1.0])
+def test_default_reference_of_an_axis(g1, random_state, kind):
+    dynamics = dynamics_at(g1, random_state(g1, np.random.default_rng(12))[0], np.zeros(g1.nv))
+    task = kind("aim", g1, FRAMES["g1"], [0.0, 1.0, 1.0])
     reference = task.rest(dynamics)
     assert len(reference.position) == len(reference.velocity) == len(reference.acceleration) == 3
     _, right, error = task.equation(dynamics, reference)
     assert np.abs(error).max() < 1e-9
     np.testing.assert_allclose(right, 0.0, atol=1e-6)
     with pytest.raises(ConfigurationError, match=r"tasks\.aim\.axis = \[0, 0, 0\]: the length must not be 0"):
-        kind("aim", model, FRAMES["g1"], [0, 0, 0])
+        kind("aim", g1, FRAMES["g1"], [0, 0, 0])
     with pytest.raises(ConfigurationError, match=r"tasks\.aim\.stiffness has 3 values; .* 2 axes"):
-        kind("aim", model, FRAMES["g1"], [0, 0, 1], stiffness=[1, 2, 3])
+        kind("aim", g1, FRAMES["g1"], [0, 0, 1], stiffness=[1, 2, 3])
 
 
 RATES = {
@@ -318,31 +296,27 @@ def above_the_support(model, q):
 @pytest.mark.parametrize("robot", ROBOTS)
 @some_states
 @given(seed=seeds)
-def test_jacobian_and_drift_of_rate_tasks(load, random_state, robot, kind, seed):
-    model, _ = load(robot)
+def test_jacobian_and_drift_of_rate_tasks(robot_of, random_state, robot, kind, seed):
+    _, model = robot_of(robot)
     rng = np.random.default_rng(seed)
     q, v = random_state(model, rng)
-    q, v_dot, dynamics, step = above_the_support(model, q), rng.normal(size=model.nv), Dynamics(model), 1.0e-6
-    task, ends = RATES[kind](model), []
-    for t in (-step, step):
-        dynamics.update(pin.integrate(model.pinocchio, q, t * v + 0.5 * t**2 * v_dot), v + t * v_dot)
-        ends.append(np.array(task.position(dynamics)))
-    dynamics.update(q, v)
+    q, v_dot, task = above_the_support(model, q), rng.normal(size=model.nv), RATES[kind](model)
+    dynamics = dynamics_at(model, q, v)
     rate = task.jacobian(dynamics) @ v_dot + task.drift(dynamics)
     assert task.jacobian(dynamics).shape == (task.size, model.nv)
-    assert np.linalg.norm((ends[1] - ends[0]) / (2.0 * step) - rate) < 1.0e-6 * max(1.0, np.linalg.norm(rate))
+    found = rate_along(task.position, model, q, v, 1.0e-6, v_dot)
+    assert np.linalg.norm(found - rate) < 1.0e-6 * max(1.0, np.linalg.norm(rate))
 
 
 @pytest.mark.parametrize("kind", RATES)
-def test_equation_of_rate_tasks(load, random_state, kind):
-    model, _ = load("g1")
+def test_equation_of_rate_tasks(g1, random_state, kind):
     rng = np.random.default_rng(13)
-    q, v = random_state(model, rng)
-    dynamics = snapshot(model, above_the_support(model, q), v)
-    size = RATES[kind](model).size
+    q, v = random_state(g1, rng)
+    dynamics = dynamics_at(g1, above_the_support(g1, q), v)
+    size = RATES[kind](g1).size
     key = "gain" if kind == "capture_point" else "damping"
     mask = [False] + [True] * (size - 1)
-    task = RATES[kind](model, mask=mask, **{key: list(range(1, size + 1))})
+    task = RATES[kind](g1, mask=mask, **{key: list(range(1, size + 1))})
     here = np.array(task.position(dynamics))
     reference = Reference(here + 0.5, np.full(size, 7.0), np.full(size, np.nan))  # the acceleration is ignored
     J, right, error = task.equation(dynamics, reference)
@@ -350,18 +324,17 @@ def test_equation_of_rate_tasks(load, random_state, kind):
     np.testing.assert_allclose(right + task.drift(dynamics)[1:], 7.0 + 0.5 * np.arange(2, size + 1))
     assert np.linalg.norm(error) == pytest.approx(0.5 * np.sqrt(size - 1))
     with pytest.raises(ConfigurationError, match=rf"tasks\.task\.{key} has 4 values; .* {size} axes"):
-        RATES[kind](model, **{key: [1.0] * 4})
+        RATES[kind](g1, **{key: [1.0] * 4})
 
 
-def test_capture_point_and_its_smallest_height(load):
-    model, _ = load("g1")
-    dynamics = snapshot(model, model.configuration(model.posture), np.ones(model.nv))
-    task = tasks.CapturePointTask("cp", model.gravity, support_height=-0.7)
-    assert task.omega(dynamics) == pytest.approx(np.sqrt(model.gravity / (dynamics.com[2] + 0.7)))
+def test_capture_point_and_its_smallest_height(g1):
+    dynamics = dynamics_at(g1, g1.configuration(g1.posture), np.ones(g1.nv))
+    task = tasks.CapturePointTask("cp", g1.gravity, support_height=-0.7)
+    assert task.omega(dynamics) == pytest.approx(np.sqrt(g1.gravity / (dynamics.com[2] + 0.7)))
     point = dynamics.com[:2] + dynamics.com_velocity[:2] / task.omega(dynamics)
     np.testing.assert_allclose(task.position(dynamics), point)
-    task = tasks.CapturePointTask("cp", model.gravity, support_height=5.0)
-    assert task.omega(dynamics) == pytest.approx(np.sqrt(model.gravity / 0.1))
+    task = tasks.CapturePointTask("cp", g1.gravity, support_height=5.0)
+    assert task.omega(dynamics) == pytest.approx(np.sqrt(g1.gravity / 0.1))
     np.testing.assert_allclose(
         task.drift(dynamics), dynamics.com_drift[:2] / task.omega(dynamics) + dynamics.com_velocity[:2]
     )

@@ -4,18 +4,10 @@ from collections import deque
 from typing import Any
 
 import numpy as np
+from pydantic import Field
 
 from wbc_controller.records import Array
-from wbc_controller.simulation.faults.fault import (
-    ActuatorFault,
-    Effect,
-    FaultContext,
-    JointFault,
-    TorqueFault,
-    low_pass,
-    number,
-    restoring,
-)
+from wbc_controller.simulation.faults.fault import Effect, Fault, FaultContext, JointFault, low_pass, number, restoring
 from wbc_controller.simulation.mechanism import add_friction
 
 _PLACE = "actuators"
@@ -23,12 +15,25 @@ _PLACE = "actuators"
 _NO_LIMIT = 100.0
 
 
-class _AllActuators(TorqueFault):
+class _AllActuators(Fault):
+    """Fault of actuator torques: `_start` once, then `_change` for each command."""
+
     place = _PLACE
 
+    def begin(self, context: FaultContext) -> Effect:
+        """Start the fault."""
+        state = self._start(context)
+        return Effect(torques=lambda tau: self._change(tau, context, state))
 
-class _OneActuator(ActuatorFault, TorqueFault):
-    place = _PLACE
+    def _change(self, tau: Array, context: FaultContext, state: Any) -> Array:
+        raise NotImplementedError
+
+
+class _OneActuator(_AllActuators):
+    actuator: str = Field("", description="name of the actuator; random if empty")
+
+    def _start(self, context: FaultContext) -> Any:
+        return context.index_of(self.actuator, context.robot.actuators)
 
 
 class ActuatorDead(_OneActuator):

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, ClassVar, NamedTuple
 
@@ -32,10 +32,10 @@ class QueuedMessage(NamedTuple):
 class Effect:
     """Effect of a fault."""
 
-    measured: Callable[[Measurement], None] | None = None  # changes a measurement
-    posted: dict[str, Callable[[QueuedMessage], list[QueuedMessage]]] | None = None
-    torques: Callable[[Array], Array] | None = None  # changes commanded torques, (na,) in N·m
-    each_period: Callable[[], None] | None = None  # before the physics
+    measured: Callable[[Measurement], None] = lambda measured: None  # changes a measurement
+    posted: dict[str, Callable[[QueuedMessage], list[QueuedMessage]]] = field(default_factory=dict)  # by stream
+    torques: Callable[[Array], Array] = lambda tau: tau  # changes commanded torques, (na,) in N·m
+    each_period: Callable[[], None] = lambda: None  # before the physics
     ended: Callable[[], bool | None] = lambda: True  # at the end, and again while it returns False
 
 
@@ -87,7 +87,10 @@ class Fault(Section):
         return re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
 
     def check(self, robot: RobotModel, contacts: Sequence[str]) -> None:
-        """Check the parameters against a robot and its contacts; raises InputRefused."""
+        """Check the names of joint, actuator, contact and link; raises InputRefused."""
+        names = {"joint": robot.joints, "actuator": robot.actuators, "contact": contacts, "link": robot.moving_links}
+        for kind in names.keys() & type(self).model_fields.keys():
+            require_known(getattr(self, kind) or (), names[kind], f"unknown {kind}", error=InputRefused)
 
     def begin(self, context: FaultContext) -> Effect:
         """Start the fault and return its effect."""
@@ -101,33 +104,13 @@ class Fault(Section):
         return ("joint_states", "odom") if stream == "both" else (stream,)
 
 
-class NamedFault(Fault):
-    """Fault of one joint, actuator, link or contact, the first parameter."""
-
-    def check(self, robot: RobotModel, contacts: Sequence[str]) -> None:
-        """Check the names."""
-        names = {"joint": robot.joints, "actuator": robot.actuators, "contact": contacts, "link": robot.moving_links}
-        for kind in names.keys() & type(self).model_fields.keys():
-            name = getattr(self, kind)
-            require_known(name or (), names[kind], f"unknown {kind}", error=InputRefused)
-
-
-class JointFault(NamedFault):
+class JointFault(Fault):
     """Fault of one joint."""
 
     joint: str = Field("", description="name of the joint; random if empty")
 
     def _start(self, context: FaultContext) -> Any:
         return context.index_of(self.joint, context.robot.joints)
-
-
-class ActuatorFault(NamedFault):
-    """Fault of one actuator."""
-
-    actuator: str = Field("", description="name of the actuator; random if empty")
-
-    def _start(self, context: FaultContext) -> Any:
-        return context.index_of(self.actuator, context.robot.actuators)
 
 
 class MeasurementFault(Fault):
@@ -139,18 +122,6 @@ class MeasurementFault(Fault):
         return Effect(measured=lambda measured: self._distort(measured, context, state))
 
     def _distort(self, measured: Measurement, context: FaultContext, state: Any) -> None:
-        raise NotImplementedError
-
-
-class TorqueFault(Fault):
-    """Fault of actuator torques: `_start` once, then `_change` for each command."""
-
-    def begin(self, context: FaultContext) -> Effect:
-        """Start the fault."""
-        state = self._start(context)
-        return Effect(torques=lambda tau: self._change(tau, context, state))
-
-    def _change(self, tau: Array, context: FaultContext, state: Any) -> Array:
         raise NotImplementedError
 
 

@@ -49,24 +49,18 @@ class Injector:
 
     def update(self) -> None:
         """Start and end due faults; called once per period."""
-        now, changed = self._plant.time + _SAME, False
-        still = []
-        for end, effect in self._acting:
-            if end <= now and effect.ended() is not False:
-                changed = True
-            else:
-                still.append((end, effect))
-        self._acting = still
-        for begin, fault in [entry for entry in self._planned if entry[0] <= now]:
+        now = self._plant.time + _SAME
+        active = [(end, effect) for end, effect in self._acting if end > now or effect.ended() is False]
+        due = [entry for entry in self._planned if entry[0] <= now]
+        changed = bool(due) or len(active) < len(self._acting)
+        self._acting, self._planned = active, [entry for entry in self._planned if entry[0] > now]
+        for begin, fault in due:
             end = begin + fault.duration
             rng = np.random.default_rng(fault.seed)
             context = FaultContext(self._robot, self._plant, self._period, self._plant.time, end, rng)
             self._acting.append((end, fault.begin(context)))
-            changed = True
-        self._planned = [entry for entry in self._planned if entry[0] > now]
         for _, effect in self._acting:
-            if effect.each_period is not None:
-                effect.each_period()
+            effect.each_period()
         if changed:
             self._plant.forward()  # changed physics
         self.busy = bool(self._planned or self._acting or any(self._waiting.values()))
@@ -74,17 +68,15 @@ class Injector:
     def distort(self, measured: Measurement) -> None:
         """Apply sensor and stamp faults to a measurement."""
         for _, effect in self._acting:
-            if effect.measured is not None:
-                effect.measured(measured)
+            effect.measured(measured)
 
     def deliver(self, stream: str, taken: int, payload: bytes | None) -> list[QueuedMessage]:
         """Queue a message of a stream, if any, and return due messages."""
         now = self._plant.time
         queued = [QueuedMessage(now, taken, payload)] if payload is not None else []
         for _, effect in self._acting:
-            act = (effect.posted or {}).get(stream)
-            if act is not None:
-                queued = [changed for message in queued for changed in act(message)]
+            if stream in effect.posted:
+                queued = [changed for message in queued for changed in effect.posted[stream](message)]
         waiting = self._waiting.setdefault(stream, [])
         for message in queued:
             heapq.heappush(waiting, (message.due, next(self._count), message))
@@ -96,6 +88,5 @@ class Injector:
     def torques(self, tau: Array) -> Array:
         """Apply actuator faults to commanded torques, (na,) in N·m."""
         for _, effect in self._acting:
-            if effect.torques is not None:
-                tau = effect.torques(tau)
+            tau = effect.torques(tau)
         return tau

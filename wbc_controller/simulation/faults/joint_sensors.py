@@ -16,15 +16,13 @@ from wbc_controller.simulation.faults.fault import (
 )
 from wbc_controller.simulation.measurement import Measurement
 
-_PLACE = "joint sensors"
-
 
 class _AllJoints(MeasurementFault):
-    place = _PLACE
+    place = "joint sensors"
 
 
-class _OneJoint(JointFault, MeasurementFault):
-    place = _PLACE
+class _OneJoint(JointFault, _AllJoints):
+    pass
 
 
 class JointNoise(_AllJoints):

@@ -9,15 +9,7 @@ from pydantic import Field
 
 from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
 from wbc_controller.records import Array
-from wbc_controller.simulation.faults.fault import (
-    Effect,
-    Fault,
-    FaultContext,
-    NamedFault,
-    number,
-    ramp_share,
-    restoring,
-)
+from wbc_controller.simulation.faults.fault import Effect, Fault, FaultContext, number, ramp_share, restoring
 from wbc_controller.simulation.mechanism import FLOOR
 from wbc_controller.simulation.plant import Plant
 from wbc_controller.simulation.shapes import wxyz
@@ -32,15 +24,12 @@ class _WorldFault(Fault):
     place = "world and model"
 
 
-class _LinkFault(NamedFault):
-    place = "world and model"
+class _LinkFault(_WorldFault):
     link: str = Field("", description="URDF link; the base if empty")
 
 
-class _FloorFault(NamedFault):
+class _FloorFault(_WorldFault):
     """Fault of the floor; no effect on robots without contacts."""
-
-    place = "world and model"
 
     def begin(self, context: FaultContext) -> Effect:
         return self._begin(context) if context.plant.contacts else Effect()

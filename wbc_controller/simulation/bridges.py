@@ -1,17 +1,54 @@
-"""States and torques of your own MuJoCo model."""
+"""States and torques in other conventions: by joint name, and of your own MuJoCo model."""
 
+import reprlib
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from wbc_controller.arguments import finite, sized
-from wbc_controller.errors import ConfigurationError, require_known
+from wbc_controller.arguments import finite, is_mapping_of_names, number, sized
+from wbc_controller.errors import ConfigurationError, InputRefused, require_known, valid_choices
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
+from wbc_controller.inverse_dynamics.tasks.form import unit_quaternion
 from wbc_controller.records import Array
 
 #: ``mjtJoint.mjJNT_FREE``.
 _FREE = 0
+
+
+def state_from_joints(
+    model: RobotModel,
+    positions: Mapping[str, float],
+    velocities: Mapping[str, float] | None = None,
+    *,
+    base_position: npt.ArrayLike = (0.0, 0.0, 0.0),
+    base_quaternion: npt.ArrayLike = (0.0, 0.0, 0.0, 1.0),
+    base_linear_velocity: npt.ArrayLike = (0.0, 0.0, 0.0),
+    base_angular_velocity: npt.ArrayLike = (0.0, 0.0, 0.0),
+) -> tuple[Array, Array]:
+    """Return Pinocchio's q, (nq,), and v, (nv,), from joints by name and the pose and twist of a floating base.
+
+    Args:
+        positions: of every joint in ``robot.joints``, rad (m).
+        velocities: rad/s (m/s).
+        base_position: in the world, m.
+        base_quaternion: in the world, (x, y, z, w).
+        base_linear_velocity: in base axes, m/s.
+        base_angular_velocity: in base axes, rad/s.
+    """
+    if not isinstance(model, RobotModel):
+        raise InputRefused(f"model is {reprlib.repr(model)}; it must be a RobotModel, such as controller.model")
+    rates = dict.fromkeys(model.joints, 0.0) if velocities is None else velocities
+    position = _vector(base_position, 3, "base_position")
+    quaternion = unit_quaternion(_vector(base_quaternion, 4, "base_quaternion"), "base_quaternion ")
+    linear = _vector(base_linear_velocity, 3, "base_linear_velocity")
+    angular = _vector(base_angular_velocity, 3, "base_angular_velocity")
+    joints = (_by_name(model, positions, "positions"), _by_name(model, rates, "velocities"))
+    if not model.floating_base:
+        return model.state(*joints)
+    return model.state(*joints, np.concatenate([position, quaternion]), np.concatenate([linear, angular]))
 
 
 class MujocoInterface:
@@ -60,8 +97,8 @@ class MujocoInterface:
     def place(self, data: Any, q: Array, v: Array | None = None) -> None:
         """Write q, (nq,), and v, (nv,), into an ``mujoco.MjData``."""
         model = self._model
-        q = finite(sized(q, model.nq, "q"), "q")
-        v = np.zeros(model.nv) if v is None else finite(sized(v, model.nv, "v"), "v")
+        q = _vector(q, model.nq, "q")
+        v = np.zeros(model.nv) if v is None else _vector(v, model.nv, "v")
         data.qpos[self._qpos], data.qvel[self._dof] = q[model.q_index], v[model.v_index]
         if model.floating_base:
             data.qpos[self._base_qpos : self._base_qpos + 7] = q[[0, 1, 2, 6, 3, 4, 5]]
@@ -70,5 +107,21 @@ class MujocoInterface:
 
     def apply(self, data: Any, tau: Array) -> None:
         """Write torques of the actuators, (na,) in N·m, into ``data.qfrc_applied``; ``data.ctrl`` is unchanged."""
-        tau = finite(sized(tau, self._model.na, "tau"), "tau")
+        tau = _vector(tau, self._model.na, "tau")
         data.qfrc_applied[self._dof] = self._model.actuation.at_joints(tau)
+
+
+def _by_name(model: RobotModel, values: Mapping[str, float], what: str) -> Array:
+    if not is_mapping_of_names(values):
+        raise InputRefused(f"{what} is {reprlib.repr(values)}; it must be a dictionary of numbers by joint")
+    missing = [name for name in model.joints if name not in values]
+    if missing:
+        raise InputRefused(
+            f"{what}: {len(missing)} of {model.nj} joints are missing: {', '.join(missing)}; "
+            f"{valid_choices(missing[0], values)}"
+        )
+    return np.array([number(values[name], f"{what}: {name!r}") for name in model.joints])
+
+
+def _vector(values: npt.ArrayLike, size: int, what: str) -> Array:
+    return finite(sized(values, size, what), what)

@@ -1,1 +1,0 @@
-"""States and torques in other conventions."""
