@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
-from mechanisms import box, four_bar, random_state
+from mechanisms import ball, box, four_bar, random_state
 
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.mechanics import (
@@ -193,15 +193,12 @@ def test_a_ball_rolls_down_a_slope_alike():
     local = np.zeros(6)
     mujoco.mj_contactForce(theirs, data, 0, local)
 
-    ball = pin.Model()
-    joint = ball.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "ball")
-    ball.appendBodyToJoint(joint, pin.Inertia.FromSphere(2.0, 0.1), pin.SE3.Identity())
-    ball.addFrame(pin.Frame("ball_link", joint, 0, pin.SE3.Identity(), pin.BODY))
-    ball.gravity = pin.Motion(np.array([9.81 * np.sin(angle), 0, -9.81 * np.cos(angle), 0, 0, 0]))
+    model = ball(2.0)
+    model.gravity = pin.Motion(np.array([9.81 * np.sin(angle), 0, -9.81 * np.cos(angle), 0, 0, 0]))
     rolling = [Rolling(frame="ball_link", radius=0.1, height=-0.1)]
-    q, zero = pin.neutral(ball), np.zeros(6)
-    motion = constrained_dynamics(ball, q, zero, zero, rolling)
-    _, vs = simulate(ball, lambda q, v, t: constrained_dynamics(ball, q, v, zero, rolling).v_dot, q, zero, 0.01, 50)
+    q, zero = pin.neutral(model), np.zeros(6)
+    motion = constrained_dynamics(model, q, zero, zero, rolling)
+    _, vs = simulate(model, lambda q, v, t: constrained_dynamics(model, q, v, zero, rolling).v_dot, q, zero, 0.01, 50)
     assert data.qvel[0] == pytest.approx(np.linalg.norm(vs[-1][:3]), rel=0.001)
     assert data.qvel[4] == pytest.approx(vs[-1][4], rel=0.001)
     assert local[0] == pytest.approx(motion.multipliers[2], rel=0.001)

@@ -1,19 +1,12 @@
 """Constraints: finite differences, forces, stabilization."""
 
-import math
-
 import numpy as np
 import pinocchio as pin
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
-from mechanisms import ROBOTS, links, random_state, robot
+from mechanisms import ball, links, names, random_case, rate_along, robot, seeds
 
 from wbc_controller import mechanics
-from wbc_controller.errors import ConfigurationError
-
-seeds = st.integers(0, 2**32 - 1)
-names = st.sampled_from(sorted(ROBOTS))
 
 
 def placed(rng):
@@ -45,8 +38,7 @@ def every_kind(model, rng):
 @given(names, seeds)
 def test_rates_are_finite_differences(name, seed):
     """d/dt position = velocity, d/dt velocity = A v̇ + drift, along a motion with any acceleration."""
-    model, rng = robot(name), np.random.default_rng(seed)
-    q, v = random_state(model, rng)
+    model, rng, q, v = random_case(name, seed)
     v_dot, t, eps = rng.normal(size=model.nv), float(rng.uniform(0, 2)), 1e-5
     now, after, before = (
         mechanics.Kinematics(model, pin.integrate(model, q, s * v + 0.5 * s * s * v_dot), v + s * v_dot, t + s)
@@ -66,23 +58,23 @@ def test_rates_are_finite_differences(name, seed):
 @settings(max_examples=10)
 @given(names, seeds)
 def test_a_welds_error_moves_with_its_twist_near_zero(name, seed):
-    model, rng = robot(name), np.random.default_rng(seed)
-    q, v = random_state(model, rng)
+    model, rng, q, v = random_case(name, seed)
     frame = links(model)[-1]
     near = mechanics.Kinematics(model, q, v).placement(frame) * pin.exp6(1e-6 * rng.normal(size=6))
     contact = mechanics.SurfaceContact(frame=frame, target=near)
-    eps = 1e-5
-    ends = [contact.terms(mechanics.Kinematics(model, pin.integrate(model, q, s * v), v)).position for s in (eps, -eps)]
-    velocity = contact.terms(mechanics.Kinematics(model, q, v)).velocity
-    assert np.allclose((ends[0] - ends[1]) / (2 * eps), velocity, atol=1e-4 * max(1.0, np.abs(velocity).max()))
+
+    def terms(q, v):
+        return contact.terms(mechanics.Kinematics(model, q, v))
+
+    rate, velocity = rate_along(lambda q, v: terms(q, v).position, model, q, v, 0 * v, 1e-5), terms(q, v).velocity
+    assert np.allclose(rate, velocity, atol=1e-4 * max(1.0, np.abs(velocity).max()))
 
 
 @settings(max_examples=15)
 @given(names, seeds)
 def test_multipliers_are_forces_that_act_on_the_links(name, seed):
     """Aᵀλ equals Jᵀw of the documented wrenches λ (equation (22))."""
-    model, rng = robot(name), np.random.default_rng(seed)
-    q, v = random_state(model, rng)
+    model, rng, q, v = random_case(name, seed)
     kinematics = mechanics.Kinematics(model, q, v)
     first, second = (str(name) for name in rng.choice(links(model), 2, replace=False))
     a, b, force = rng.normal(size=(3, 3))
@@ -123,37 +115,14 @@ def test_stabilisation_takes_errors_out_with_the_time_constant():
     times = 2e-3 * np.arange(201)
     assert np.allclose(errors, g0 * (1 + times / T) * np.exp(-times / T), atol=1e-7)
     # Non-holonomic rows: γ̇ + γ/T = 0. A sliding ball begins to roll.
-    ball = pin.Model()
-    joint = ball.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "ball")
-    ball.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
-    ball.addFrame(pin.Frame("ball_link", joint, 0, pin.SE3.Identity(), pin.BODY))
+    model, zero = ball(1.0), np.zeros(6)
     rolling = mechanics.Rolling(frame="ball_link", radius=0.1, height=-0.1, time_constant=T)
-    q, v = pin.neutral(ball), np.array([1.0, 0, 0, 0, 0, 0])
-    zero = np.zeros(6)
+    q, v = pin.neutral(model), np.array([1.0, 0, 0, 0, 0, 0])
     qs, vs = mechanics.simulate(
-        ball, lambda q, v, t: mechanics.constrained_dynamics(ball, q, v, zero, [rolling]).v_dot, q, v, 2e-3, 200
+        model, lambda q, v, t: mechanics.constrained_dynamics(model, q, v, zero, [rolling]).v_dot, q, v, 2e-3, 200
     )
-    slip = [
-        rolling.terms(mechanics.Kinematics(ball, a, b)).velocity[0] for a, b in zip(qs[::20], vs[::20], strict=True)
-    ]
+    states = zip(qs[::20], vs[::20], strict=True)
+    slip = [rolling.terms(mechanics.Kinematics(model, *state)).velocity[0] for state in states]
     assert np.allclose(slip, np.exp(-times[::20] / T), atol=1e-7)
     # Friction at the contact reduces the velocity to 5/7.
     assert np.linalg.norm(pin.XYZQUATToSE3(qs[-1]).rotation @ vs[-1][:3]) == pytest.approx(5 / 7, abs=0.01)
-
-
-def test_mistakes_are_named():
-    model = robot("go2")
-    q, v = pin.neutral(model), np.zeros(model.nv)
-    with pytest.raises(ConfigurationError, match=r"time_constant = 0\.0 s: must be positive"):
-        mechanics.PointContact(frame="FL_foot", time_constant=0.0)
-    with pytest.raises(ConfigurationError, match="time_constant = nan"):
-        mechanics.JointCoupling(coefficients={}, time_constant=math.nan)
-    for constraint, words in (
-        (mechanics.PointContact(frame="FL_foto"), "did you mean 'FL_foot'"),
-        (mechanics.JointCoupling(coefficients={"FL_hip": 1.0}), "did you mean 'FL_hip_joint'"),
-        (mechanics.JointCoupling(coefficients={"root_joint": 1.0}), "6 degrees of freedom in 7"),
-        (mechanics.PlaneContact(frame="FL_foot", normal=np.zeros(3)), "must not be zero"),
-        (mechanics.Rolling(frame="FL_foot", radius=0.1, axis=np.array([0.0, 0.0, 1.0])), "lies flat"),
-    ):
-        with pytest.raises(ConfigurationError, match=words):
-            mechanics.constrained_dynamics(model, q, v, v, [constraint])

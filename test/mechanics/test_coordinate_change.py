@@ -2,12 +2,9 @@
 
 import numpy as np
 import pinocchio as pin
-import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
-from mechanisms import FLOATING, ROBOTS, links, random_state, robot
+from mechanisms import FLOATING, links, names, random_state, robot, seeds
 
-from wbc_controller.errors import ConfigurationError
 from wbc_controller.mechanics import (
     ExternalWrench,
     Kinematics,
@@ -33,8 +30,6 @@ from wbc_controller.mechanics import (
     potential_energy,
 )
 
-seeds = st.integers(0, 2**32 - 1)
-
 
 def another(name, rng):
     """Robot with random root link and joint order, and half of its joints flipped."""
@@ -51,7 +46,7 @@ def close(a, b, scale=None):
 
 
 @settings(max_examples=30)
-@given(st.sampled_from(sorted(ROBOTS)), seeds)
+@given(names, seeds)
 def test_the_same_physics(name, seed):
     rng = np.random.default_rng(seed)
     model, other = another(name, rng)
@@ -81,7 +76,7 @@ def test_the_same_physics(name, seed):
 
 
 @settings(max_examples=40)
-@given(st.sampled_from(sorted(ROBOTS)), seeds)
+@given(names, seeds)
 def test_the_same_contact_forces(name, seed):
     rng = np.random.default_rng(seed)
     model, other = another(name, rng)
@@ -124,17 +119,3 @@ def test_limits_and_rotors_go_along():
         assert [other.lowerPositionLimit[b.idx_q], other.upperPositionLimit[b.idx_q]] == bounds
         assert other.upperEffortLimit[b.idx_v] == model.upperEffortLimit[a.idx_v]
         assert other.armature[b.idx_v] == model.armature[a.idx_v]
-
-
-def test_mistakes_are_named():
-    with pytest.raises(ConfigurationError, match="fixed to the world"):
-        change_coordinates(robot("panda"), root="panda_joint3")
-    with pytest.raises(ConfigurationError, match="did you mean 'FL_hip_joint'"):
-        change_coordinates(robot("go2"), flip=["FL_hip_jiont"])
-    with pytest.raises(ConfigurationError, match="unknown joint 'foot'"):
-        change_coordinates(robot("go2"), root="foot")
-    ball = pin.Model()
-    joint = ball.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
-    ball.addJoint(joint, pin.JointModelSpherical(), pin.SE3.Identity(), "shoulder")
-    with pytest.raises(ConfigurationError, match="'shoulder' has type JointModelSpherical"):
-        change_coordinates(ball)

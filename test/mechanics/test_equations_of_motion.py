@@ -4,22 +4,15 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
-from mechanisms import FLOATING, ROBOTS, links, random_state, robot
+from mechanisms import floating, links, names, random_case, rate_along, robot, seeds
 
 from wbc_controller import mechanics
-from wbc_controller.errors import ConfigurationError, InputRefused
-
-seeds = st.integers(0, 2**32 - 1)
-names = st.sampled_from(sorted(ROBOTS))
-floating = st.sampled_from(FLOATING)
 
 
 @settings(max_examples=25)
 @given(names, seeds)
 def test_forward_and_inverse_dynamics_are_the_equations_of_motion(name, seed):
-    model, rng = robot(name), np.random.default_rng(seed)
-    q, v = random_state(model, rng)
+    model, rng, q, v = random_case(name, seed)
     v_dot = rng.normal(size=model.nv)
     M, h = mechanics.mass_matrix(model, q), mechanics.bias_force(model, q, v)
     assert np.array_equal(M, M.T)
@@ -32,8 +25,7 @@ def test_forward_and_inverse_dynamics_are_the_equations_of_motion(name, seed):
 
 def test_they_are_the_euler_lagrange_equation():
     """Equation (7) by finite differences of L, for an arm."""
-    model, rng = robot("panda"), np.random.default_rng(1)
-    q, v = random_state(model, rng)
+    model, rng, q, v = random_case("panda", 1)
     a = rng.normal(size=model.nv)
     eps = 1e-4
 
@@ -57,17 +49,12 @@ def test_actuation_matrix_order():
     force = S.T @ np.array([2.0, 3.0])
     assert force[model.joints[model.getJointId("RR_calf_joint")].idx_v] == 2.0
     assert force[:6].tolist() == [0.0] * 6
-    with pytest.raises(ConfigurationError, match="did you mean 'FL_hip_joint'"):
-        mechanics.actuation_matrix(model, ["FL_hip_jiont"])
-    with pytest.raises(ConfigurationError, match="6 degrees of freedom"):
-        mechanics.actuation_matrix(model, ["root_joint"])
 
 
 @settings(max_examples=20)
 @given(names, seeds)
 def test_one_wrench_in_any_frame_is_one_generalized_force(name, seed):
-    model, rng = robot(name), np.random.default_rng(seed)
-    q, v = random_state(model, rng)
+    model, rng, q, v = random_case(name, seed)
     frame = str(rng.choice(links(model)))
     force, torque, point = rng.normal(size=(3, 3))  # in world axes, at a point of the world
     kinematics = mechanics.Kinematics(model, q, v)
@@ -92,24 +79,10 @@ def test_one_wrench_in_any_frame_is_one_generalized_force(name, seed):
     assert mechanics.power(v, answers[0]) == pytest.approx(force @ velocity + torque @ omega, abs=1e-9)
 
 
-def test_invalid_wrenches_are_refused():
-    with pytest.raises(ConfigurationError, match="valid: LOCAL, LOCAL_WORLD_ALIGNED, WORLD"):
-        mechanics.ExternalWrench("base", np.zeros(6), "BODY")
-    with pytest.raises(InputRefused, match=r"has shape \(3,\), expected \(6,\)"):
-        mechanics.ExternalWrench("base", np.zeros(3))
-    with pytest.raises(InputRefused, match="not finite"):
-        mechanics.ExternalWrench("base", np.full(6, np.nan))
-    with pytest.raises(ConfigurationError, match="unknown frame 'bsae'"):
-        mechanics.generalized_force(
-            robot("go2"), pin.neutral(robot("go2")), [mechanics.ExternalWrench("bsae", np.zeros(6))]
-        )
-
-
 @settings(max_examples=20)
 @given(names, seeds)
 def test_energies_and_power(name, seed):
-    model, rng = robot(name), np.random.default_rng(seed)
-    q, v = random_state(model, rng)
+    model, rng, q, v = random_case(name, seed)
     data = model.createData()
     pin.forwardKinematics(model, data, q, v)
     bodies = sum(0.5 * data.v[j].vector @ (model.inertias[j] * data.v[j]).vector for j in range(1, model.njoints))
@@ -121,15 +94,14 @@ def test_energies_and_power(name, seed):
     wrench = mechanics.ExternalWrench(str(rng.choice(links(model))), 10.0 * rng.normal(size=6), "LOCAL")
     applied = force + mechanics.generalized_force(model, q, [wrench])
     v_dot = mechanics.forward_dynamics(model, q, v, applied)
-    eps = 1e-6
-    ends = [mechanics.hamiltonian(model, pin.integrate(model, q, s * v), v + s * v_dot) for s in (eps, -eps)]
-    rate = (ends[0] - ends[1]) / (2 * eps)
+    rate = rate_along(lambda q, v: mechanics.hamiltonian(model, q, v), model, q, v, v_dot)
     scale = max(1.0, np.abs(v).max() * np.abs(applied).max(), abs(mechanics.hamiltonian(model, q, v)))
     assert mechanics.hamiltonian_rate(model, q, v, v_dot) == pytest.approx(
         mechanics.power(v, applied), abs=1e-9 * scale
     )
     assert rate == pytest.approx(mechanics.power(v, applied), abs=1e-4 * scale)
     # Gradient of the potential energy: equation (2).
+    eps = 1e-6
     slope = np.array([mechanics.potential_energy(model, pin.integrate(model, q, e)) for e in eps * np.eye(model.nv)])
     slope -= [mechanics.potential_energy(model, pin.integrate(model, q, -e)) for e in eps * np.eye(model.nv)]
     assert np.allclose(slope / (2 * eps), mechanics.generalized_gravity(model, q), atol=1e-2)
@@ -138,8 +110,7 @@ def test_energies_and_power(name, seed):
 @settings(max_examples=20)
 @given(floating, seeds)
 def test_centroidal_momentum_rate_is_the_external_wrench(name, seed):
-    model, rng = robot(name), np.random.default_rng(seed)
-    q, v = random_state(model, rng)
+    model, rng, q, v = random_case(name, seed)
     frames = [str(f) for f in rng.choice(links(model), 2, replace=False)]
     force = np.zeros(model.nv)
     force[6:] = 30.0 * rng.normal(size=model.nv - 6)
@@ -166,8 +137,5 @@ def test_centroidal_momentum_rate_is_the_external_wrench(name, seed):
     assert np.allclose(
         mechanics.generalized_force(model, q, wrenches), motion.constraint_force, atol=1e-7 * np.abs(rate).max()
     )
-    eps = 1e-6
-    ends = [
-        mechanics.centroidal_momentum(model, pin.integrate(model, q, s * v), v + s * motion.v_dot) for s in (eps, -eps)
-    ]
-    assert np.allclose((ends[0] - ends[1]) / (2 * eps), rate, rtol=1e-4, atol=1e-3 * max(1.0, np.abs(rate).max()))
+    slope = rate_along(lambda q, v: mechanics.centroidal_momentum(model, q, v), model, q, v, motion.v_dot)
+    assert np.allclose(slope, rate, rtol=1e-4, atol=1e-3 * max(1.0, np.abs(rate).max()))

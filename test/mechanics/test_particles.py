@@ -2,11 +2,9 @@
 
 import numpy as np
 import pinocchio as pin
-import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
+from mechanisms import seeds
 
-from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.mechanics import (
     ParticleSystem,
     Rod,
@@ -22,7 +20,6 @@ from wbc_controller.mechanics import (
     solve_in_two_stages,
 )
 
-seeds = st.integers(0, 2**32 - 1)
 NOTHING = (np.zeros((0, 6)), np.zeros(0))
 
 
@@ -151,21 +148,3 @@ def test_a_rigid_tetrahedron_is_a_rigid_body():
     alpha = np.linalg.solve(inertia, -np.cross(omega, inertia @ omega))  # Euler's equation
     expected = np.cross(alpha, r) + np.cross(omega, np.cross(omega, r))
     assert np.allclose(x_ddot, expected, atol=1e-9)
-
-
-def test_mistakes_are_named():
-    with pytest.raises(ConfigurationError, match="kg: must be positive"):
-        ParticleSystem(np.array([1.0, np.nan]), [])
-    with pytest.raises(ConfigurationError, match="unknown particle 2 of a rod; valid: 0 to 1"):
-        ParticleSystem(np.ones(2), [Rod(0, 2, 1.0)])
-    with pytest.raises(ConfigurationError, match="length = 0"):
-        ParticleSystem(np.ones(2), [Rod(0, 1, 0.0)])
-    system = ParticleSystem(np.ones(2), [Rod(0, 1, 1.0)])
-    x = np.array([[0.0, 0, 0], [1.0, 0, 0]])
-    structure = rod_constraints(system, x, 0 * x)
-    with pytest.raises(ConfigurationError, match="violates the structure"):
-        reduce_structure(system, structure, basis=np.eye(6))
-    with pytest.raises(InputRefused, match="forces has shape"):
-        solve_in_one_stage(system, structure, NOTHING, np.zeros(6))
-    with pytest.raises(InputRefused, match="x has shape"):
-        rod_constraints(system, x[0], x)
