@@ -7,20 +7,10 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
-from mechanisms import ball, box, four_bar, random_state
+from mechanisms import ball, box, four_bar, move, random_state
 
+from wbc_controller import mechanics as wbm
 from wbc_controller.controller.build.robot import make_model
-from wbc_controller.mechanics import (
-    Kinematics,
-    Rolling,
-    SurfaceContact,
-    actuation_matrix,
-    admissible_directions,
-    constrained_dynamics,
-    constraint_equation,
-    forward_dynamics,
-    simulate,
-)
 from wbc_controller.settings.contacts import SurfaceContact as SurfaceSettings
 from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.simulation.plant import Plant
@@ -40,7 +30,7 @@ def test_free_flight_agrees_to_rounding(name):
     _, model, plant = shipped(name)
     plant.hold(False, 0.0)
     rng = np.random.default_rng(0)
-    S = actuation_matrix(model.pinocchio, model.joints)
+    S = wbm.actuation_matrix(model.pinocchio, model.joints)
     for _ in range(5):
         q, v = random_state(model.pinocchio, rng, speed=0.5)
         # Within joint limits and above the floor, where MuJoCo has no springs.
@@ -51,7 +41,7 @@ def test_free_flight_agrees_to_rounding(name):
         plant.set_state(q, v)
         plant.apply(tau)
         plant.forward()
-        expected = forward_dynamics(model.pinocchio, q, v, S.T @ tau)
+        expected = wbm.forward_dynamics(model.pinocchio, q, v, S.T @ tau)
         assert np.abs(plant.acceleration() - expected).max() < 1e-8 * np.abs(expected).max()
 
 
@@ -78,9 +68,9 @@ def feet(settings, model, q):
         if isinstance(contact, SurfaceSettings):
             placement = pin.SE3(pin.rpy.rpyToMatrix(*contact.rpy), np.array(contact.translation))
             now = data.oMf[model.pinocchio.getFrameId(contact.frame)] * placement
-            made.append(SurfaceContact(frame=contact.frame, placement=placement, target=now))
+            made.append(wbm.SurfaceContact(frame=contact.frame, placement=placement, target=now))
         else:
-            made.append(Rolling(frame=contact.frame, radius=contact.radius, centre=np.array(contact.translation)))
+            made.append(wbm.Rolling(frame=contact.frame, radius=contact.radius, centre=np.array(contact.translation)))
     return made
 
 
@@ -89,8 +79,8 @@ def test_a_standing_quadruped_has_the_same_contact_forces():
     settings, model, plant = standing("go2")
     q, v = plant.state()
     assert np.abs(v).max() < 0.05
-    force = actuation_matrix(model.pinocchio, model.joints).T @ plant.applied_torques
-    motion = constrained_dynamics(model.pinocchio, q, v, force, feet(settings, model, q))
+    force = wbm.actuation_matrix(model.pinocchio, model.joints).T @ plant.applied_torques
+    motion = wbm.constrained_dynamics(model.pinocchio, q, v, force, feet(settings, model, q))
     theirs = plant.contact_wrenches()
     weight = model.mass * model.gravity
     ours = motion.multipliers.reshape(4, 3)
@@ -110,8 +100,8 @@ def test_a_jolt_of_torque_changes_the_contact_forces_alike(torque):
     tau = plant.applied_torques + torque * np.tile([0.0, 1.0, -1.0], 4)
     plant.apply(tau)
     plant.forward()
-    force = actuation_matrix(model.pinocchio, model.joints).T @ tau
-    motion = constrained_dynamics(model.pinocchio, q, v, force, feet(settings, model, q))
+    force = wbm.actuation_matrix(model.pinocchio, model.joints).T @ tau
+    motion = wbm.constrained_dynamics(model.pinocchio, q, v, force, feet(settings, model, q))
     theirs = np.array(list(plant.contact_wrenches().values()))
     weight = model.mass * model.gravity
     ours = motion.multipliers.reshape(4, 3)
@@ -147,12 +137,12 @@ def mujoco_four_bar(model):
 def test_a_four_bar_moves_and_strains_alike():
     """Impedance 0.9999: angles over one second to 1e-5 rad, force of the pin to 0.1 % of the largest."""
     model, loop, q = four_bar()
-    A = constraint_equation(loop, Kinematics(model, q, np.zeros(3))).A
-    v = admissible_directions(A)[:, 0]
+    A = wbm.constraint_equation(loop, wbm.Kinematics(model, q, np.zeros(3))).A
+    v = wbm.admissible_directions(A)[:, 0]
     v = v * 5.0 / v[0]
     zero = np.zeros(3)
     step, steps = 2e-3, 500
-    qs, vs = simulate(model, lambda q, v, t: constrained_dynamics(model, q, v, zero, loop).v_dot, q, v, step, steps)
+    qs, vs = move(model, loop, q, v, step, steps)
 
     theirs = mujoco.MjModel.from_xml_string(mujoco_four_bar(model))
     data = mujoco.MjData(theirs)
@@ -167,7 +157,7 @@ def test_a_four_bar_moves_and_strains_alike():
             probe = mujoco.MjData(theirs)
             probe.qpos[:], probe.qvel[:] = qs[k], vs[k]
             mujoco.mj_forward(theirs, probe)
-            motion = constrained_dynamics(model, qs[k], vs[k], zero, loop)
+            motion = wbm.constrained_dynamics(model, qs[k], vs[k], zero, loop)
             forces.append((motion.multipliers, probe.efc_force[:3].copy()))
         for _ in range(4):
             mujoco.mj_step(theirs, data)
@@ -195,10 +185,10 @@ def test_a_ball_rolls_down_a_slope_alike():
 
     model = ball(2.0)
     model.gravity = pin.Motion(np.array([9.81 * np.sin(angle), 0, -9.81 * np.cos(angle), 0, 0, 0]))
-    rolling = [Rolling(frame="ball_link", radius=0.1, height=-0.1)]
+    rolling = [wbm.Rolling(frame="ball_link", radius=0.1, height=-0.1)]
     q, zero = pin.neutral(model), np.zeros(6)
-    motion = constrained_dynamics(model, q, zero, zero, rolling)
-    _, vs = simulate(model, lambda q, v, t: constrained_dynamics(model, q, v, zero, rolling).v_dot, q, zero, 0.01, 50)
+    motion = wbm.constrained_dynamics(model, q, zero, zero, rolling)
+    _, vs = move(model, rolling, q, zero, 0.01, 50)
     assert data.qvel[0] == pytest.approx(np.linalg.norm(vs[-1][:3]), rel=0.001)
     assert data.qvel[4] == pytest.approx(vs[-1][4], rel=0.001)
     assert local[0] == pytest.approx(motion.multipliers[2], rel=0.001)
@@ -235,7 +225,7 @@ def test_box_at_rest_and_tipping(moment):
         sides[int(data.contact[index].pos[1] < 0.0)] += local[0]
 
     force = np.array([0, 0, 0, moment, 0, 0])
-    motion = constrained_dynamics(model, pin.neutral(model), np.zeros(6), force, unilateral=floor)
+    motion = wbm.constrained_dynamics(model, pin.neutral(model), np.zeros(6), force, unilateral=floor)
     ours = np.array([motion.push[[0, 2]].sum(), motion.push[[1, 3]].sum()])
     weight = mass * 9.81
     assert np.abs(ours - sides).max() < 0.001 * weight, (ours, sides)

@@ -6,8 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from wbc_controller import mechanics as wbm
 from wbc_controller.controller.build.robot import make_model
-from wbc_controller.mechanics import ExternalWrench, actuation_matrix, energy_residual, momentum_residual
 from wbc_controller.records import RobotState
 from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.simulation.plant import Plant
@@ -24,12 +24,12 @@ def squatting():
     model = make_model(settings)
     plant = Plant(model, settings)
     plant.hold(False, 0.0)
-    S = actuation_matrix(model.pinocchio, model.joints)
+    S = wbm.actuation_matrix(model.pinocchio, model.joints)
     steps = []
 
     def contacts():
         return [
-            ExternalWrench(
+            wbm.ExternalWrench(
                 settings.contacts[name].frame,
                 np.concatenate([force, np.zeros(3)]),
                 "LOCAL_WORLD_ALIGNED",
@@ -77,14 +77,14 @@ def energy(frame="base", scale=1.0, flip=None):
     data, rows = model.createData(), []
     for before, after, force, wrenches in steps[400:1500]:
         applied = force if flip is None else np.where(np.arange(len(force)) == flip, -force, force)
-        balance = energy_residual(model, before, after, applied, wrenches, data=data)
+        balance = wbm.energy_residual(model, before, after, applied, wrenches, data=data)
         rows.append((balance.residual, balance.throughput))
     return windows(rows)
 
 
 def momentum(model, steps):
     data = model.createData()
-    return windows([momentum_residual(model, b, a, wrenches, data=data).residual for b, a, _, wrenches in steps])
+    return windows([wbm.momentum_residual(model, b, a, wrenches, data=data).residual for b, a, _, wrenches in steps])
 
 
 def test_energy_is_accounted_for_and_shows_a_wrong_mass_and_a_wrong_torque_sign():

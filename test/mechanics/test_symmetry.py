@@ -7,16 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mechanisms import FLOATING, floating, random_case, random_state, rate_along, robot, seeds
 
-from wbc_controller.mechanics import (
-    centroidal_momentum,
-    check_symmetry,
-    conserved_quantity,
-    forward_dynamics,
-    joint_shift,
-    lagrangian_variation,
-    rotation,
-    translation,
-)
+from wbc_controller import mechanics as wbm
 
 
 @pytest.mark.parametrize("name", FLOATING)
@@ -25,18 +16,22 @@ def test_space_is_symmetric_but_for_gravity(name):
     states = [random_state(model, rng) for _ in range(5)]
     point = np.array([0.3, -0.2, 0.5])
     x, y, z = np.eye(3)
-    for symmetric in (translation(model, x), translation(model, y), rotation(model, z, point)):
-        report = check_symmetry(model, states, symmetric)
+    for symmetric in (wbm.translation(model, x), wbm.translation(model, y), wbm.rotation(model, z, point)):
+        report = wbm.check_symmetry(model, states, symmetric)
         assert report.invariant, report.variation
         assert report.variation < 1e-8
-    for broken in (translation(model, z), rotation(model, x, point), rotation(model, y, point)):
-        report = check_symmetry(model, states, broken)
+    for broken in (wbm.translation(model, z), wbm.rotation(model, x, point), wbm.rotation(model, y, point)):
+        report = wbm.check_symmetry(model, states, broken)
         assert not report.invariant, report.variation
     # Without gravity all directions are equal.
     weightless = model.copy()
     weightless.gravity = pin.Motion.Zero()
-    for symmetric in (translation(weightless, z), rotation(weightless, x, point), rotation(weightless, y, point)):
-        assert check_symmetry(weightless, states, symmetric).invariant
+    for symmetric in (
+        wbm.translation(weightless, z),
+        wbm.rotation(weightless, x, point),
+        wbm.rotation(weightless, y, point),
+    ):
+        assert wbm.check_symmetry(weightless, states, symmetric).invariant
 
 
 @settings(max_examples=20)
@@ -45,11 +40,11 @@ def test_the_conserved_quantities_are_the_momenta(name, seed):
     model, _, q, v = random_case(name, seed)
     com = np.array(pin.centerOfMass(model, model.createData(), q))
     # Rotors (armature) do not contribute to the centroidal momentum.
-    momentum = centroidal_momentum(model, q, v)
+    momentum = wbm.centroidal_momentum(model, q, v)
     scale = max(1.0, np.abs(momentum).max())
     for axis in range(3):
-        along = conserved_quantity(model, q, v, translation(model, np.eye(3)[axis]))
-        about = conserved_quantity(model, q, v, rotation(model, np.eye(3)[axis], com))
+        along = wbm.conserved_quantity(model, q, v, wbm.translation(model, np.eye(3)[axis]))
+        about = wbm.conserved_quantity(model, q, v, wbm.rotation(model, np.eye(3)[axis], com))
         assert along == pytest.approx(momentum[axis], abs=1e-9 * scale)
         assert about == pytest.approx(momentum[3 + axis], abs=1e-9 * scale)
 
@@ -60,19 +55,19 @@ def test_momentum_changes_by_the_broken_symmetry_and_by_forces(name, seed):
     """d/dt(pᵀδq) = δL + δqᵀf for any field δq(q): (27) with a force."""
     model, rng, q, v = random_case(name, seed)
     force = 5.0 * rng.normal(size=model.nv)
-    v_dot = forward_dynamics(model, q, v, force)
+    v_dot = wbm.forward_dynamics(model, q, v, force)
     constant, mix = rng.normal(size=model.nv), rng.normal(size=(model.nv, model.nq)) / model.nq
 
     def field(at):
         return constant + mix @ np.sin(at)
 
-    rate = rate_along(lambda q, v: conserved_quantity(model, q, v, field), model, q, v, v_dot)
-    expected = lagrangian_variation(model, q, v, field) + field(q) @ force
+    rate = rate_along(lambda q, v: wbm.conserved_quantity(model, q, v, field), model, q, v, v_dot)
+    expected = wbm.lagrangian_variation(model, q, v, field) + field(q) @ force
     assert rate == pytest.approx(expected, abs=1e-3 * max(1.0, abs(rate), np.abs(v_dot).max()))
 
 
 def test_an_arm_on_an_upright_axis_keeps_its_momentum():
     model, rng = robot("panda"), np.random.default_rng(0)
     states = [random_state(model, rng) for _ in range(4)]
-    assert check_symmetry(model, states, joint_shift(model, "panda_joint1")).invariant
-    assert not check_symmetry(model, states, joint_shift(model, "panda_joint2")).invariant
+    assert wbm.check_symmetry(model, states, wbm.joint_shift(model, "panda_joint1")).invariant
+    assert not wbm.check_symmetry(model, states, wbm.joint_shift(model, "panda_joint2")).invariant

@@ -1,6 +1,6 @@
 """Robots and small mechanisms that the tests of mechanics share, and random states and constraints of them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any
 
@@ -17,7 +17,9 @@ from wbc_controller.mechanics import (
     Rolling,
     SurfaceContact,
     WeldedFrames,
+    constrained_dynamics,
     oscillating_support,
+    simulate,
 )
 from wbc_controller.settings.resources import locate
 
@@ -101,6 +103,18 @@ def random_constraints(model: pin.Model, rng: np.random.Generator) -> list[Const
     if rng.random() < 0.4:
         constraints.append(constraints[0])
     return constraints
+
+
+def move(
+    model: pin.Model, constraints: Sequence[Constraint], q: np.ndarray, v: np.ndarray, step: float, steps: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Motion under constraints, without other forces than gravity; see `simulate`."""
+    zero, data = np.zeros(model.nv), model.createData()
+
+    def acceleration(q: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
+        return constrained_dynamics(model, q, v, zero, constraints, t=t, data=data).v_dot
+
+    return simulate(model, acceleration, q, v, step, steps)
 
 
 def rod_inertia(mass: float, length: float) -> pin.Inertia:
