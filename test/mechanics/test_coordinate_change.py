@@ -8,13 +8,14 @@ from mechanisms import FLOATING, links, names, random_state, robot, seeds
 from wbc_controller import mechanics as wbm
 
 
-def another(name, rng):
-    """Robot with random root link and joint order, and half of its joints flipped."""
-    model = robot(name)
+def another(name, seed):
+    """Robot; the same with random root link and joint order and half of its joints flipped; random q, v and force."""
+    model, rng = robot(name), np.random.default_rng(seed)
     joints = [model.names[j] for j in range(1, model.njoints) if model.joints[j].nv == 1]
     root = str(rng.choice(joints)) if name in FLOATING else None
     flip = [joint for joint in joints if rng.random() < 0.5]
-    return model, wbm.change_coordinates(model, root=root, flip=flip, shuffle=int(rng.integers(1000)))
+    other = wbm.change_coordinates(model, root=root, flip=flip, shuffle=int(rng.integers(1000)))
+    return model, other, rng, *random_state(model, rng), 20.0 * rng.normal(size=model.nv)
 
 
 def close(a, b, scale=None):
@@ -25,10 +26,7 @@ def close(a, b, scale=None):
 @settings(max_examples=30)
 @given(names, seeds)
 def test_the_same_physics(name, seed):
-    rng = np.random.default_rng(seed)
-    model, other = another(name, rng)
-    q, v = random_state(model, rng)
-    force = 20.0 * rng.normal(size=model.nv)
+    model, other, _, q, v, force = another(name, seed)
     q2, v2, force2 = other.configuration(q), other.velocity(q, v), other.force(q, force)
     a, b = wbm.Kinematics(model, q, v), wbm.Kinematics(other.model, q2, v2)
     for frame in links(model):
@@ -57,10 +55,7 @@ def test_the_same_physics(name, seed):
 @settings(max_examples=40)
 @given(names, seeds)
 def test_the_same_contact_forces(name, seed):
-    rng = np.random.default_rng(seed)
-    model, other = another(name, rng)
-    q, v = random_state(model, rng)
-    force = 20.0 * rng.normal(size=model.nv)
+    model, other, rng, q, v, force = another(name, seed)
     first, second = (str(f) for f in rng.choice(links(model), 2, replace=False))
     # Velocities need not satisfy the constraints.
     contacts = [
@@ -80,7 +75,7 @@ def test_the_same_contact_forces(name, seed):
             return
     wrench = [wbm.ExternalWrench(first, rng.normal(size=6), axes) for axes in ("LOCAL", "LOCAL_WORLD_ALIGNED", "WORLD")]
     q2, v2 = other.configuration(q), other.velocity(q, v)
-    external, external2 = (wbm.generalized_force(model, q, wrench), wbm.generalized_force(other.model, q2, wrench))
+    external, external2 = wbm.generalized_force(model, q, wrench), wbm.generalized_force(other.model, q2, wrench)
     assert close(external2, other.force(q, external))
     motion = wbm.constrained_dynamics(model, q, v, force + external, contacts)
     motion2 = wbm.constrained_dynamics(other.model, q2, v2, other.force(q, force) + external2, contacts)
