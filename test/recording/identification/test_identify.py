@@ -145,3 +145,13 @@ def test_a_file_that_is_no_recording_is_refused(tmp_path):
     for name in ("text.mcap", "none.mcap"):
         with pytest.raises(ConfigurationError, match=f"recording .*{name}: "):
             identify(load("go2").settings, tmp_path / name)
+
+
+def test_a_file_of_the_flight_recorder_is_read(record, tmp_path):
+    run = record(tmp_path / "run.mcap")
+    run.stand(200)
+    run.recorder.close()
+    with pytest.raises(
+        ConfigurationError, match=r"run\.mcap: the recording contains no motion that its contacts permit"
+    ):
+        identify(load("go2").settings, run.file)

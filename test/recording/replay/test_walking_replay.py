@@ -27,10 +27,6 @@ FAULTS = [
 ]
 
 
-def make_velocity(forward):
-    return message("geometry_msgs/msg/Twist", linear={"x": forward})
-
-
 class Walk(Lockstep):
     """G1 without odometry that walks, recorded."""
 
@@ -61,7 +57,7 @@ class Walk(Lockstep):
         self.mock.plant.hold(False, ramp=0.0)
         self.go(0.1)
         walker = self.controller.walker
-        self.velocity = make_velocity(0.2)
+        self.velocity = message("geometry_msgs/msg/Twist", linear={"x": 0.2})
         self.go(4.0, lambda: walker.phase is Phase.SINGLE)
         self.go(0.2)
         assert walker.phase is Phase.SINGLE
