@@ -13,8 +13,7 @@ from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.settings.files import find_configuration, load_settings, parse_settings
 from wbc_controller.settings.nesting import merged, nested
 
-#: Sections of named entries, which can be removed.
-_SECTIONS_BY_NAME = ("tasks", "contacts", "loops")
+_SECTIONS_BY_NAME = ("tasks", "contacts", "loops")  # sections of named entries, which can be removed
 
 
 class UnknownKey(ConfigurationError, KeyError):

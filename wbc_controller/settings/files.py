@@ -14,14 +14,10 @@ from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.settings.resources import PACKAGE_SCHEME, is_file, read_text, share_folder, shown
 from wbc_controller.settings.values import LIST, NUMBER
 
-#: Largest configuration file, characters.
-_LARGEST_FILE = 1_000_000
-#: Largest number of values of a YAML text, with aliases expanded.
-_MOST_VALUES = 20_000
-#: Longest value and longest integer of a YAML text, characters.
-_LONGEST_VALUE, _LONGEST_INTEGER = 4096, 32
-#: Keys with paths.
-_PATHS = (("robot", "urdf"), ("limits", "self_collision", "srdf"))
+_LARGEST_FILE = 1_000_000  # largest configuration file, characters
+_MOST_VALUES = 20_000  # largest number of values of a YAML text, with aliases expanded
+_LONGEST_VALUE, _LONGEST_INTEGER = 4096, 32  # longest value and longest integer of a YAML text, characters
+_PATHS = (("robot", "urdf"), ("limits", "self_collision", "srdf"))  # keys with paths
 _INTEGER = "tag:yaml.org,2002:int"
 
 

@@ -7,16 +7,11 @@ from pydantic import Field, model_validator
 from wbc_controller.settings.contacts import Direction
 from wbc_controller.settings.values import Name, NonNegative, Positive, Section, Vector3
 
+MOST_CELLS = 2000  # largest number of cells of a block of ground
 #: Joint damping, N·m·s/rad.
 Damping = Annotated[NonNegative, Field(le=100.0)]
-
-#: Largest number of cells of a block of ground.
-MOST_CELLS = 2000
-
 #: Name of a ROS 2 node, with or without its namespace.
 NodeName = Annotated[str, Field(pattern=r"^(/?[A-Za-z_][A-Za-z0-9_]*)+$", max_length=255)]
-
-
 #: Number of a processor in Linux.
 Processor = Annotated[int, Field(ge=0, le=1023)]
 

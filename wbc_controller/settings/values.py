@@ -17,8 +17,7 @@ def _name(value: str) -> str:
     return value
 
 
-#: Longest name of a task or contact, characters; ROS topics have at most 247.
-_LONGEST_NAME = 100
+_LONGEST_NAME = 100  # longest name of a task or contact, characters; ROS topics have at most 247
 #: Name of a task, contact or loop, part of topic names.
 Name = Annotated[str, AfterValidator(_name)]
 Finite = FiniteFloat

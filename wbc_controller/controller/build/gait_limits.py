@@ -19,11 +19,8 @@ from wbc_controller.walking.quadruped import PointFoot
 
 #: Largest acceleration of a quintic between two points at rest, in distances per squared duration.
 _QUINTIC = 10.0 / math.sqrt(3.0)
-
-#: Directions: forward, sideways and turning.
-WAYS = (Velocity(1.0), Velocity(1.0j), Velocity(turning=1.0))
-#: Safe share of a feasible speed.
-_SAFE = 0.8
+WAYS = (Velocity(1.0), Velocity(1.0j), Velocity(turning=1.0))  # directions: forward, sideways and turning
+_SAFE = 0.8  # safe share of a feasible speed
 #: Share of the joint speeds for the steps in place of a quadruped, and smallest share of its wanted clearance.
 _MODERATE, _LOWEST = 0.5, 0.4
 

@@ -15,12 +15,9 @@ from wbc_controller.walking.swing_kernels import Landing, at_rest, moved
 
 #: Newton iterations, largest remaining error, m and rad, and weight of the joint motion.
 _ITERATIONS, _REACHED, _LEAST_MOTION = 8, 1.0e-3, 1.0e-4
-#: Steps and halvings in the search for the largest lift.
-_STEPS, _HALVINGS = 6, 4
-#: Samples of a swing.
-_SAMPLES = 16
-#: Evaluations in the search for the largest speed.
-_TRIED_SPEEDS = 8
+_STEPS, _HALVINGS = 6, 4  # steps and halvings in the search for the largest lift
+_SAMPLES = 16  # samples of a swing
+_TRIED_SPEEDS = 8  # evaluations in the search for the largest speed
 
 
 @dataclass(frozen=True, slots=True)

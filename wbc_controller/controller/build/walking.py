@@ -31,11 +31,8 @@ from wbc_controller.walking.gait import Gait
 from wbc_controller.walking.reaction import swing_reaction
 from wbc_controller.walking.walker import TaskSets, Walker
 
-#: Names of the walker's tasks.
-DCM, LEFT, RIGHT = "walking_dcm", "walking_left_foot", "walking_right_foot"
-
-#: Highest lift of a sole in the search, as a share of the height of the centre of mass.
-_HIGHEST_LIFT = 0.25
+DCM, LEFT, RIGHT = "walking_dcm", "walking_left_foot", "walking_right_foot"  # names of the walker's tasks
+_HIGHEST_LIFT = 0.25  # highest lift of a sole in the search, as a share of the height of the centre of mass
 
 
 def make_walking_tasks(settings: Settings, model: RobotModel) -> list[Task]:

@@ -17,20 +17,13 @@ from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 from wbc_controller.settings.contacts import FixedContact
 
-#: Smallest mass, kg, and principal moment of inertia, kg·m², of a moving body.
-_SMALLEST = 1.0e-15
-#: Largest distance between coincident joints, m.
-_ONE_PLACE = 1.0e-3
-#: Reported mass of a link without inertia, kg.
-_NOTICED_MASS = 0.05
-#: Largest plausible distance between joints, m.
-_LARGEST_LINK = 20.0
-#: Largest plausible effort limit, in weight times size; strong motors reach 1.
-_STRONGEST = 10.0
-#: Largest plausible velocity limit, rad/s or m/s; fast joints reach 40.
-_FASTEST = 300.0
-#: Smallest plausible friction: wet ice.
-_SLIPPERY = 0.1
+_SMALLEST = 1.0e-15  # smallest mass, kg, and principal moment of inertia, kg·m², of a moving body
+_ONE_PLACE = 1.0e-3  # largest distance between coincident joints, m
+_NOTICED_MASS = 0.05  # reported mass of a link without inertia, kg
+_LARGEST_LINK = 20.0  # largest plausible distance between joints, m
+_STRONGEST = 10.0  # largest plausible effort limit, in weight times size; strong motors reach 1
+_FASTEST = 300.0  # largest plausible velocity limit, rad/s or m/s; fast joints reach 40
+_SLIPPERY = 0.1  # smallest plausible friction: wet ice
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,26 +43,16 @@ from wbc_controller.settings.robot import PassiveJointSettings
 
 #: Largest height difference of floor contacts, m, and as a share of the centre of mass' height.
 _LEVEL, _LEVEL_SHARE = 0.01, 0.02
-#: Cosine of the largest angle between floor and contact normal, 60°.
-_FLOOR = 0.5
-#: Largest position error of a loop in the nominal posture, m or rad.
-_CLOSED = 1.0e-3
-#: Largest unbalanced torque of a passive joint, as a share of the smallest effort limit.
-_BALANCE = 1.0e-3
-#: Largest distance reported in millimetres, m.
-_NEAR = 10.0
-#: Reported tilt of a sole, rad: 1°.
-_TILTED = 0.0175
-#: Largest tilt of a sole, rad: 5°.
-_STEEP = 0.0873
-#: Smallest displacement of the weight that contacts and torques must balance, m.
-_LEAST_SWAY = 1.0e-3
-#: Smallest component of a contact in a redundant direction.
-_PART = 0.1
-#: Smallest component of a joint in the null space of tasks and contacts.
-_FREE = 1.0e-6
-#: Suggested values of `safety.activation_ramp`, s.
-_RAMPS = (0.2, 0.1, 0.05, 0.02, 0.0)
+_FLOOR = 0.5  # cosine of the largest angle between floor and contact normal, 60°
+_CLOSED = 1.0e-3  # largest position error of a loop in the nominal posture, m or rad
+_BALANCE = 1.0e-3  # largest unbalanced torque of a passive joint, as a share of the smallest effort limit
+_NEAR = 10.0  # largest distance reported in millimetres, m
+_TILTED = 0.0175  # reported tilt of a sole, rad: 1°
+_STEEP = 0.0873  # largest tilt of a sole, rad: 5°
+_LEAST_SWAY = 1.0e-3  # smallest displacement of the weight that contacts and torques must balance, m
+_PART = 0.1  # smallest component of a contact in a redundant direction
+_FREE = 1.0e-6  # smallest component of a joint in the null space of tasks and contacts
+_RAMPS = (0.2, 0.1, 0.05, 0.02, 0.0)  # suggested values of `safety.activation_ramp`, s
 
 
 def stance(

@@ -15,18 +15,14 @@ from wbc_controller.records import Array
 
 #: Directions in the axes of an upright base.
 _DIRECTIONS = {"forward": (1.0, 0.0, 0.0), "back": (-1.0, 0.0, 0.0), "left": (0.0, 1.0, 0.0), "right": (0.0, -1.0, 0.0)}
-#: Smallest relative sensitivity to an effort limit that counts as the cause.
-_MATTERS = 1.0e-3
+_MATTERS = 1.0e-3  # smallest relative sensitivity to an effort limit that counts as the cause
 #: Step of a squat, m, smallest step, m, and deepest squat as a share of the centre of mass' height.
 _STEP, _LEAST_STEP, _DEEPEST = 0.01, 1.0e-6, 0.6
 #: Newton iterations per step, largest error, m and rad, and largest contact error (`formulation.redundancy`).
 _ITERATIONS, _REACHED, _HELD = 6, 1.0e-3, 5.0e-4
-#: Steps to the static sway, and halvings of the last one.
-_STEPS, _HALVINGS = 3, 5
-#: Weight of the height, and of an uncontrolled base orientation, in a sway.
-_FREE = 0.01
-#: Weight of joint motion.
-_LEAST_MOTION = 1.0e-3
+_STEPS, _HALVINGS = 3, 5  # steps to the static sway, and halvings of the last one
+_FREE = 0.01  # weight of the height, and of an uncontrolled base orientation, in a sway
+_LEAST_MOTION = 1.0e-3  # weight of joint motion
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,16 +22,10 @@ logger = logging.getLogger(__name__)
 
 #: Largest number of triangles of a hull. A hull of n corners has 2n - 4 triangles.
 TRIANGLES = 120
-#: Largest distance of omitted corners outside the hull, m.
-TOLERANCE = 2.0e-4
-#: Thickness of bars in place of missing meshes, m.
-BONE = 0.03
-
-#: Parts that protrude less from another part of the joint, m, are omitted.
-BADGE = 0.015
-
-#: Default color, red, green and blue.
-GREY = (0.62, 0.64, 0.67)
+TOLERANCE = 2.0e-4  # largest distance of omitted corners outside the hull, m
+BONE = 0.03  # thickness of bars in place of missing meshes, m
+BADGE = 0.015  # parts that protrude less from another part of the joint, m, are omitted
+GREY = (0.62, 0.64, 0.67)  # default color, red, green and blue
 
 
 @dataclass(frozen=True, slots=True, eq=False)
