@@ -43,7 +43,7 @@ class Config:
             ConfigurationError: with one line per problem.
         """
         _require_text(urdf)
-        values = self.settings.model_dump(exclude_unset=True)
+        values = self.to_dict()
         tree = nested(changes)
         robot = tree.get("robot")
         posture = robot.get("posture") if isinstance(robot, Mapping) else None

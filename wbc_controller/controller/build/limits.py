@@ -42,12 +42,7 @@ def make_self_collision(settings: Settings, model: RobotModel) -> SelfCollisionL
         key = "limits.self_collision.srdf"
         srdf = read_text(locate(own.srdf, key), f"{key} = {own.srdf!r}", LARGEST_URDF)
     collision = build_collision_model(
-        model,
-        margin=own.margin,
-        srdf=srdf,
-        pairs=own.pairs,
-        visual=own.visual,
-        folder=folder_of(settings.robot.urdf),
+        model, margin=own.margin, srdf=srdf, pairs=own.pairs, visual=own.visual, folder=folder_of(settings.robot.urdf)
     )
     _log.info("self-collision: %s", collision.summary)
     return SelfCollisionLimit(

@@ -9,11 +9,7 @@ import pinocchio as pin
 from wbc_controller.controller.build.estimation import torque_filter
 from wbc_controller.controller.build.gait_limits import BipedLeg, BipedLimits, feasible_defaults
 from wbc_controller.controller.build.leg import Leg
-from wbc_controller.controller.build.quadruped_walking import (
-    is_quadruped,
-    make_quadruped_tasks,
-    make_quadruped_walker,
-)
+from wbc_controller.controller.build.quadruped_walking import is_quadruped, make_quadruped_tasks, make_quadruped_walker
 from wbc_controller.controller.build.walking_tasks import HEIGHT, POSTURE, enabled_tasks, make_disabled, value_or
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts.mount import placement_of
