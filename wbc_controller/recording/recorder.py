@@ -174,11 +174,8 @@ class Recorder:
     def record_incoming(self, topic: int, payload: bytes) -> None:
         """Record an incoming message, from any thread."""
         size, taken = len(payload), self._waiting_by_topic.get(topic, 0)
-        if (
-            size > _MAX_MESSAGE_BYTES
-            or self._waiting_bytes >= _MAX_WAITING_BYTES
-            or len(self._messages) >= _MAX_MESSAGES
-        ):  # the loop is stopped
+        full = self._waiting_bytes >= _MAX_WAITING_BYTES or len(self._messages) >= _MAX_MESSAGES  # the loop is stopped
+        if full or size > _MAX_MESSAGE_BYTES:
             return
         if taken and taken + size > _MAX_TOPIC_BYTES:
             self._dropped[topic] += 1
@@ -258,8 +255,8 @@ class Recorder:
             self._dropped_cycles, self._snapshot_due = 0, self._number
 
     def _add_messages(self, batch: list[bytes], begin: int, end: int, at: int) -> None:
-        for topic, stamp, payload in self._messages[begin:end]:
-            batch.append(frame(topic, at if stamp is None else stamp, payload))
+        messages = self._messages[begin:end]
+        batch += [frame(topic, at if stamp is None else stamp, payload) for topic, stamp, payload in messages]
 
     def _add_cycle(self, batch: list[bytes], record: CycleRecord, report: CycleReport | None, at: int) -> None:
         same, self._state = record.inputs.state is not None and record.inputs.state is self._state, record.inputs.state

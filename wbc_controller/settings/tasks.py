@@ -166,18 +166,8 @@ class TorqueTask(_Task):
 
 
 TaskSettings = Annotated[
-    PostureTask
-    | ComTask
-    | FramePoseTask
-    | FramePositionTask
-    | FrameOrientationTask
-    | RelativePoseTask
-    | AxisAlignmentTask
-    | GazeTask
-    | LinearMomentumTask
-    | AngularMomentumTask
-    | CapturePointTask
-    | ContactWrenchTask
+    PostureTask | ComTask | FramePoseTask | FramePositionTask | FrameOrientationTask | RelativePoseTask
+    | AxisAlignmentTask | GazeTask | LinearMomentumTask | AngularMomentumTask | CapturePointTask | ContactWrenchTask
     | TorqueTask,
     Field(discriminator="type"),
-]
+]  # fmt: skip

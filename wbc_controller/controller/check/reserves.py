@@ -46,7 +46,7 @@ def reserves(
         margin: distance to the position limits, rad.
     """
     model, dynamics = qp.model, qp.dynamics
-    bearing = _bearing(qp, active)
+    bearing = bearing_contacts(qp, active)
     arm = dynamics.com - dynamics.placement(model.frame_id(model.base_link, "base")).translation
     pushes, shifts = {}, static_sways(qp, active, hanging)
     anchored = [contact for contact in bearing if isinstance(contact, AnchoredContact)]
@@ -66,13 +66,14 @@ def reserves(
     return found
 
 
-def _bearing(qp: WholeBodyQP, active: Sequence[str]) -> list[Contact]:
+def bearing_contacts(qp: WholeBodyQP, active: Sequence[str]) -> list[Contact]:
+    """Return the active and the permanent contacts."""
     return [contact for name, contact in qp.contacts.items() if name in active or contact.permanent]
 
 
 def static_sways(qp: WholeBodyQP, active: Sequence[str], hanging: Sequence[int]) -> dict[str, Reserve]:
     """Return the displacements of the weight by direction that torques and contacts balance without motion."""
-    bearing, weight = _bearing(qp, active), qp.model.mass * np.array(qp.model.pinocchio.gravity.linear)
+    bearing, weight = bearing_contacts(qp, active), qp.model.mass * np.array(qp.model.pinocchio.gravity.linear)
     moments = {name: np.cross(direction, weight) for name, direction in _DIRECTIONS.items()}
     return {
         name: _largest_multiple(qp, bearing, hanging, np.concatenate([np.zeros(3), moment]))
@@ -201,7 +202,7 @@ def com_distance(
 
     Base level, contacts fixed. None for robots with closed loops. Other arguments as in `reserves`.
     """
-    bearing = _bearing(qp, active)
+    bearing = bearing_contacts(qp, active)
     anchored = [contact for contact in bearing if isinstance(contact, AnchoredContact)]
     if len(anchored) < len(bearing):
         return None
