@@ -53,13 +53,8 @@ class Effort(wbc.EffortTask):
         return rows[:1], reference.position - offset[:1]
 
 
-KINDS = {
-    Height: "tasks", Momentum: "tasks", Effort: "tasks", Grip: "contacts", Ceiling: "limits",
-}  # fmt: skip
-NAMES = {
-    Height: "task 'height'", Momentum: "task 'momentum'", Effort: "task 'effort'", Grip: "contact 'grip'",
-    Ceiling: "limit 'ceiling'",
-}  # fmt: skip
+KINDS = {Height: "tasks", Momentum: "tasks", Effort: "tasks", Grip: "contacts", Ceiling: "limits"}
+NAMES = {kind: f"{key.removesuffix('s')} '{kind.__name__.lower()}'" for kind, key in KINDS.items()}
 
 
 def raises(*arguments):

@@ -57,12 +57,9 @@ class Config:
             known = values.get(section, {})
             for name in removed:
                 if name not in known:
-                    raise ConfigurationError(
-                        self.with_source(
-                            f"{section}.{name} = None: unknown entry, cannot be removed; "
-                            f"{valid_choices(str(name), known)}"
-                        )
-                    )
+                    choices = valid_choices(str(name), known)
+                    problem = f"{section}.{name} = None: unknown entry, cannot be removed; {choices}"
+                    raise ConfigurationError(self.with_source(problem))
                 del result[section][name]
         settings = parse_settings(result, self.source)
         return replace(self, settings=settings, urdf=self.urdf if urdf is None else urdf)

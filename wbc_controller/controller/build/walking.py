@@ -108,15 +108,7 @@ def _foot(name: str, task: str, contact: SurfaceContact, dynamics: Dynamics) -> 
     half = np.minimum(corners.max(axis=0), -corners.min(axis=0))
     placement *= pin.SE3(turn, np.zeros(3))
     link, on_link = placement_on_link(dynamics.model, frame, placement)
-    return Foot(
-        contact=name,
-        task=task,
-        frame=frame,
-        placement=placement,
-        half=(float(half[0]), float(half[1])),
-        link=link,
-        on_link=placement_numbers(on_link),
-    )
+    return Foot(name, task, frame, placement, (float(half[0]), float(half[1])), link, placement_numbers(on_link))
 
 
 def make_gait(settings: Settings, left: Foot, right: Foot, qp: WholeBodyQP) -> BipedLimits:
