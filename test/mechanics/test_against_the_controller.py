@@ -33,9 +33,8 @@ def test_snapshot_contacts_and_wrenches_agree(name, seed):
     dynamics.update(q, v)
     assert np.allclose(dynamics.M, wbm.mass_matrix(model, q), atol=1e-10)
     assert np.allclose(dynamics.h, wbm.bias_force(model, q, v), atol=1e-9)
-    assert np.allclose(
-        controller.model.mass * dynamics.com_velocity, wbm.centroidal_momentum(model, q, v)[:3], atol=1e-9
-    )
+    momentum = controller.model.mass * dynamics.com_velocity
+    assert np.allclose(momentum, wbm.centroidal_momentum(model, q, v)[:3], atol=1e-9)
     wrench = rng.normal(size=6)
     base = controller.model.base_link
     ours = wbm.generalized_force(model, q, [wbm.ExternalWrench(base, wrench)])

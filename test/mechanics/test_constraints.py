@@ -85,18 +85,16 @@ def test_multipliers_are_forces_that_act_on_the_links(name, seed):
 
     def at(frame, force, offset):
         arm = kinematics.placement(frame).rotation @ offset
-        return wbm.generalized_force(
-            model, q, [wbm.ExternalWrench(frame, np.concatenate([force, zero]), "LOCAL_WORLD_ALIGNED", arm)]
-        )
+        push = wbm.ExternalWrench(frame, np.concatenate([force, zero]), "LOCAL_WORLD_ALIGNED", arm)
+        return wbm.generalized_force(model, q, [push])
 
     point = force_of(wbm.PointContact(frame=first, offset=a), force)
     assert np.allclose(point, at(first, force, a), atol=1e-9)
     pinned = force_of(wbm.PinnedFrames(first=first, second=second, first_offset=a, second_offset=b), force)
     assert np.allclose(pinned, at(first, force, a) - at(second, force, b), atol=1e-9)
     surface = force_of(wbm.SurfaceContact(frame=first), wrench)
-    assert np.allclose(
-        surface, wbm.generalized_force(model, q, [wbm.ExternalWrench(first, wrench, "LOCAL")]), atol=1e-9
-    )
+    expected = wbm.generalized_force(model, q, [wbm.ExternalWrench(first, wrench, "LOCAL")])
+    assert np.allclose(surface, expected, atol=1e-9)
 
 
 def test_stabilisation_takes_errors_out_with_the_time_constant():
@@ -104,9 +102,8 @@ def test_stabilisation_takes_errors_out_with_the_time_constant():
     model = robot("panda")
     q = np.full(model.nq, 0.2)
     T, g0 = 0.1, 0.05
-    coupling = wbm.JointCoupling(
-        coefficients={"panda_joint2": 1.0, "panda_joint4": 2.0}, offset=float(q[1] + 2 * q[3] - g0), time_constant=T
-    )
+    gears, offset = {"panda_joint2": 1.0, "panda_joint4": 2.0}, float(q[1] + 2 * q[3] - g0)
+    coupling = wbm.JointCoupling(coefficients=gears, offset=offset, time_constant=T)
     qs, _ = move(model, [coupling], q, np.zeros(model.nv), 2e-3, 200)
     errors = qs[:, 1] + 2 * qs[:, 3] - coupling.offset
     times = 2e-3 * np.arange(201)

@@ -86,9 +86,8 @@ def test_the_same_contact_forces(name, seed):
 
 def test_limits_and_rotors_go_along():
     model = robot("go2")
-    other = wbm.change_coordinates(
-        model, root="FL_calf_joint", flip=["RR_hip_joint", "FL_thigh_joint"], shuffle=1
-    ).model
+    flip = ["RR_hip_joint", "FL_thigh_joint"]
+    other = wbm.change_coordinates(model, root="FL_calf_joint", flip=flip, shuffle=1).model
     for name, sign in (("RR_hip_joint", -1.0), ("RR_calf_joint", 1.0), ("FL_thigh_joint", -1.0)):
         a, b = model.joints[model.getJointId(name)], other.joints[other.getJointId(name)]
         bounds = sorted(sign * x[a.idx_q] for x in (model.lowerPositionLimit, model.upperPositionLimit))

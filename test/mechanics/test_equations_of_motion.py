@@ -29,15 +29,14 @@ def test_they_are_the_euler_lagrange_equation():
     a = rng.normal(size=model.nv)
     eps = 1e-4
 
+    def gradient(function):
+        return np.array([function(e) - function(-e) for e in eps * np.eye(9)]) / (2 * eps)
+
     def momentum(q, v):
-        return np.array(
-            [(wbm.lagrangian(model, q, v + e) - wbm.lagrangian(model, q, v - e)) for e in eps * np.eye(9)]
-        ) / (2 * eps)
+        return gradient(lambda e: wbm.lagrangian(model, q, v + e))
 
     rate = (momentum(q + eps * v, v + eps * a) - momentum(q - eps * v, v - eps * a)) / (2 * eps)
-    slope = np.array([(wbm.lagrangian(model, q + e, v) - wbm.lagrangian(model, q - e, v)) for e in eps * np.eye(9)]) / (
-        2 * eps
-    )
+    slope = gradient(lambda e: wbm.lagrangian(model, q + e, v))
     assert np.allclose(rate - slope, wbm.inverse_dynamics(model, q, v, a), atol=1e-5)
     assert np.allclose(momentum(q, v), wbm.generalized_momentum(model, q, v), atol=1e-8)
 
@@ -120,20 +119,15 @@ def test_centroidal_momentum_rate_is_the_external_wrench(name, seed):
     if np.linalg.cond(equation.A) > 1e6:
         return
     motion = wbm.constrained_dynamics(model, q, v, force, contacts)
+    arm = wbm.Kinematics(model, q, v).placement(frames[1]).rotation @ [0.1, 0.0, 0.0]
     wrenches = [
         wbm.ExternalWrench(frames[0], motion.multipliers[:6], "LOCAL"),
-        wbm.ExternalWrench(
-            frames[1],
-            np.concatenate([motion.multipliers[6:], np.zeros(3)]),
-            "LOCAL_WORLD_ALIGNED",
-            wbm.Kinematics(model, q, v).placement(frames[1]).rotation @ [0.1, 0.0, 0.0],
-        ),
+        wbm.ExternalWrench(frames[1], np.append(motion.multipliers[6:], np.zeros(3)), "LOCAL_WORLD_ALIGNED", arm),
     ]
     rate = wbm.centroidal_momentum_rate(model, q, v, motion.v_dot)
     expected = wbm.centroidal_wrench(model, q, wrenches)
     assert np.allclose(rate, expected, atol=1e-8 * max(1.0, np.abs(motion.multipliers).max()))
-    assert np.allclose(
-        wbm.generalized_force(model, q, wrenches), motion.constraint_force, atol=1e-7 * np.abs(rate).max()
-    )
+    total = wbm.generalized_force(model, q, wrenches)
+    assert np.allclose(total, motion.constraint_force, atol=1e-7 * np.abs(rate).max())
     slope = rate_along(lambda q, v: wbm.centroidal_momentum(model, q, v), model, q, v, motion.v_dot)
     assert np.allclose(slope, rate, rtol=1e-4, atol=1e-3 * max(1.0, np.abs(rate).max()))

@@ -122,11 +122,8 @@ def test_the_guard_takes_over_by_actuator(make, command):
     efforts = np.array([model.actuation.from_command(row) for row in efforts])
     step = settings.limits.torque_rate / settings.control.rate * model.effort_limits
     assert (np.abs(efforts[0] - tau) <= step + 1e-12).all()
-    damped = np.clip(
-        -settings.guard.damping * model.actuation.from_joints(velocity),
-        -settings.guard.torque * model.effort_limits, settings.guard.torque * model.effort_limits,
-    )  # fmt: skip
-    np.testing.assert_allclose(efforts[-1], damped)
+    damped, most = -settings.guard.damping * model.actuation.from_joints(velocity), settings.guard.torque
+    np.testing.assert_allclose(efforts[-1], np.clip(damped, -most * model.effort_limits, most * model.effort_limits))
 
 
 def test_the_curve_of_an_actuator_needs_speeds_of_its_own():

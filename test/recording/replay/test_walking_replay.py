@@ -92,9 +92,8 @@ def test_a_walk_replays_bit_for_bit_from_the_middle_of_a_step_and_names_its_faul
         assert found == [(number, True) for number in range(inside[-1], recorded.count)]
         assert later.controller.walker.steps == walk.controller.walker.steps
         if kind == "message_dropout":
-            assert [(each.is_identical, each.exact) for each in Replay(recorded).run()] == [
-                (True, True)
-            ] * recorded.count
+            found = [(each.is_identical, each.exact) for each in Replay(recorded).run()]
+            assert found == [(True, True)] * recorded.count
 
 
 def test_contact_sensors_are_part_of_the_recorded_inputs(tmp_path):
