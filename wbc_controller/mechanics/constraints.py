@@ -254,9 +254,8 @@ class WeldedFrames(Constraint):
 
     def terms(self, kinematics: Kinematics) -> ConstraintTerms:
         """Return the relative motion of the two frames."""
-        return _weld(
-            kinematics.body(self.first, self.first_placement), kinematics.body(self.second, self.second_placement)
-        )
+        first = kinematics.body(self.first, self.first_placement)
+        return _weld(first, kinematics.body(self.second, self.second_placement))
 
 
 def _unit(name: str, vector: Array) -> Array:

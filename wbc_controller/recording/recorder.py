@@ -85,9 +85,8 @@ class Recorder:
     def __init__(self, settings: Settings, file: Path | None = None, *, patient: bool = False, name: str = "") -> None:
         seconds = settings.recorder.seconds
         self.whole_run = file is not None  # record topics without other subscriptions too
-        self._mode_text = (
-            f"all is recorded in {str(file)!r}" if file is not None else f"the last {seconds:g} s are kept"
-        )
+        kept = f"the last {seconds:g} s are kept"
+        self._mode_text = kept if file is None else f"all is recorded in {str(file)!r}"
         plan = {
             "file": str(file) if file is not None else None,
             "folder": str(recording_folder(settings)) if seconds > 0.0 else None,
@@ -274,9 +273,8 @@ class Recorder:
         refused = result.refused if report is None else report.refused
         same = result.mode is self._mode and result.fault is self._fault and record.live is self._live
         dropped = self._dropped
-        if same and not (
-            record.changed_outside or inputs.requests or inputs.changes or refused or inputs.problem or dropped
-        ):
+        news = record.changed_outside or inputs.requests or inputs.changes or refused or inputs.problem or dropped
+        if same and not news:
             return False
         self._dropped = Counter()
         event: dict[str, Any] = {"cycle": self._number, "mode": result.mode.value}

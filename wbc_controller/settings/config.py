@@ -117,9 +117,8 @@ def load(source: str | Path | Mapping[str, Any] | Settings | Config, *, urdf: st
         robot = tree.get("robot")
         if isinstance(robot, dict) and isinstance(robot.get("posture"), Mapping):
             joints = robot.get("joints")
-            robot["posture"] = _ordered(
-                robot["posture"], joints if isinstance(joints, list) else list(robot["posture"])
-            )
+            order = joints if isinstance(joints, list) else list(robot["posture"])
+            robot["posture"] = _ordered(robot["posture"], order)
         return Config(parse_settings(tree, "a dictionary"), urdf=urdf)
     if not isinstance(source, str | Path):
         raise ConfigurationError(

@@ -99,9 +99,8 @@ def select_samples(
     tau = np.einsum("k,ikj->ij", weights, tau[intervals])
     held = tuple(tuple(name for name, on in zip(forces, holds[i], strict=True) if on) for i in middle)
     around = speeds[intervals][:, :, model.v_index]
-    velocity_signs = np.where(
-        around.min(axis=1) > _REST_SPEED, 1.0, np.where(around.max(axis=1) < -_REST_SPEED, -1.0, 0.0)
-    )
+    forward, backward = around.min(axis=1) > _REST_SPEED, around.max(axis=1) < -_REST_SPEED
+    velocity_signs = forward.astype(np.float64) - backward
     return Samples(np.asarray(recorded["q"])[middle], v, v_dot, tau, velocity_signs, held)
 
 
