@@ -110,28 +110,21 @@ def test_a_jolt_of_torque_changes_the_contact_forces_alike(torque):
     assert np.abs(motion.v_dot - plant.acceleration()).max() < 0.1 * np.abs(motion.v_dot).max()
 
 
-FOUR_BAR = f"""
+def mujoco_four_bar(model):
+    def inertial(joint):
+        inertia, (x, y, z) = model.inertias[joint], np.diag(model.inertias[joint].inertia)
+        place = f'mass="{inertia.mass:.17g}" pos="{inertia.lever[0]:.17g} 0 0"'
+        return f'<inertial {place} diaginertia="{x:.17g} {y:.17g} {z:.17g}"/>'
+
+    return f"""
 <mujoco><option timestep="0.0005" integrator="RK4" tolerance="1e-14" iterations="200"/>
 <worldbody>
-  <body name="crank"><joint name="crank" axis="0 1 0"/>CRANK
-    <body name="coupler" pos="0.2 0 0"><joint name="coupler" axis="0 1 0"/>COUPLER</body></body>
-  <body name="rocker" pos="0.5 0 0"><joint name="rocker" axis="0 1 0"/>ROCKER</body>
+  <body name="crank"><joint name="crank" axis="0 1 0"/>{inertial(1)}
+    <body name="coupler" pos="0.2 0 0"><joint name="coupler" axis="0 1 0"/>{inertial(2)}</body></body>
+  <body name="rocker" pos="0.5 0 0"><joint name="rocker" axis="0 1 0"/>{inertial(3)}</body>
 </worldbody>
 <equality><connect name="loop" body1="coupler" body2="rocker" anchor="0.5 0 0" {STIFF}/></equality></mujoco>
 """
-
-
-def mujoco_four_bar(model):
-    xml = FOUR_BAR
-    for joint, tag in ((1, "CRANK"), (2, "COUPLER"), (3, "ROCKER")):
-        inertia = model.inertias[joint]
-        diagonal = np.diag(inertia.inertia)
-        xml = xml.replace(
-            tag,
-            f'<inertial mass="{inertia.mass:.17g}" pos="{inertia.lever[0]:.17g} 0 0" '
-            f'diaginertia="{diagonal[0]:.17g} {diagonal[1]:.17g} {diagonal[2]:.17g}"/>',
-        )
-    return xml
 
 
 def test_a_four_bar_moves_and_strains_alike():
