@@ -11,7 +11,6 @@ from mechanisms import ball, box, four_bar, move, random_state
 
 from wbc_controller import mechanics as wbm
 from wbc_controller.controller.build.robot import make_model
-from wbc_controller.settings.contacts import SurfaceContact as SurfaceSettings
 from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.simulation.plant import Plant
 
@@ -45,48 +44,36 @@ def test_free_flight_agrees_to_rounding(name):
         assert np.abs(plant.acceleration() - expected).max() < 1e-8 * np.abs(expected).max()
 
 
-def standing(name, seconds=1.0):
-    """Robot at rest on its feet, with springs at its joints."""
-    settings, model, plant = shipped(name)
+def standing():
+    """Go2 at rest on its feet, with springs at its joints."""
+    settings, model, plant = shipped("go2")
     inertia = pin.crba(model.pinocchio, model.pinocchio.createData(), plant.state()[0]).diagonal()[model.v_index]
-    stiffness = np.full(model.na, 12.0 * model.mass)
+    gain = 12.0 * model.mass * np.clip(inertia / inertia.max(), 0.05, 1.0)
     plant.hold(False, 0.0)
-    for _ in range(round(seconds / plant.step_seconds)):
+    for _ in range(round(1.0 / plant.step_seconds)):
         q, v = plant.state()
-        gain = stiffness * np.clip(inertia / inertia.max(), 0.05, 1.0)
         plant.apply(gain * (model.posture - q[model.q_index]) - 0.03 * gain * v[model.v_index])
         plant.step()
     return settings, model, plant
 
 
-def feet(settings, model, q):
-    """Contacts of the configuration as constraints at their present positions."""
-    data = model.pinocchio.createData()
-    pin.framesForwardKinematics(model.pinocchio, data, q)
-    made = []
-    for contact in settings.contacts.values():
-        if isinstance(contact, SurfaceSettings):
-            placement = pin.SE3(pin.rpy.rpyToMatrix(*contact.rpy), np.array(contact.translation))
-            now = data.oMf[model.pinocchio.getFrameId(contact.frame)] * placement
-            made.append(wbm.SurfaceContact(frame=contact.frame, placement=placement, target=now))
-        else:
-            made.append(wbm.Rolling(frame=contact.frame, radius=contact.radius, centre=np.array(contact.translation)))
-    return made
+def contact_forces(settings, model, plant):
+    """Motion by the applied torques, its contact forces, and those of MuJoCo, (4, 3)."""
+    specs = settings.contacts.values()
+    feet = [wbm.Rolling(frame=spec.frame, radius=spec.radius, centre=np.array(spec.translation)) for spec in specs]
+    force = wbm.actuation_matrix(model.pinocchio, model.joints).T @ plant.applied_torques
+    motion = wbm.constrained_dynamics(model.pinocchio, *plant.state(), force, feet)
+    return motion, motion.multipliers.reshape(4, 3), np.array(list(plant.contact_wrenches().values()))
 
 
 def test_a_standing_quadruped_has_the_same_contact_forces():
     """At rest: force of each foot to 0.1 % of its load."""
-    settings, model, plant = standing("go2")
-    q, v = plant.state()
-    assert np.abs(v).max() < 0.05
-    force = wbm.actuation_matrix(model.pinocchio, model.joints).T @ plant.applied_torques
-    motion = wbm.constrained_dynamics(model.pinocchio, q, v, force, feet(settings, model, q))
-    theirs = plant.contact_wrenches()
+    settings, model, plant = standing()
+    assert np.abs(plant.state()[1]).max() < 0.05
+    _, ours, theirs = contact_forces(settings, model, plant)
     weight = model.mass * model.gravity
-    ours = motion.multipliers.reshape(4, 3)
-    for index, name in enumerate(settings.contacts):
-        assert np.abs(ours[index] - theirs[name]).max() < 0.001 * weight / 4, (name, ours[index], theirs[name])
-    assert np.allclose(ours.sum(axis=0), sum(theirs.values()), atol=0.001 * weight)
+    assert np.abs(ours - theirs).max() < 0.001 * weight / 4, (ours, theirs)
+    assert np.allclose(ours.sum(axis=0), theirs.sum(axis=0), atol=0.001 * weight)
 
 
 @pytest.mark.parametrize("torque", [-1.0, 1.0])
@@ -95,18 +82,12 @@ def test_a_jolt_of_torque_changes_the_contact_forces_alike(torque):
 
     Accelerations to 10 % of the largest: 2 % of the feet's motion, left by the impedance, moves the light calves.
     """
-    settings, model, plant = standing("go2")
-    q, v = plant.state()
-    tau = plant.applied_torques + torque * np.tile([0.0, 1.0, -1.0], 4)
-    plant.apply(tau)
+    settings, model, plant = standing()
+    plant.apply(plant.applied_torques + torque * np.tile([0.0, 1.0, -1.0], 4))
     plant.forward()
-    force = wbm.actuation_matrix(model.pinocchio, model.joints).T @ tau
-    motion = wbm.constrained_dynamics(model.pinocchio, q, v, force, feet(settings, model, q))
-    theirs = np.array(list(plant.contact_wrenches().values()))
-    weight = model.mass * model.gravity
-    ours = motion.multipliers.reshape(4, 3)
+    motion, ours, theirs = contact_forces(settings, model, plant)
     assert (np.linalg.norm(ours[:, :2], axis=1) < 0.6 * ours[:, 2]).all()  # otherwise MuJoCo's feet slide
-    assert np.abs(ours - theirs).max() < 0.005 * weight
+    assert np.abs(ours - theirs).max() < 0.005 * model.mass * model.gravity
     assert np.abs(motion.v_dot - plant.acceleration()).max() < 0.1 * np.abs(motion.v_dot).max()
 
 
