@@ -23,10 +23,9 @@ def controller(made):
     return made
 
 
-def run(controller, seconds, q=None, start=0.0, v=None):
-    """Step repeatedly in one state."""
-    q = controller.stance() if q is None else q
-    v = np.zeros(controller.model.nv) if v is None else v
+def run(controller, seconds, start=0.0):
+    """Step repeatedly at rest in the stance."""
+    q, v = controller.stance(), np.zeros(controller.model.nv)
     return [controller.step(q, v, start + i * PERIOD) for i in range(round(seconds / PERIOD))]
 
 
