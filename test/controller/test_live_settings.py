@@ -8,7 +8,6 @@ from refusals import refusal
 
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.live_settings import LiveSettings
-from wbc_controller.errors import ConfigurationError
 from wbc_controller.middleware.codec import message
 from wbc_controller.nodes.ros2.parameters import flatten
 from wbc_controller.settings import Settings
@@ -59,8 +58,7 @@ def test_every_other_key_is_refused_by_name(tuner):
     for key, value in keys(tuner().settings, False).items():
         changed = tuner()
         settings, newest = changed.settings, changed.newest
-        with pytest.raises(ConfigurationError, match=key):
-            changed.accept(nested({key: other(value)}), "test")
+        assert key in refusal(changed.accept, nested({key: other(value)}), "test")
         assert (changed.settings, changed.newest) == (settings, newest)
 
 
@@ -122,11 +120,6 @@ def weight(controller):
     return controller.loop.controller.board.sample(controller.clock.time).weights["com"]
 
 
-def steps(controller, count):
-    tau = np.array([report.command.tau for report in controller.reports[-count - 1 :]])
-    return np.abs(np.diff(tau, axis=0)).max(axis=1)
-
-
 def test_gains_ramp_to_the_configured_result(bench):
     controller = standing(bench)
     still = controller.reports[-1].command.tau
@@ -136,7 +129,8 @@ def test_gains_ramp_to_the_configured_result(bench):
     tau = controller.reports[-1].command.tau
     whole = np.abs(tau - still).max()
     assert whole > 0.5  # N·m
-    assert steps(controller, ramped + 2).max() < 3.0 * whole / ramped
+    steps = np.diff([report.command.tau for report in controller.reports[-ramped - 3 :]], axis=0)
+    assert np.abs(steps).max() < 3.0 * whole / ramped
     made = standing(bench, tasks={"com": {"stiffness": 400.0}})
     np.testing.assert_allclose(tau, made.reports[-1].command.tau, atol=1e-5)
 
@@ -209,8 +203,7 @@ def test_live_range_ends_at_the_configured_value(robot_of, changed, configured, 
     if good:
         live.accept({"limits": {"acceleration": value}}, "test")
     else:
-        with pytest.raises(ConfigurationError, match=r"valid in a running controller: "):
-            live.accept({"limits": {"acceleration": value}}, "test")
+        assert "valid in a running controller: " in refusal(live.accept, {"limits": {"acceleration": value}}, "test")
 
 
 @pytest.mark.parametrize(
