@@ -54,8 +54,7 @@ class Motion:
         return BodyMotion(self.placement * target, change @ self.twist, np.zeros((6, nv)), change @ self.acceleration)
 
 
-#: Motion of a support as a function of time in s.
-Support = Callable[[float], Motion]
+Support = Callable[[float], Motion]  # motion of a support as a function of time in s
 
 
 def ground(t: float) -> Motion:

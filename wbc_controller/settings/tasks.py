@@ -9,8 +9,7 @@ from wbc_controller.settings.values import Finite, Gains, NonNegative, Section, 
 
 
 class _Task(Section):
-    #: Number of axes before masking; 0 if it depends on the robot.
-    axes: ClassVar[int] = 3
+    axes: ClassVar[int] = 3  # number of axes before masking; 0 if it depends on the robot
 
     live = ("weight", "enabled", "setpoint_duration", "stiffness", "damping", "gain")
 

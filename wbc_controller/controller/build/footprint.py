@@ -27,8 +27,7 @@ class Footprint:
 
     polygon: Array  # counterclockwise corners, (n, 2) in m; also a point or a line
     height: float  # height of the body's lowest point above the plane, m
-    #: angle between plane and largest flat face of the underside, rad; None without one
-    tilt: float | None
+    tilt: float | None  # angle between plane and largest flat face of the underside, rad; None without one
 
     @property
     def size(self) -> Array:

@@ -43,8 +43,7 @@ class BipedLimits:
         """Prepare the limits for the largest joint speeds, (nj,) in rad/s."""
         self.legs, self.gait = legs, gait
         self._model, self._contacts, self._speeds, self._dynamics = model, contacts, speeds, Dynamics(model)
-        #: Columns of the base in v.
-        self._base = np.setdiff1d(np.arange(model.nv), model.v_index)[:6]
+        self._base = np.setdiff1d(np.arange(model.nv), model.v_index)[:6]  # columns of the base in v
 
     def feasible(self, way: Velocity, most: float) -> FeasibleSpeed:
         """Return the feasible speed in a direction, at most `most`."""
