@@ -4,31 +4,19 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from urdf_models import build_model
+from urdf_models import build_model, link, revolute
 
 from wbc_controller.controller.build.collision_elements import read_collision_elements
 from wbc_controller.controller.build.footprint import LAYER, footprint, outline
 
-INERTIA = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
-LIMIT = '<limit effort="10" velocity="10" lower="-2" upper="2"/>'
-
 
 def on_plane(height, turn=(0.0, 0.0, 0.0), *, shank=(), foot=(), layer=LAYER):
     """Return the footprint, on a plane, of a base, a shank, and a foot fixed 0.5 m below the joint."""
-
-    def collisions(own):
-        return "".join(
-            f'<collision><origin xyz="{xyz}" rpy="{rpy}"/><geometry>{shape}</geometry></collision>'
-            for xyz, rpy, shape in own
-        )
-
-    urdf = (
-        f'<robot name="leg"><link name="base">{INERTIA}</link>'
-        f'<link name="shank">{INERTIA}{collisions(shank)}</link><link name="foot">{collisions(foot)}</link>'
-        '<joint name="knee" type="revolute"><parent link="base"/><child link="shank"/><axis xyz="0 1 0"/>'
-        f'{LIMIT}</joint><joint name="ankle" type="fixed"><parent link="shank"/><child link="foot"/>'
-        '<origin xyz="0 0 -0.5"/></joint></robot>'
+    links = link("base") + link("shank", *shank) + link("foot", *foot, inertial="")
+    ankle = (
+        '<joint name="ankle" type="fixed"><parent link="shank"/><child link="foot"/><origin xyz="0 0 -0.5"/></joint>'
     )
+    urdf = f'<robot name="leg">{links}{revolute("knee", "base", "shank", "0 1 0")}{ankle}</robot>'
     elements = read_collision_elements(build_model(urdf, ["knee"], [0.0]), urdf, "test")
     return footprint(elements, pin.SE3(pin.rpy.rpyToMatrix(np.array(turn)), np.array([0.0, 0.0, height])), layer)
 
