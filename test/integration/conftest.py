@@ -1,7 +1,6 @@
 """Service and mock robot on each transport, and a user of their topics."""
 
 import contextlib
-import dataclasses
 import os
 import re
 import signal
@@ -10,6 +9,7 @@ import threading
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -67,14 +67,12 @@ class User:
         key = owner, topic.key, topic.subject
         self._types[key] = topic.type
         if topic.direction is Direction.IN:
-            self._writable[key] = dataclasses.replace(
-                counterpart(topic), qos=dataclasses.replace(topic.qos, reliable=True)
-            )
+            self._writable[key] = replace(counterpart(topic), qos=replace(topic.qos, reliable=True))
             if topic.key not in OF_THE_ROBOT:
                 self._publish[key] = transport.advertise(self._writable[key])
             return
         kept = self.arrivals[key] = []
-        deep = dataclasses.replace(counterpart(topic), qos=dataclasses.replace(topic.qos, depth=1000))
+        deep = replace(counterpart(topic), qos=replace(topic.qos, depth=1000))
         state = key == ("mock", "joint_states", "")
 
         def receive(payload: bytes) -> None:
@@ -160,18 +158,13 @@ class User:
     def efforts(self, since: float = 0.0) -> np.ndarray:
         """Return the torques after a wall time."""
         place = "controller", "effort", ""
-        return np.array(
-            [decode(payload, self._types[place]).data for when, payload in list(self.arrivals[place]) if when > since]
-        ).reshape(-1, self.model.na)
+        kept = [payload for when, payload in list(self.arrivals[place]) if when > since]
+        return np.array([decode(payload, self._types[place]).data for payload in kept]).reshape(-1, self.model.na)
 
     def refusals(self) -> list[str]:
         """Return all refusals on /diagnostics."""
-        return [
-            value.value
-            for content in self.all("controller", "diagnostics")
-            for value in content.status[0].values
-            if re.fullmatch(r"refused/\d+", value.key)
-        ]
+        values = [value for content in self.all("controller", "diagnostics") for value in content.status[0].values]
+        return [value.value for value in values if re.fullmatch(r"refused/\d+", value.key)]
 
 
 class Processes:
