@@ -131,27 +131,55 @@ def test_a_call_works_or_raises_an_error_of_the_package(name):
 @pytest.mark.parametrize(
     ("call", "sentence"),
     [
-        (lambda: CONTROLLER.set("com", [1e308, 0, 0]),
-         r"task 'com': a reference is 1e\+308 m; for this robot it must be from -14\.\d+ to 14\.\d+"),
-        (lambda: CONTROLLER.set("com", com() + [0, 15.0, 0]), "task 'com': a reference is 15 m; for this robot"),
-        (lambda: CONTROLLER.set("posture", {"FL_hip_joint": 8.0}), "task 'posture': a reference is 8 rad; for this"),
-        (lambda: CONTROLLER.set("base", [0, 0, 0, 1], velocity=[200.0, 0, 0]), "from -100 to 100"),
-        (lambda: CONTROLLER.set("com", com(), acceleration=[0, 1e300, 0]), r"acceleration is 1e\+300 per s²; for this"),
-        (lambda: CONTROLLER.set("com", com(), duration=1e308), "duration of task 'com' must be from 0 to 86400"),
-        (lambda: CONTROLLER.follow("com", [1e308], [com()]), r"trajectory are \[1e\+308\] s; they must increase"),
-        (lambda: CONTROLLER.follow("com", [1, 1 + 1e-12], [com()] * 2), "must increase from 0 by 0.0001 s or more"),
-        (lambda: CONTROLLER.follow("com", [1, 1.001], [com(), com() + [0, 0, 1.0]]), "velocity is 1000 per s; for"),
-        (lambda: CONTROLLER.set_external_wrench("base", [0, 0, -1e4, 0, 0, 0]), "wrench at 'base' is -1e.04 N, N·m"),
-        (lambda: CONTROLLER.set("com", np.ma.masked_array([0, 0, 1])), "the position of task 'com' is a masked array"),
-        (lambda: CONTROLLER.enable("com", "no"), "enabled = 'no': must be True or False"),
-        (lambda: CONTROLLER.reset(Q, V, 1e308), r"t must be from -1e\+10 to 1e\+10, not 1e\+308"),
-        (lambda: own("tasks", [int]), "tasks: <class 'int'> raised TypeError"),
+        (lambda c: c.set("comm", [0, 0, 0]), "unknown task 'comm'; did you mean 'com'"),
+        (lambda c: c.set("com", [0, 0]), r"the position of task 'com' has the shape \(2,\); it takes \(3,\)"),
+        (lambda c: c.set("com", [0, 0, np.nan]), "the position of task 'com' is not finite"),
+        (lambda c: c.set("com", "up"), "the position of task 'com' is not an array of numbers"),
+        (lambda c: c.set("com", [0, 0, 0], velocity=[1.0]), r"the velocity of task 'com' has shape \(1,\)"),
+        (
+            lambda c: c.set("base", [0, 0, 0, 2]),
+            r"the position of task 'base': \[0, 0, 0, 2\] is not a unit quaternion",
+        ),
+        (lambda c: c.set("com", {"FL_hip_joint": 0.0}), "task 'com' has no joints"),
+        (lambda c: c.set("posture", {"FL_hip": 0.0}), "'FL_hip' is not a joint of task 'posture'; did you mean"),
+        (lambda c: c.follow("com", [0.5, 0.2], np.zeros((2, 3))), "times of task 'com' must increase from at least 0"),
+        (lambda c: c.follow("com", [0.5], np.zeros((2, 3))), "2 points for 1 times"),
+        (lambda c: c.enable("left_foot"), "unknown task or contact 'left_foot'; did you mean"),
+        (lambda c: c.set_weight("com", -1.0), "the weight of task 'com' must be from 0 to 1e.06, not -1.0"),
+        (lambda c: c.set_weight("com", np.nan), "must be from 0 to 1e.06, not nan"),
+        (lambda c: c.set_external_wrench("bas", np.zeros(6)), "the robot has no such frame; did you mean 'base'"),
+        (lambda c: c.step(np.zeros(3), np.zeros(18), 1.0), r"q has shape \(3,\), expected \(19,\)"),
+        (lambda c: c.step(["a"] * 19, np.zeros(18), 1.0), r"q is not an array of numbers: \['a', 'a'"),
+        (lambda c: c.step(c.stance(), np.zeros(18), -1.0), "t = -1.0 s is before the last step"),
+        (lambda c: c.step(c.stance(), np.zeros(18), np.nan), "t must be from -1e.10 to 1e.10, not nan"),
+        (lambda c: c.reset(np.full(19, np.nan), np.zeros(18)), "q is not finite"),
+        (
+            lambda c: c.set("com", [1e308, 0, 0]),
+            r"task 'com': a reference is 1e\+308 m; for this robot it must be from -14\.\d+ to 14\.\d+",
+        ),
+        (lambda c: c.set("com", com() + [0, 15.0, 0]), "task 'com': a reference is 15 m; for this robot"),
+        (lambda c: c.set("posture", {"FL_hip_joint": 8.0}), "task 'posture': a reference is 8 rad; for this"),
+        (lambda c: c.set("base", [0, 0, 0, 1], velocity=[200.0, 0, 0]), "from -100 to 100"),
+        (lambda c: c.set("com", com(), acceleration=[0, 1e300, 0]), r"acceleration is 1e\+300 per s²; for this"),
+        (lambda c: c.set("com", com(), duration=1e308), "duration of task 'com' must be from 0 to 86400"),
+        (lambda c: c.follow("com", [1e308], [com()]), r"trajectory are \[1e\+308\] s; they must increase"),
+        (lambda c: c.follow("com", [1, 1 + 1e-12], [com()] * 2), "must increase from 0 by 0.0001 s or more"),
+        (lambda c: c.follow("com", [1, 1.001], [com(), com() + [0, 0, 1.0]]), "velocity is 1000 per s; for"),
+        (lambda c: c.set_external_wrench("base", [0, 0, -1e4, 0, 0, 0]), "wrench at 'base' is -1e.04 N, N·m"),
+        (lambda c: c.set("com", np.ma.masked_array([0, 0, 1])), "the position of task 'com' is a masked array"),
+        (lambda c: c.enable("com", "no"), "enabled = 'no': must be True or False"),
+        (lambda c: c.reset(Q, V, 1e308), r"t must be from -1e\+10 to 1e\+10, not 1e\+308"),
     ],
-)  # fmt: skip
-def test_an_error_names_the_value_and_its_range(call, sentence):
+)
+def test_an_error_names_the_value_and_its_range_and_has_no_effect(call, sentence):
     CONTROLLER.reset(Q, V)
-    with pytest.raises(wbc.WbcError, match=sentence):
-        call()
+    before = CONTROLLER.step(Q, V, 0.0)
+    with pytest.raises(wbc.InputRefused, match=sentence):
+        call(CONTROLLER)
+    after = CONTROLLER.step(Q, V, CONTROLLER.period)
+    assert after.mode is wbc.Mode.ACTIVE
+    assert after.references.weights == before.references.weights
+    np.testing.assert_array_equal(after.references.tasks["com"].position, before.references.tasks["com"].position)
 
 
 def test_a_state_with_absurd_values_leads_to_damping_with_a_reason():

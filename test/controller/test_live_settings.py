@@ -4,10 +4,10 @@ import logging
 
 import numpy as np
 import pytest
+from refusals import refusal
 
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.live_settings import LiveSettings
-from wbc_controller.errors import ConfigurationError
 from wbc_controller.middleware.codec import message
 from wbc_controller.nodes.ros2.parameters import flatten
 from wbc_controller.settings import Settings
@@ -58,8 +58,7 @@ def test_every_other_key_is_refused_by_name(tuner):
     for key, value in keys(tuner().settings, False).items():
         changed = tuner()
         settings, newest = changed.settings, changed.newest
-        with pytest.raises(ConfigurationError, match=key):
-            changed.accept(nested({key: other(value)}), "test")
+        assert key in refusal(changed.accept, nested({key: other(value)}), "test")
         assert (changed.settings, changed.newest) == (settings, newest)
 
 
@@ -83,9 +82,7 @@ def test_changes_are_atomic(tuner, change, said):
     changed = tuner()
     settings, newest = changed.settings, changed.newest
     for method in (changed.validated, changed.accept):
-        with pytest.raises(ConfigurationError) as caught:
-            method(nested(change), "test")
-        assert said in str(caught.value)
+        assert said in refusal(method, nested(change), "test")
     assert (changed.settings, changed.newest) == (settings, newest)
 
 
@@ -119,9 +116,8 @@ def standing(bench, **changes):
     return controller
 
 
-def steps(controller, count):
-    tau = np.array([report.command.tau for report in controller.reports[-count - 1 :]])
-    return np.abs(np.diff(tau, axis=0)).max(axis=1)
+def weight(controller):
+    return controller.loop.controller.board.sample(controller.clock.time).weights["com"]
 
 
 def test_gains_ramp_to_the_configured_result(bench):
@@ -133,7 +129,8 @@ def test_gains_ramp_to_the_configured_result(bench):
     tau = controller.reports[-1].command.tau
     whole = np.abs(tau - still).max()
     assert whole > 0.5  # N·m
-    assert steps(controller, ramped + 2).max() < 3.0 * whole / ramped
+    steps = np.diff([report.command.tau for report in controller.reports[-ramped - 3 :]], axis=0)
+    assert np.abs(steps).max() < 3.0 * whole / ramped
     made = standing(bench, tasks={"com": {"stiffness": 400.0}})
     np.testing.assert_allclose(tau, made.reports[-1].command.tau, atol=1e-5)
 
@@ -141,15 +138,14 @@ def test_gains_ramp_to_the_configured_result(bench):
 def test_the_weight_of_the_settings_is_ramped_too_and_outlives_a_reset(bench):
     controller = standing(bench)
     controller.loop.controller.live.accept({"tasks": {"com": {"weight": 1.0}}}, "test")
-    weights = [controller.cycle() and controller.loop.controller.board.sample(controller.clock.time).weights["com"]
-               for _ in range(300)]  # fmt: skip
+    weights = [controller.cycle() and weight(controller) for _ in range(300)]
     assert np.abs(np.diff(weights)).max() < 0.02 * (weights[0] - weights[-1])
     assert weights[-1] == 1.0
     for word in ("damp", "reset", "activate"):
         controller.command(word)
         controller.cycle()
     controller.cycle(300)
-    assert controller.loop.controller.board.sample(controller.clock.time).weights["com"] == 1.0
+    assert weight(controller) == 1.0
 
 
 def test_updates_of_references_and_settings_are_atomic(bench):
@@ -170,11 +166,11 @@ def test_updates_of_references_and_settings_are_atomic(bench):
     assert "update: tasks.com.stiffness = -7.0: input should be" in sentence
     assert controller.loop.controller.live.settings == before
     controller.cycle(60)
-    assert controller.loop.controller.board.sample(controller.clock.time).weights["com"] == before.tasks["com"].weight
+    assert weight(controller) == before.tasks["com"].weight
     update(controller, both)
     assert controller.cycle().refused == ()
     controller.cycle(60)
-    assert controller.loop.controller.board.sample(controller.clock.time).weights["com"] == 3.0
+    assert weight(controller) == 3.0
     assert controller.loop.controller.qp.tasks["com"].stiffness == 7.0
 
 
@@ -207,8 +203,7 @@ def test_live_range_ends_at_the_configured_value(robot_of, changed, configured, 
     if good:
         live.accept({"limits": {"acceleration": value}}, "test")
     else:
-        with pytest.raises(ConfigurationError, match=r"valid in a running controller: "):
-            live.accept({"limits": {"acceleration": value}}, "test")
+        assert "valid in a running controller: " in refusal(live.accept, {"limits": {"acceleration": value}}, "test")
 
 
 @pytest.mark.parametrize(

@@ -140,9 +140,8 @@ def classes_with_state() -> set[type]:
 def objects_with_state(owner: object) -> list[object]:
     """An object and its stateful parts."""
     fields = [getattr(owner, name) for name in type(owner).STATE_FIELDS]
-    return [owner] + [
-        each for part in fields if hasattr(type(part), "STATE_FIELDS") for each in objects_with_state(part)
-    ]
+    parts = [part for part in fields if hasattr(type(part), "STATE_FIELDS")]
+    return [owner, *(each for part in parts for each in objects_with_state(part))]
 
 
 def parts_with_state(controller: ControlCycle) -> list[object]:
@@ -169,9 +168,8 @@ def shared_arrays(controller: ControlCycle) -> list[str]:
 def test_a_restored_controller_continues_bit_for_bit(robot_of, stance_of, changed, case, seed):
     name, changes = CASES[case]
     settings, model = robot_of(name)
-    settings = changed(
-        settings, {"safety": {"activation_ramp": 0.02, "hold_time": 0.01, "damping_time": 0.05}, **changes}
-    )
+    quick = {"activation_ramp": 0.02, "hold_time": 0.01, "damping_time": 0.05}
+    settings = changed(settings, {"safety": quick, **changes})
     original = ControlCycle(settings, model=model, preflight=False)
     run = RandomRun(original, stance_of(name), seed)
     inputs, results, saved = [], [], {}
@@ -200,8 +198,6 @@ def test_every_class_with_a_saved_state_is_part_of_a_controller(robot_of, change
     found: set[type] = set()
     for name, changes in CASES.values():
         settings, model = robot_of(name)
-        found |= {
-            type(part)
-            for part in parts_with_state(ControlCycle(changed(settings, changes), model=model, preflight=False))
-        }
+        controller = ControlCycle(changed(settings, changes), model=model, preflight=False)
+        found |= {type(part) for part in parts_with_state(controller)}
     assert found == classes_with_state()

@@ -89,9 +89,8 @@ def test_the_plot_of_a_run_has_every_cycle(results):
     times = [each.time for each in results]
     np.testing.assert_array_equal(traces["task errors", "com"].x, times)
     np.testing.assert_array_equal(traces["task errors", "com"].y, [each.task_errors["com"] for each in results])
-    np.testing.assert_array_equal(
-        traces["normal forces, N", "left_foot"].y, [each.forces["left_foot"][2] for each in results]
-    )
+    forces = [each.forces["left_foot"][2] for each in results]
+    np.testing.assert_array_equal(traces["normal forces, N", "left_foot"].y, forces)
     marks = {trace.y[0]: len(trace.x) for trace in figure.data if trace.mode == "markers"}
     bound = [name for each in results for name in each.binding]
     assert marks == {name: bound.count(name) for name in set(bound)}

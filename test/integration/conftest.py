@@ -1,14 +1,15 @@
 """Service and mock robot on each transport, and a user of their topics."""
 
 import contextlib
-import dataclasses
 import os
 import re
 import signal
 import subprocess
 import threading
 import time
+from collections import defaultdict
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from domains import own_domain
 from forked import SHORT_LEASE, Forked, fork_node, fork_wbc
 from launching import patient
 from participants import Ros2Participants, is_omitted
+from waiting import until
 
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.middleware.codec import decode, encode, message, nanoseconds
@@ -34,8 +36,6 @@ from wbc_controller.validation.lockstep import Lockstep
 
 ROBOT = "go2"
 DOMAIN = own_domain()
-#: Timeout on an idle computer, s of wall time.
-PATIENCE = 60.0
 #: Topics with one publisher; advertised only when a test sends on them.
 OF_THE_ROBOT = ("joint_states", "odom", "clock", "robot_description", "effort", "joint_commands")
 
@@ -52,8 +52,8 @@ class User:
         self.transport = transport
         self.arrivals: dict[tuple[str, str, str], list[tuple[float, bytes]]] = {}
         self._types: dict[tuple[str, str, str], str] = {}
-        self._publish: dict[tuple[str, str, str], Any] = {}
-        self._writable: dict[tuple[str, str, str], Any] = {}
+        self._publish: dict[tuple[str, str, str], Callable[[bytes], None]] = {}
+        self._writable: dict[tuple[str, str, str], Endpoint] = {}
         self._joints, self._base = JointStateReader(self.model.joints), OdometryReader(self.model.base_link)
         self._data = self.model.pinocchio.createData()
         self.state_came = threading.Event()
@@ -67,14 +67,12 @@ class User:
         key = owner, topic.key, topic.subject
         self._types[key] = topic.type
         if topic.direction is Direction.IN:
-            self._writable[key] = dataclasses.replace(
-                counterpart(topic), qos=dataclasses.replace(topic.qos, reliable=True)
-            )
+            self._writable[key] = replace(counterpart(topic), qos=replace(topic.qos, reliable=True))
             if topic.key not in OF_THE_ROBOT:
                 self._publish[key] = transport.advertise(self._writable[key])
             return
         kept = self.arrivals[key] = []
-        deep = dataclasses.replace(counterpart(topic), qos=dataclasses.replace(topic.qos, depth=1000))
+        deep = replace(counterpart(topic), qos=replace(topic.qos, depth=1000))
         state = key == ("mock", "joint_states", "")
 
         def receive(payload: bytes) -> None:
@@ -117,21 +115,10 @@ class User:
         self.until(lambda: self.time >= end, f"{duration} s of simulated time")
 
     def until(
-        self,
-        condition: Callable[[], Any],
-        what: str,
-        again: Callable[[], None] = lambda: None,
-        patience: float = PATIENCE,
+        self, condition: Callable[[], Any], what: str, again: Callable[[], None] = lambda: None, patience: float = 60.0
     ) -> None:
-        """Wait for a condition; repeat `again` four times per second, as new peers may miss a message."""
-        began, due = time.monotonic(), 0.0
-        while not condition():
-            now = time.monotonic()
-            if now >= due:
-                again()
-                due = now + 0.25
-            assert now - began < patience * slowness(), f"waited {now - began:.0f} s in vain for {what}; {self.mode}"
-            self.advance()
+        """Wait for a condition; repeat `again`, as new peers may miss a message; `patience` as in `waiting.until`."""
+        until(condition, lambda: f"{what}; {self.mode}", patience, again, self.advance)
 
     def wait_for_service(self) -> None:
         self.until(lambda: self.time > 0.0 and self.mode != "", "the first state and the first mode")
@@ -161,32 +148,23 @@ class User:
 
     def vertical_force(self, owner: str, duration: float) -> np.ndarray:
         """Return the summed contact forces by stamp over `duration`, N."""
-        since = self.time - duration
-        sums: dict[float, float] = {}
-        counts: dict[float, int] = {}
-        for contact in self.settings.contacts:
+        since, contacts = self.time - duration, self.settings.contacts
+        forces: dict[float, list[float]] = defaultdict(list)
+        for contact in contacts:
             for content in self.all(owner, "contact_wrench", contact):
-                stamp = nanoseconds(content.header.stamp) * 1e-9
-                if stamp >= since:
-                    sums[stamp] = sums.get(stamp, 0.0) + content.wrench.force.z
-                    counts[stamp] = counts.get(stamp, 0) + 1
-        return np.array([sums[stamp] for stamp in sums if counts[stamp] == len(self.settings.contacts)])
+                forces[nanoseconds(content.header.stamp) * 1e-9].append(content.wrench.force.z)
+        return np.array([sum(each) for at, each in forces.items() if at >= since and len(each) == len(contacts)])
 
     def efforts(self, since: float = 0.0) -> np.ndarray:
         """Return the torques after a wall time."""
         place = "controller", "effort", ""
-        return np.array(
-            [decode(payload, self._types[place]).data for when, payload in list(self.arrivals[place]) if when > since]
-        ).reshape(-1, self.model.na)
+        kept = [payload for when, payload in list(self.arrivals[place]) if when > since]
+        return np.array([decode(payload, self._types[place]).data for payload in kept]).reshape(-1, self.model.na)
 
     def refusals(self) -> list[str]:
         """Return all refusals on /diagnostics."""
-        return [
-            value.value
-            for content in self.all("controller", "diagnostics")
-            for value in content.status[0].values
-            if re.fullmatch(r"refused/\d+", value.key)
-        ]
+        values = [value for content in self.all("controller", "diagnostics") for value in content.status[0].values]
+        return [value.value for value in values if re.fullmatch(r"refused/\d+", value.key)]
 
 
 class Processes:

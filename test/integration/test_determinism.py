@@ -35,18 +35,14 @@ def swayed_and_shoved():
     trial.mock.plant.push(trial.model.base_link, [0.0, 50.0, 0.0, 0.0, 0.0, 0.0], 0.1)
     trial.run(0.3)
     sent = [(command.stamp, mode, command.tau) for mode, command in commands if command is not None]
-    return {
-        name: np.array(values) for name, values in zip(("stamp", "mode", "tau"), zip(*sent, strict=True), strict=True)
-    }
+    columns = zip(*sent, strict=True)
+    return {name: np.array(values) for name, values in zip(("stamp", "mode", "tau"), columns, strict=True)}
 
 
 def test_two_processes_send_the_same_torques_bit_for_bit(tmp_path):
-    process = subprocess.Popen(
-        [sys.executable, "-c", SCRIPT, str(Path(__file__).parent), str(tmp_path / "other.npz")],
-        env={**os.environ, "PYTHONHASHSEED": "4242"},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-    )
+    words = [sys.executable, "-c", SCRIPT, str(Path(__file__).parent), str(tmp_path / "other.npz")]
+    other = {**os.environ, "PYTHONHASHSEED": "4242"}
+    process = subprocess.Popen(words, env=other, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     first = swayed_and_shoved()
     output, _ = process.communicate(timeout=300)
     assert process.returncode == 0, output.decode()

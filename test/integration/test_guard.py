@@ -31,9 +31,8 @@ def guard_says(user):
 
 def guard_states(user):
     """Return times and texts of the guard's states."""
-    return [
-        (when, decode(payload, "std_msgs/msg/String").data) for when, payload in user.arrivals["guard", "state", ""]
-    ]
+    kept = user.arrivals["guard", "state", ""]
+    return [(when, decode(payload, "std_msgs/msg/String").data) for when, payload in kept]
 
 
 def torques(user, key):

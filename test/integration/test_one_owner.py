@@ -15,14 +15,11 @@ def test_two_controllers_do_not_fight_and_two_robots_are_said(processes, dds_use
     second = processes.start("run", "go2", "--activate", "--use-sim-time")
     # Each logs the other once.
     user.until(lambda: processes.logs().count(f"ownership: {RIVAL}") == 2, "both controllers to see each other")
+    refused, waits = f"'activate' is refused: {RIVAL}", f"the activation at the start waits: {RIVAL}"
     user.until(
-        lambda: any(f"'activate' is refused: {RIVAL}" in said for said in user.refusals()),
-        "the refusal",
-        lambda: user.command("activate"),
+        lambda: any(refused in said for said in user.refusals()), "the refusal", lambda: user.command("activate")
     )
-    user.until(
-        lambda: f"the activation at the start waits: {RIVAL}" in processes.logs(), "the activation at the start to wait"
-    )
+    user.until(lambda: waits in processes.logs(), "the activation at the start to wait")
     user.run(0.5)
     assert {content.data for content in user.all("controller", "state")} == {"inactive"}
     assert not len(user.efforts())
@@ -35,14 +32,10 @@ def test_two_controllers_do_not_fight_and_two_robots_are_said(processes, dds_use
 
     # Both robots and the controller report a second robot.
     processes.start("mock", "go2")
-    user.until(
-        lambda: (
-            processes.logs().count("/joint_states has another publisher, /mock_robot: two robots on one topic") == 2
-        ),
-        "both robots to see each other",
-    )
-    said = "/odom has several publishers: /mock_robot, /mock_robot; stop all but one"
-    user.until(lambda: said in user.last("controller", "diagnostics").status[0].message, "the diagnostics")
+    said = "/joint_states has another publisher, /mock_robot: two robots on one topic"
+    user.until(lambda: processes.logs().count(said) == 2, "both robots to see each other")
+    several = "/odom has several publishers: /mock_robot, /mock_robot; stop all but one"
+    user.until(lambda: several in user.last("controller", "diagnostics").status[0].message, "the diagnostics")
     values = {value.key: value.value for value in user.last("controller", "diagnostics").status[0].values}
     assert values["publishers//joint_states"] == "/mock_robot, /mock_robot"
     assert processes.stop(mock) == 0

@@ -7,21 +7,10 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
-from mechanisms import box, four_bar, random_state
+from mechanisms import ball, box, four_bar, move, random_state
 
+from wbc_controller import mechanics as wbm
 from wbc_controller.controller.build.robot import make_model
-from wbc_controller.mechanics import (
-    Kinematics,
-    Rolling,
-    SurfaceContact,
-    actuation_matrix,
-    admissible_directions,
-    constrained_dynamics,
-    constraint_equation,
-    forward_dynamics,
-    simulate,
-)
-from wbc_controller.settings.contacts import SurfaceContact as SurfaceSettings
 from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.simulation.plant import Plant
 
@@ -40,7 +29,7 @@ def test_free_flight_agrees_to_rounding(name):
     _, model, plant = shipped(name)
     plant.hold(False, 0.0)
     rng = np.random.default_rng(0)
-    S = actuation_matrix(model.pinocchio, model.joints)
+    S = wbm.actuation_matrix(model.pinocchio, model.joints)
     for _ in range(5):
         q, v = random_state(model.pinocchio, rng, speed=0.5)
         # Within joint limits and above the floor, where MuJoCo has no springs.
@@ -51,52 +40,40 @@ def test_free_flight_agrees_to_rounding(name):
         plant.set_state(q, v)
         plant.apply(tau)
         plant.forward()
-        expected = forward_dynamics(model.pinocchio, q, v, S.T @ tau)
+        expected = wbm.forward_dynamics(model.pinocchio, q, v, S.T @ tau)
         assert np.abs(plant.acceleration() - expected).max() < 1e-8 * np.abs(expected).max()
 
 
-def standing(name, seconds=1.0):
-    """Robot at rest on its feet, with springs at its joints."""
-    settings, model, plant = shipped(name)
+def standing():
+    """Go2 at rest on its feet, with springs at its joints."""
+    settings, model, plant = shipped("go2")
     inertia = pin.crba(model.pinocchio, model.pinocchio.createData(), plant.state()[0]).diagonal()[model.v_index]
-    stiffness = np.full(model.na, 12.0 * model.mass)
+    gain = 12.0 * model.mass * np.clip(inertia / inertia.max(), 0.05, 1.0)
     plant.hold(False, 0.0)
-    for _ in range(round(seconds / plant.step_seconds)):
+    for _ in range(round(1.0 / plant.step_seconds)):
         q, v = plant.state()
-        gain = stiffness * np.clip(inertia / inertia.max(), 0.05, 1.0)
         plant.apply(gain * (model.posture - q[model.q_index]) - 0.03 * gain * v[model.v_index])
         plant.step()
     return settings, model, plant
 
 
-def feet(settings, model, q):
-    """Contacts of the configuration as constraints at their present positions."""
-    data = model.pinocchio.createData()
-    pin.framesForwardKinematics(model.pinocchio, data, q)
-    made = []
-    for contact in settings.contacts.values():
-        if isinstance(contact, SurfaceSettings):
-            placement = pin.SE3(pin.rpy.rpyToMatrix(*contact.rpy), np.array(contact.translation))
-            now = data.oMf[model.pinocchio.getFrameId(contact.frame)] * placement
-            made.append(SurfaceContact(frame=contact.frame, placement=placement, target=now))
-        else:
-            made.append(Rolling(frame=contact.frame, radius=contact.radius, centre=np.array(contact.translation)))
-    return made
+def contact_forces(settings, model, plant):
+    """Motion by the applied torques, its contact forces, and those of MuJoCo, (4, 3)."""
+    specs = settings.contacts.values()
+    feet = [wbm.Rolling(frame=spec.frame, radius=spec.radius, centre=np.array(spec.translation)) for spec in specs]
+    force = wbm.actuation_matrix(model.pinocchio, model.joints).T @ plant.applied_torques
+    motion = wbm.constrained_dynamics(model.pinocchio, *plant.state(), force, feet)
+    return motion, motion.multipliers.reshape(4, 3), np.array(list(plant.contact_wrenches().values()))
 
 
 def test_a_standing_quadruped_has_the_same_contact_forces():
     """At rest: force of each foot to 0.1 % of its load."""
-    settings, model, plant = standing("go2")
-    q, v = plant.state()
-    assert np.abs(v).max() < 0.05
-    force = actuation_matrix(model.pinocchio, model.joints).T @ plant.applied_torques
-    motion = constrained_dynamics(model.pinocchio, q, v, force, feet(settings, model, q))
-    theirs = plant.contact_wrenches()
+    settings, model, plant = standing()
+    assert np.abs(plant.state()[1]).max() < 0.05
+    _, ours, theirs = contact_forces(settings, model, plant)
     weight = model.mass * model.gravity
-    ours = motion.multipliers.reshape(4, 3)
-    for index, name in enumerate(settings.contacts):
-        assert np.abs(ours[index] - theirs[name]).max() < 0.001 * weight / 4, (name, ours[index], theirs[name])
-    assert np.allclose(ours.sum(axis=0), sum(theirs.values()), atol=0.001 * weight)
+    assert np.abs(ours - theirs).max() < 0.001 * weight / 4, (ours, theirs)
+    assert np.allclose(ours.sum(axis=0), theirs.sum(axis=0), atol=0.001 * weight)
 
 
 @pytest.mark.parametrize("torque", [-1.0, 1.0])
@@ -105,54 +82,41 @@ def test_a_jolt_of_torque_changes_the_contact_forces_alike(torque):
 
     Accelerations to 10 % of the largest: 2 % of the feet's motion, left by the impedance, moves the light calves.
     """
-    settings, model, plant = standing("go2")
-    q, v = plant.state()
-    tau = plant.applied_torques + torque * np.tile([0.0, 1.0, -1.0], 4)
-    plant.apply(tau)
+    settings, model, plant = standing()
+    plant.apply(plant.applied_torques + torque * np.tile([0.0, 1.0, -1.0], 4))
     plant.forward()
-    force = actuation_matrix(model.pinocchio, model.joints).T @ tau
-    motion = constrained_dynamics(model.pinocchio, q, v, force, feet(settings, model, q))
-    theirs = np.array(list(plant.contact_wrenches().values()))
-    weight = model.mass * model.gravity
-    ours = motion.multipliers.reshape(4, 3)
+    motion, ours, theirs = contact_forces(settings, model, plant)
     assert (np.linalg.norm(ours[:, :2], axis=1) < 0.6 * ours[:, 2]).all()  # otherwise MuJoCo's feet slide
-    assert np.abs(ours - theirs).max() < 0.005 * weight
+    assert np.abs(ours - theirs).max() < 0.005 * model.mass * model.gravity
     assert np.abs(motion.v_dot - plant.acceleration()).max() < 0.1 * np.abs(motion.v_dot).max()
 
 
-FOUR_BAR = f"""
+def mujoco_four_bar(model):
+    def inertial(joint):
+        inertia, (x, y, z) = model.inertias[joint], np.diag(model.inertias[joint].inertia)
+        place = f'mass="{inertia.mass:.17g}" pos="{inertia.lever[0]:.17g} 0 0"'
+        return f'<inertial {place} diaginertia="{x:.17g} {y:.17g} {z:.17g}"/>'
+
+    return f"""
 <mujoco><option timestep="0.0005" integrator="RK4" tolerance="1e-14" iterations="200"/>
 <worldbody>
-  <body name="crank"><joint name="crank" axis="0 1 0"/>CRANK
-    <body name="coupler" pos="0.2 0 0"><joint name="coupler" axis="0 1 0"/>COUPLER</body></body>
-  <body name="rocker" pos="0.5 0 0"><joint name="rocker" axis="0 1 0"/>ROCKER</body>
+  <body name="crank"><joint name="crank" axis="0 1 0"/>{inertial(1)}
+    <body name="coupler" pos="0.2 0 0"><joint name="coupler" axis="0 1 0"/>{inertial(2)}</body></body>
+  <body name="rocker" pos="0.5 0 0"><joint name="rocker" axis="0 1 0"/>{inertial(3)}</body>
 </worldbody>
 <equality><connect name="loop" body1="coupler" body2="rocker" anchor="0.5 0 0" {STIFF}/></equality></mujoco>
 """
 
 
-def mujoco_four_bar(model):
-    xml = FOUR_BAR
-    for joint, tag in ((1, "CRANK"), (2, "COUPLER"), (3, "ROCKER")):
-        inertia = model.inertias[joint]
-        diagonal = np.diag(inertia.inertia)
-        xml = xml.replace(
-            tag,
-            f'<inertial mass="{inertia.mass:.17g}" pos="{inertia.lever[0]:.17g} 0 0" '
-            f'diaginertia="{diagonal[0]:.17g} {diagonal[1]:.17g} {diagonal[2]:.17g}"/>',
-        )
-    return xml
-
-
 def test_a_four_bar_moves_and_strains_alike():
     """Impedance 0.9999: angles over one second to 1e-5 rad, force of the pin to 0.1 % of the largest."""
     model, loop, q = four_bar()
-    A = constraint_equation(loop, Kinematics(model, q, np.zeros(3))).A
-    v = admissible_directions(A)[:, 0]
+    A = wbm.constraint_equation(loop, wbm.Kinematics(model, q, np.zeros(3))).A
+    v = wbm.admissible_directions(A)[:, 0]
     v = v * 5.0 / v[0]
     zero = np.zeros(3)
     step, steps = 2e-3, 500
-    qs, vs = simulate(model, lambda q, v, t: constrained_dynamics(model, q, v, zero, loop).v_dot, q, v, step, steps)
+    qs, vs = move(model, loop, q, v, step, steps)
 
     theirs = mujoco.MjModel.from_xml_string(mujoco_four_bar(model))
     data = mujoco.MjData(theirs)
@@ -167,7 +131,7 @@ def test_a_four_bar_moves_and_strains_alike():
             probe = mujoco.MjData(theirs)
             probe.qpos[:], probe.qvel[:] = qs[k], vs[k]
             mujoco.mj_forward(theirs, probe)
-            motion = constrained_dynamics(model, qs[k], vs[k], zero, loop)
+            motion = wbm.constrained_dynamics(model, qs[k], vs[k], zero, loop)
             forces.append((motion.multipliers, probe.efc_force[:3].copy()))
         for _ in range(4):
             mujoco.mj_step(theirs, data)
@@ -193,15 +157,12 @@ def test_a_ball_rolls_down_a_slope_alike():
     local = np.zeros(6)
     mujoco.mj_contactForce(theirs, data, 0, local)
 
-    ball = pin.Model()
-    joint = ball.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "ball")
-    ball.appendBodyToJoint(joint, pin.Inertia.FromSphere(2.0, 0.1), pin.SE3.Identity())
-    ball.addFrame(pin.Frame("ball_link", joint, 0, pin.SE3.Identity(), pin.BODY))
-    ball.gravity = pin.Motion(np.array([9.81 * np.sin(angle), 0, -9.81 * np.cos(angle), 0, 0, 0]))
-    rolling = [Rolling(frame="ball_link", radius=0.1, height=-0.1)]
-    q, zero = pin.neutral(ball), np.zeros(6)
-    motion = constrained_dynamics(ball, q, zero, zero, rolling)
-    _, vs = simulate(ball, lambda q, v, t: constrained_dynamics(ball, q, v, zero, rolling).v_dot, q, zero, 0.01, 50)
+    model = ball(2.0)
+    model.gravity = pin.Motion(np.array([9.81 * np.sin(angle), 0, -9.81 * np.cos(angle), 0, 0, 0]))
+    rolling = [wbm.Rolling(frame="ball_link", radius=0.1, height=-0.1)]
+    q, zero = pin.neutral(model), np.zeros(6)
+    motion = wbm.constrained_dynamics(model, q, zero, zero, rolling)
+    _, vs = move(model, rolling, q, zero, 0.01, 50)
     assert data.qvel[0] == pytest.approx(np.linalg.norm(vs[-1][:3]), rel=0.001)
     assert data.qvel[4] == pytest.approx(vs[-1][4], rel=0.001)
     assert local[0] == pytest.approx(motion.multipliers[2], rel=0.001)
@@ -238,7 +199,7 @@ def test_box_at_rest_and_tipping(moment):
         sides[int(data.contact[index].pos[1] < 0.0)] += local[0]
 
     force = np.array([0, 0, 0, moment, 0, 0])
-    motion = constrained_dynamics(model, pin.neutral(model), np.zeros(6), force, unilateral=floor)
+    motion = wbm.constrained_dynamics(model, pin.neutral(model), np.zeros(6), force, unilateral=floor)
     ours = np.array([motion.push[[0, 2]].sum(), motion.push[[1, 3]].sum()])
     weight = mass * 9.81
     assert np.abs(ours - sides).max() < 0.001 * weight, (ours, sides)

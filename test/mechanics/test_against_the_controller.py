@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mechanisms import random_state
 
-from wbc_controller import mechanics
+from wbc_controller import mechanics as wbm
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.references import make_board
 from wbc_controller.controller.build.robot import make_model
@@ -31,31 +31,30 @@ def test_snapshot_contacts_and_wrenches_agree(name, seed):
     dynamics, model = controller.dynamics, controller.model.pinocchio
     q, v = random_state(model, rng)
     dynamics.update(q, v)
-    assert np.allclose(dynamics.M, mechanics.mass_matrix(model, q), atol=1e-10)
-    assert np.allclose(dynamics.h, mechanics.bias_force(model, q, v), atol=1e-9)
-    assert np.allclose(
-        controller.model.mass * dynamics.com_velocity, mechanics.centroidal_momentum(model, q, v)[:3], atol=1e-9
-    )
+    assert np.allclose(dynamics.M, wbm.mass_matrix(model, q), atol=1e-10)
+    assert np.allclose(dynamics.h, wbm.bias_force(model, q, v), atol=1e-9)
+    momentum = controller.model.mass * dynamics.com_velocity
+    assert np.allclose(momentum, wbm.centroidal_momentum(model, q, v)[:3], atol=1e-9)
     wrench = rng.normal(size=6)
     base = controller.model.base_link
-    ours = mechanics.generalized_force(model, q, [mechanics.ExternalWrench(base, wrench)])
+    ours = wbm.generalized_force(model, q, [wbm.ExternalWrench(base, wrench)])
     assert np.allclose(dynamics.external_force(base, wrench), ours, atol=1e-10)
 
-    kinematics = mechanics.Kinematics(model, q, v)
+    kinematics = wbm.Kinematics(model, q, v)
     for contact_name, contact in controller.contacts.items():
         spec = configuration.contacts[contact_name]
         if isinstance(contact, ControllerSurface):
             placement = kinematics.placement(spec.frame).inverse() * contact.placement(dynamics)
-            constraint = mechanics.SurfaceContact(frame=spec.frame, placement=placement)
+            constraint = wbm.SurfaceContact(frame=spec.frame, placement=placement)
         else:
-            constraint = mechanics.Rolling(frame=spec.frame, radius=spec.radius, centre=np.array(spec.translation))
+            constraint = wbm.Rolling(frame=spec.frame, radius=spec.radius, centre=np.array(spec.translation))
         terms = constraint.terms(kinematics)
         scale = max(1.0, np.abs(terms.drift).max())
         assert np.allclose(contact.jacobian(dynamics), terms.jacobian, atol=1e-10)
         assert np.allclose(contact.drift(dynamics), terms.drift, atol=1e-10 * scale)
 
 
-class Sole(mechanics.SurfaceContact):
+class Sole(wbm.SurfaceContact):
     """Sole with the controller's damping D of 20 1/s, and 50 1/s for the rotation."""
 
     def right_side(self, terms):
@@ -80,8 +79,8 @@ def test_the_torques_lead_to_the_accelerations_and_contact_forces_that_were_coun
         placement = pin.SE3(pin.rpy.rpyToMatrix(*contact.rpy), np.array(contact.translation))
         here = controller.contacts[name].placement(controller.dynamics)
         contacts.append(Sole(frame=contact.frame, placement=placement, target=here))
-    S = mechanics.actuation_matrix(model.pinocchio, model.joints)
-    motion = mechanics.constrained_dynamics(model.pinocchio, q, v, S.T @ solution.tau, contacts)
+    S = wbm.actuation_matrix(model.pinocchio, model.joints)
+    motion = wbm.constrained_dynamics(model.pinocchio, q, v, S.T @ solution.tau, contacts)
 
     forces = np.concatenate([solution.forces[name] for name in configured.contacts])
     np.testing.assert_allclose(solution.v_dot, motion.v_dot, atol=1e-7 * np.linalg.norm(motion.v_dot))

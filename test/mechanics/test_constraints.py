@@ -1,19 +1,12 @@
 """Constraints: finite differences, forces, stabilization."""
 
-import math
-
 import numpy as np
 import pinocchio as pin
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
-from mechanisms import ROBOTS, links, random_state, robot
+from mechanisms import ball, links, move, names, random_case, rate_along, robot, seeds
 
-from wbc_controller import mechanics
-from wbc_controller.errors import ConfigurationError
-
-seeds = st.integers(0, 2**32 - 1)
-names = st.sampled_from(sorted(ROBOTS))
+from wbc_controller import mechanics as wbm
 
 
 def placed(rng):
@@ -23,21 +16,21 @@ def placed(rng):
 def every_kind(model, rng):
     first, second = (str(name) for name in rng.choice(links(model), 2, replace=False))
     joints = [model.names[j] for j in range(1, model.njoints) if model.joints[j].nq == 1]
-    support = mechanics.oscillating_support(0.5 * rng.normal(size=6), 0.4, 3.0)
+    support = wbm.oscillating_support(0.5 * rng.normal(size=6), 0.4, 3.0)
     a, b, n = rng.normal(size=(3, 3))
     n[2] += 2.0
     return [
-        mechanics.PointContact(frame=first, offset=a, target=b),
-        mechanics.PointContact(frame=first, offset=a, target=b, support=support),
-        mechanics.SurfaceContact(frame=first, placement=placed(rng), target=placed(rng)),
-        mechanics.SurfaceContact(frame=first, placement=placed(rng), target=placed(rng), support=support),
-        mechanics.JointCoupling(coefficients={joints[0]: 1.0, joints[-1]: -2.5}, offset=0.3),
-        mechanics.PinnedFrames(first=first, second=second, first_offset=a, second_offset=b),
-        mechanics.WeldedFrames(first=first, second=second, first_placement=placed(rng), second_placement=placed(rng)),
-        mechanics.Rolling(frame=first, radius=0.3, centre=a),
-        mechanics.Rolling(frame=first, radius=0.3, centre=a, normal=n, height=0.2),
-        mechanics.Rolling(frame=first, radius=0.3, centre=a, axis=b, normal=n),
-        mechanics.PlaneContact(frame=first, offset=a, normal=n, height=0.1),
+        wbm.PointContact(frame=first, offset=a, target=b),
+        wbm.PointContact(frame=first, offset=a, target=b, support=support),
+        wbm.SurfaceContact(frame=first, placement=placed(rng), target=placed(rng)),
+        wbm.SurfaceContact(frame=first, placement=placed(rng), target=placed(rng), support=support),
+        wbm.JointCoupling(coefficients={joints[0]: 1.0, joints[-1]: -2.5}, offset=0.3),
+        wbm.PinnedFrames(first=first, second=second, first_offset=a, second_offset=b),
+        wbm.WeldedFrames(first=first, second=second, first_placement=placed(rng), second_placement=placed(rng)),
+        wbm.Rolling(frame=first, radius=0.3, centre=a),
+        wbm.Rolling(frame=first, radius=0.3, centre=a, normal=n, height=0.2),
+        wbm.Rolling(frame=first, radius=0.3, centre=a, axis=b, normal=n),
+        wbm.PlaneContact(frame=first, offset=a, normal=n, height=0.1),
     ]
 
 
@@ -45,11 +38,10 @@ def every_kind(model, rng):
 @given(names, seeds)
 def test_rates_are_finite_differences(name, seed):
     """d/dt position = velocity, d/dt velocity = A v̇ + drift, along a motion with any acceleration."""
-    model, rng = robot(name), np.random.default_rng(seed)
-    q, v = random_state(model, rng)
+    model, rng, q, v = random_case(name, seed)
     v_dot, t, eps = rng.normal(size=model.nv), float(rng.uniform(0, 2)), 1e-5
     now, after, before = (
-        mechanics.Kinematics(model, pin.integrate(model, q, s * v + 0.5 * s * s * v_dot), v + s * v_dot, t + s)
+        wbm.Kinematics(model, pin.integrate(model, q, s * v + 0.5 * s * s * v_dot), v + s * v_dot, t + s)
         for s in (0.0, eps, -eps)
     )
     for constraint in every_kind(model, rng):
@@ -57,7 +49,7 @@ def test_rates_are_finite_differences(name, seed):
         rate = (ends[0].velocity - ends[1].velocity) / (2 * eps)
         scale = 1.0 + np.abs(rate).max()
         assert np.abs(rate - terms.jacobian @ v_dot - terms.drift).max() < 1e-5 * scale, constraint
-        if isinstance(constraint, mechanics.SurfaceContact | mechanics.WeldedFrames):
+        if isinstance(constraint, wbm.SurfaceContact | wbm.WeldedFrames):
             continue  # position error is a logarithm: its rate is the twist near zero only
         change = (ends[0].position - ends[1].position) / (2 * eps)
         assert np.abs((change - terms.velocity)[terms.holonomic]).max(initial=0.0) < 1e-5 * scale, constraint
@@ -66,45 +58,43 @@ def test_rates_are_finite_differences(name, seed):
 @settings(max_examples=10)
 @given(names, seeds)
 def test_a_welds_error_moves_with_its_twist_near_zero(name, seed):
-    model, rng = robot(name), np.random.default_rng(seed)
-    q, v = random_state(model, rng)
+    model, rng, q, v = random_case(name, seed)
     frame = links(model)[-1]
-    near = mechanics.Kinematics(model, q, v).placement(frame) * pin.exp6(1e-6 * rng.normal(size=6))
-    contact = mechanics.SurfaceContact(frame=frame, target=near)
-    eps = 1e-5
-    ends = [contact.terms(mechanics.Kinematics(model, pin.integrate(model, q, s * v), v)).position for s in (eps, -eps)]
-    velocity = contact.terms(mechanics.Kinematics(model, q, v)).velocity
-    assert np.allclose((ends[0] - ends[1]) / (2 * eps), velocity, atol=1e-4 * max(1.0, np.abs(velocity).max()))
+    near = wbm.Kinematics(model, q, v).placement(frame) * pin.exp6(1e-6 * rng.normal(size=6))
+    contact = wbm.SurfaceContact(frame=frame, target=near)
+
+    def terms(q, v):
+        return contact.terms(wbm.Kinematics(model, q, v))
+
+    rate, velocity = rate_along(lambda q, v: terms(q, v).position, model, q, v, 0 * v, 1e-5), terms(q, v).velocity
+    assert np.allclose(rate, velocity, atol=1e-4 * max(1.0, np.abs(velocity).max()))
 
 
 @settings(max_examples=15)
 @given(names, seeds)
 def test_multipliers_are_forces_that_act_on_the_links(name, seed):
     """Aᵀλ equals Jᵀw of the documented wrenches λ (equation (22))."""
-    model, rng = robot(name), np.random.default_rng(seed)
-    q, v = random_state(model, rng)
-    kinematics = mechanics.Kinematics(model, q, v)
+    model, rng, q, v = random_case(name, seed)
+    kinematics = wbm.Kinematics(model, q, v)
     first, second = (str(name) for name in rng.choice(links(model), 2, replace=False))
     a, b, force = rng.normal(size=(3, 3))
     wrench, zero = rng.normal(size=6), np.zeros(3)
 
     def force_of(constraint, multipliers):
-        return mechanics.constraint_equation([constraint], kinematics).A.T @ multipliers
+        return wbm.constraint_equation([constraint], kinematics).A.T @ multipliers
 
     def at(frame, force, offset):
         arm = kinematics.placement(frame).rotation @ offset
-        return mechanics.generalized_force(
-            model, q, [mechanics.ExternalWrench(frame, np.concatenate([force, zero]), "LOCAL_WORLD_ALIGNED", arm)]
-        )
+        push = wbm.ExternalWrench(frame, np.concatenate([force, zero]), "LOCAL_WORLD_ALIGNED", arm)
+        return wbm.generalized_force(model, q, [push])
 
-    point = force_of(mechanics.PointContact(frame=first, offset=a), force)
+    point = force_of(wbm.PointContact(frame=first, offset=a), force)
     assert np.allclose(point, at(first, force, a), atol=1e-9)
-    pinned = force_of(mechanics.PinnedFrames(first=first, second=second, first_offset=a, second_offset=b), force)
+    pinned = force_of(wbm.PinnedFrames(first=first, second=second, first_offset=a, second_offset=b), force)
     assert np.allclose(pinned, at(first, force, a) - at(second, force, b), atol=1e-9)
-    surface = force_of(mechanics.SurfaceContact(frame=first), wrench)
-    assert np.allclose(
-        surface, mechanics.generalized_force(model, q, [mechanics.ExternalWrench(first, wrench, "LOCAL")]), atol=1e-9
-    )
+    surface = force_of(wbm.SurfaceContact(frame=first), wrench)
+    expected = wbm.generalized_force(model, q, [wbm.ExternalWrench(first, wrench, "LOCAL")])
+    assert np.allclose(surface, expected, atol=1e-9)
 
 
 def test_stabilisation_takes_errors_out_with_the_time_constant():
@@ -112,48 +102,18 @@ def test_stabilisation_takes_errors_out_with_the_time_constant():
     model = robot("panda")
     q = np.full(model.nq, 0.2)
     T, g0 = 0.1, 0.05
-    coupling = mechanics.JointCoupling(
-        coefficients={"panda_joint2": 1.0, "panda_joint4": 2.0}, offset=float(q[1] + 2 * q[3] - g0), time_constant=T
-    )
-    zero = np.zeros(model.nv)
-    qs, _ = mechanics.simulate(
-        model, lambda q, v, t: mechanics.constrained_dynamics(model, q, v, zero, [coupling]).v_dot, q, zero, 2e-3, 200
-    )
+    gears, offset = {"panda_joint2": 1.0, "panda_joint4": 2.0}, float(q[1] + 2 * q[3] - g0)
+    coupling = wbm.JointCoupling(coefficients=gears, offset=offset, time_constant=T)
+    qs, _ = move(model, [coupling], q, np.zeros(model.nv), 2e-3, 200)
     errors = qs[:, 1] + 2 * qs[:, 3] - coupling.offset
     times = 2e-3 * np.arange(201)
     assert np.allclose(errors, g0 * (1 + times / T) * np.exp(-times / T), atol=1e-7)
     # Non-holonomic rows: γ̇ + γ/T = 0. A sliding ball begins to roll.
-    ball = pin.Model()
-    joint = ball.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "ball")
-    ball.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
-    ball.addFrame(pin.Frame("ball_link", joint, 0, pin.SE3.Identity(), pin.BODY))
-    rolling = mechanics.Rolling(frame="ball_link", radius=0.1, height=-0.1, time_constant=T)
-    q, v = pin.neutral(ball), np.array([1.0, 0, 0, 0, 0, 0])
-    zero = np.zeros(6)
-    qs, vs = mechanics.simulate(
-        ball, lambda q, v, t: mechanics.constrained_dynamics(ball, q, v, zero, [rolling]).v_dot, q, v, 2e-3, 200
-    )
-    slip = [
-        rolling.terms(mechanics.Kinematics(ball, a, b)).velocity[0] for a, b in zip(qs[::20], vs[::20], strict=True)
-    ]
+    model = ball(1.0)
+    rolling = wbm.Rolling(frame="ball_link", radius=0.1, height=-0.1, time_constant=T)
+    qs, vs = move(model, [rolling], pin.neutral(model), np.eye(6)[0], 2e-3, 200)
+    states = zip(qs[::20], vs[::20], strict=True)
+    slip = [rolling.terms(wbm.Kinematics(model, *state)).velocity[0] for state in states]
     assert np.allclose(slip, np.exp(-times[::20] / T), atol=1e-7)
     # Friction at the contact reduces the velocity to 5/7.
     assert np.linalg.norm(pin.XYZQUATToSE3(qs[-1]).rotation @ vs[-1][:3]) == pytest.approx(5 / 7, abs=0.01)
-
-
-def test_mistakes_are_named():
-    model = robot("go2")
-    q, v = pin.neutral(model), np.zeros(model.nv)
-    with pytest.raises(ConfigurationError, match=r"time_constant = 0\.0 s: must be positive"):
-        mechanics.PointContact(frame="FL_foot", time_constant=0.0)
-    with pytest.raises(ConfigurationError, match="time_constant = nan"):
-        mechanics.JointCoupling(coefficients={}, time_constant=math.nan)
-    for constraint, words in (
-        (mechanics.PointContact(frame="FL_foto"), "did you mean 'FL_foot'"),
-        (mechanics.JointCoupling(coefficients={"FL_hip": 1.0}), "did you mean 'FL_hip_joint'"),
-        (mechanics.JointCoupling(coefficients={"root_joint": 1.0}), "6 degrees of freedom in 7"),
-        (mechanics.PlaneContact(frame="FL_foot", normal=np.zeros(3)), "must not be zero"),
-        (mechanics.Rolling(frame="FL_foot", radius=0.1, axis=np.array([0.0, 0.0, 1.0])), "lies flat"),
-    ):
-        with pytest.raises(ConfigurationError, match=words):
-            mechanics.constrained_dynamics(model, q, v, v, [constraint])

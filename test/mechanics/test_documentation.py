@@ -36,13 +36,10 @@ def the(name):
 
 def raises_itself(function):
     """Return True if the body raises, or calls one of `RAISING`."""
-    tree = ast.parse(textwrap.dedent(inspect.getsource(function)))
-    calls = {
-        getattr(node.func, "id", getattr(node.func, "attr", ""))
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Call)
-    }
-    return any(isinstance(node, ast.Raise) for node in ast.walk(tree)) or bool(calls & RAISING)
+    nodes = list(ast.walk(ast.parse(textwrap.dedent(inspect.getsource(function)))))
+    called = [node.func for node in nodes if isinstance(node, ast.Call)]
+    calls = {getattr(name, "id", getattr(name, "attr", "")) for name in called}
+    return any(isinstance(node, ast.Raise) for node in nodes) or bool(calls & RAISING)
 
 
 def test_exported_names():

@@ -13,7 +13,7 @@ import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
 from mcap.records import Chunk
-from rosbags.rosbag2.storage_mcap import McapReader
+from recorded_run import by_rosbags
 
 from wbc_controller.recording.mcap_file import ChunkBuilder, McapFile, McapMessages, PackedChunk, Topic
 from wbc_controller.recording.writer import FileSink
@@ -41,14 +41,6 @@ def begun(path: Path, chunks: int = 1) -> McapFile:
 def read(path: Path) -> tuple[Found, McapMessages]:
     messages = McapMessages(path)
     return [(topic.name, time, data) for topic, time, data in messages], messages
-
-
-def by_rosbags(path: Path) -> Found:
-    reader = McapReader(path)
-    reader.open()
-    found = [(connection.topic, time, bytes(data)) for connection, time, data in reader.messages(reader.connections)]
-    reader.close()
-    return found
 
 
 def by_index(path: Path) -> Found:

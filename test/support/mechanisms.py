@@ -1,9 +1,12 @@
 """Robots and small mechanisms that the tests of mechanics share, and random states and constraints of them."""
 
+from collections.abc import Callable, Sequence
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from hypothesis import strategies as st
 
 from wbc_controller.mechanics import (
     Constraint,
@@ -14,7 +17,9 @@ from wbc_controller.mechanics import (
     Rolling,
     SurfaceContact,
     WeldedFrames,
+    constrained_dynamics,
     oscillating_support,
+    simulate,
 )
 from wbc_controller.settings.resources import locate
 
@@ -29,6 +34,8 @@ ROBOTS = {
 }
 FIXED = ("panda",)
 FLOATING = tuple(name for name in ROBOTS if name not in FIXED)
+#: Strategies of Hypothesis: all robots, floating ones, and seeds.
+names, floating, seeds = st.sampled_from(sorted(ROBOTS)), st.sampled_from(FLOATING), st.integers(0, 2**32 - 1)
 
 
 @cache
@@ -46,6 +53,20 @@ def robot(name: str) -> pin.Model:
 def random_state(model: pin.Model, rng: np.random.Generator, speed: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     q = pin.integrate(model, pin.neutral(model), rng.uniform(-1.0, 1.0, model.nv))
     return q, speed * rng.normal(size=model.nv)
+
+
+def random_case(name: str, seed: int) -> tuple[pin.Model, np.random.Generator, np.ndarray, np.ndarray]:
+    """Robot, random numbers, and random q and v."""
+    model, rng = robot(name), np.random.default_rng(seed)
+    return model, rng, *random_state(model, rng)
+
+
+def rate_along(
+    function: Callable[..., Any], model: pin.Model, q: np.ndarray, v: np.ndarray, v_dot: np.ndarray, eps: float = 1e-6
+) -> Any:
+    """Time derivative of a function of q and v along a motion, by a central difference."""
+    ends = [function(pin.integrate(model, q, s * v + 0.5 * s * s * v_dot), v + s * v_dot) for s in (eps, -eps)]
+    return (ends[0] - ends[1]) / (2 * eps)
 
 
 def links(model: pin.Model) -> list[str]:
@@ -84,6 +105,18 @@ def random_constraints(model: pin.Model, rng: np.random.Generator) -> list[Const
     return constraints
 
 
+def move(
+    model: pin.Model, constraints: Sequence[Constraint], q: np.ndarray, v: np.ndarray, step: float, steps: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Motion under constraints, without other forces than gravity; see `simulate`."""
+    zero, data = np.zeros(model.nv), model.createData()
+
+    def acceleration(q: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
+        return constrained_dynamics(model, q, v, zero, constraints, t=t, data=data).v_dot
+
+    return simulate(model, acceleration, q, v, step, steps)
+
+
 def rod_inertia(mass: float, length: float) -> pin.Inertia:
     """A thin rod from the origin along x."""
     moment = mass * length**2 / 12.0
@@ -116,6 +149,15 @@ def four_bar() -> tuple[pin.Model, list[Constraint], np.ndarray]:
         time_constant=0.2,
     )
     return model, [loop], q
+
+
+def ball(mass: float) -> pin.Model:
+    """A free ball with a radius of 0.1 m."""
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "ball")
+    model.appendBodyToJoint(joint, pin.Inertia.FromSphere(mass, 0.1), pin.SE3.Identity())
+    model.addFrame(pin.Frame("ball_link", joint, 0, pin.SE3.Identity(), pin.BODY))
+    return model
 
 
 WHEEL_RADIUS = 0.3

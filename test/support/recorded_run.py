@@ -8,16 +8,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rosbags.rosbag2.storage_mcap import McapReader
 
 from wbc_controller.recording.recorder import Recorder
 from wbc_controller.recording.recording_file import Recording
 
 
 class Run:
-    """A recorded controller, whose robot moves a little."""
+    """A recorded controller, whose robot moves a little; `file` is None for recordings of faults only."""
 
-    def __init__(self, bench: Any) -> None:
+    def __init__(self, bench: Any, file: Path | None) -> None:
         self.bench = bench
+        self.file = file
         self.recorder = bench.recorder
         self._rng = np.random.default_rng(1)
 
@@ -34,12 +36,12 @@ class Run:
         self.bench.command("activate")
         self.go(cycles)
 
-    def finish(self, file: Path | None = None) -> Recording:
+    def finish(self) -> Recording:
         """End the recorder, and read its file: that of the run, or the only one of a fault."""
         self.recorder.close()
-        if file is None:
-            (file,) = Path(self.bench.settings.recorder.folder).iterdir()
-        return Recording(file)
+        if self.file is None:
+            (self.file,) = Path(self.bench.settings.recorder.folder).iterdir()
+        return Recording(self.file)
 
 
 def make_run(
@@ -51,9 +53,18 @@ def make_run(
 ) -> Run:
     """Make a recorded controller; recordings of faults go into the folder."""
     settings = {"safety": {"activation_ramp": 0.01}, "recorder": {"folder": str(folder / "faults")}}
-    run = Run(bench(robot, {**settings, **(changes or {})}, partial(_recorder, file)))
+    run = Run(bench(robot, {**settings, **(changes or {})}, partial(_recorder, file)), file)
     run.bench.q = run.bench.q.copy()
     return run
+
+
+def by_rosbags(path: Path) -> list[tuple[str, int, bytes]]:
+    """Return topic, time and content of the messages of a file, read by rosbags."""
+    reader = McapReader(path)
+    reader.open()
+    found = [(connection.topic, time, bytes(data)) for connection, time, data in reader.messages(reader.connections)]
+    reader.close()
+    return found
 
 
 def copied(path: Path, folder: Path) -> Recording:

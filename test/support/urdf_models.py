@@ -7,6 +7,25 @@ from wbc_controller.inverse_dynamics.robot import from_urdf
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.settings.robot import RobotSettings
 
+INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+
+
+def link(name: str, *elements: tuple[str, str, str], inertial: str = INERTIAL) -> str:
+    """Write a link with collision elements: position, roll, pitch and yaw, and geometry."""
+    shapes = [
+        f'<collision><origin xyz="{xyz}" rpy="{rpy}"/><geometry>{geometry}</geometry></collision>'
+        for xyz, rpy, geometry in elements
+    ]
+    return f'<link name="{name}">{inertial}{"".join(shapes)}</link>'
+
+
+def revolute(name: str, parent: str, child: str, axis: str, xyz: str = "0 0 0") -> str:
+    """Write a revolute joint."""
+    return (
+        f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/><origin xyz="{xyz}"/>'
+        f'<axis xyz="{axis}"/><limit effort="10" velocity="10" lower="-2" upper="2"/></joint>'
+    )
+
 
 def build_model(
     urdf: str, joints: Sequence[str], posture: Iterable[float], *, floating_base: bool = True, **settings: Any

@@ -10,13 +10,15 @@ from busy import slowness
 
 def until(
     condition: Callable[[], object],
-    what: str = "a condition",
+    what: str | Callable[[], str] = "a condition",
     patience: float = 40.0,
     again: Callable[[], None] = lambda: None,
+    advance: Callable[[], object] = lambda: time.sleep(0.01),
 ) -> None:
-    """Wait until a condition holds; `again` is done at once and then twice a second.
+    """Wait until a condition holds; `again` is done at once and then twice a second, `advance` before each check.
 
     Args:
+        what: condition for the error message, or a function that describes it then.
         patience: longest time on a computer without other work, s.
     """
     began, due = time.monotonic(), 0.0
@@ -25,8 +27,9 @@ def until(
         if now >= due:
             again()
             due = now + 0.5
-        assert now - began < patience * slowness(), f"waited {now - began:.0f} s in vain for {what}"
-        time.sleep(0.01)
+        if now - began >= patience * slowness():
+            raise AssertionError(f"waited {now - began:.0f} s in vain for {what() if callable(what) else what}")
+        advance()
 
 
 @contextlib.contextmanager

@@ -54,8 +54,7 @@ class Motion:
         return BodyMotion(self.placement * target, change @ self.twist, np.zeros((6, nv)), change @ self.acceleration)
 
 
-#: Motion of a support as a function of time in s.
-Support = Callable[[float], Motion]
+Support = Callable[[float], Motion]  # motion of a support as a function of time in s
 
 
 def ground(t: float) -> Motion:
@@ -254,9 +253,8 @@ class WeldedFrames(Constraint):
 
     def terms(self, kinematics: Kinematics) -> ConstraintTerms:
         """Return the relative motion of the two frames."""
-        return _weld(
-            kinematics.body(self.first, self.first_placement), kinematics.body(self.second, self.second_placement)
-        )
+        first = kinematics.body(self.first, self.first_placement)
+        return _weld(first, kinematics.body(self.second, self.second_placement))
 
 
 def _unit(name: str, vector: Array) -> Array:

@@ -11,8 +11,7 @@ from wbc_controller.errors import ConfigurationError, require_known
 from wbc_controller.mechanics.checks import joint_index
 from wbc_controller.records import Array
 
-#: Joint parameters independent of the direction.
-_UNSIGNED = ("armature", "rotorInertia", "rotorGearRatio")
+_UNSIGNED = ("armature", "rotorInertia", "rotorGearRatio")  # joint parameters independent of the direction
 #: Bounds that are negated and swapped for a flipped joint.
 _VELOCITY_BOUNDS = (("lowerEffortLimit", "upperEffortLimit"), ("lowerVelocityLimit", "upperVelocityLimit"))
 

@@ -10,11 +10,8 @@ from wbc_controller.errors import InputRefused, NoSolution
 from wbc_controller.mechanics.checks import as_array
 from wbc_controller.records import Array
 
-#: Relative and absolute thresholds of zero singular values of A.
-RANK_TOLERANCE = 1.0e-10
-ZERO = 1.0e-12
-#: Largest part of b outside the range of A, relative to b.
-CONSISTENCY_TOLERANCE = 1.0e-6
+RANK_TOLERANCE, ZERO = 1.0e-10, 1.0e-12  # relative and absolute thresholds of zero singular values of A
+CONSISTENCY_TOLERANCE = 1.0e-6  # largest part of b outside the range of A, relative to b
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,12 +181,7 @@ def gauss_unilateral(M: Array, v_dot_u: Array, A: Array, b: Array, C: Array, d: 
     split = _decompose(A)
     multipliers, constraint_force = _multipliers(split, M @ (v_dot - v_dot_u) - C.T @ push)
     return replace(
-        base,
-        v_dot=v_dot,
-        multipliers=multipliers,
-        constraint_force=constraint_force,
-        push=push,
-        push_force=C.T @ push,
+        base, v_dot=v_dot, multipliers=multipliers, constraint_force=constraint_force, push=push, push_force=C.T @ push
     )
 
 

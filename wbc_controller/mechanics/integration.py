@@ -11,8 +11,7 @@ import pinocchio as pin
 
 from wbc_controller.records import Array
 
-#: v̇(q, v, t), t in s.
-Acceleration = Callable[[Array, Array, float], Array]
+Acceleration = Callable[[Array, Array, float], Array]  # v̇(q, v, t), t in s
 
 
 def runge_kutta_step(

@@ -80,8 +80,6 @@ def momentum_residual(
     """
     seconds = duration(before, after)
     data = data if data is not None else model.createData()
-    change = centroidal_momentum(model, after.q, after.v, data=data) - centroidal_momentum(
-        model, before.q, before.v, data=data
-    )
+    first, last = (centroidal_momentum(model, state.q, state.v, data=data) for state in (before, after))
     ends = [centroidal_wrench(model, state.q, wrenches, data=data) for state in (before, after)]
-    return MomentumBalance(rate=change / seconds, supplied=0.5 * (ends[0] + ends[1]))
+    return MomentumBalance(rate=(last - first) / seconds, supplied=0.5 * (ends[0] + ends[1]))

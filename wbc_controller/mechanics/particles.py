@@ -10,8 +10,7 @@ from wbc_controller.mechanics.checks import as_array
 from wbc_controller.mechanics.gauss import ConstrainedMotion, admissible_directions, gauss
 from wbc_controller.records import Array
 
-#: A, (k, 3n), and b, (k,), of equation (30) for particles.
-ConstrainedRows = tuple[Array, Array]
+ConstrainedRows = tuple[Array, Array]  # A, (k, 3n), and b, (k,), of equation (30) for particles
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,9 @@ from wbc_controller.mechanics.energy import lagrangian
 from wbc_controller.mechanics.momentum import generalized_momentum
 from wbc_controller.records import Array
 
-#: Perturbation δq(q), (nv,), in velocity coordinates.
-Perturbation = Callable[[Array], Array]
+Perturbation = Callable[[Array], Array]  # perturbation δq(q), (nv,), in velocity coordinates
 
-#: Step ε of central differences.
-_STEP = 1.0e-5
+_STEP = 1.0e-5  # step ε of central differences
 
 
 def lagrangian_variation(model: pin.Model, q: Array, v: Array, perturbation: Perturbation) -> float:

@@ -110,15 +110,14 @@ class CycleRow:
             "same_state": same,
             "has_event": event,
             "fault": result.fault is not None,
-            "iterations": 0,
-            "relaxed": 0,
-            "deadlines_missed": 0,
+            "iterations": 0 if solution is None else solution.iterations,
+            "relaxed": 0 if solution is None else len(solution.relaxed),
+            "deadlines_missed": 0 if report is None else report.deadlines_missed,
             "audit/warnings": 0,
         }
         stages = result.stage_seconds
         if report is not None:
             stages = report.stage_seconds
-            numbers["deadlines_missed"] = report.deadlines_missed
             numbers |= {f"age/{name}": age for name, age in report.inputs.ages.items() if name in AGES}
             if (audit := report.audit) is not None:
                 numbers |= {"audit/energy": audit.energy, "audit/throughput": audit.throughput}
@@ -135,7 +134,6 @@ class CycleRow:
         if solution is not None:
             disturbance = 0.0 if solution.disturbance is None else solution.disturbance.forces
             numbers |= {"v_dot": solution.v_dot, "tau_wanted": solution.tau, "disturbance": disturbance}
-            numbers |= {"iterations": solution.iterations, "relaxed": len(solution.relaxed)}
             numbers |= {f"force/{name}": force for name, force in solution.forces.items()}
         row: Array = self._empty.copy()
         for name, value in numbers.items():

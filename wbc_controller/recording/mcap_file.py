@@ -133,20 +133,11 @@ class McapFile:
         self.end = 0  # size without the end records, bytes
         schemas: dict[str, Schema] = {}
         channels = []
+        metadata = {"offered_qos_profiles": ""}  # for rosbag2
         for topic in topics:
-            schema = schemas.setdefault(
-                topic.type,
-                Schema(id=len(schemas) + 1, name=topic.type, encoding="ros2msg", data=topic.definition.encode()),
-            )
-            channels.append(
-                Channel(
-                    id=topic.number,
-                    topic=topic.name,
-                    message_encoding="cdr",
-                    metadata={"offered_qos_profiles": ""},  # for rosbag2
-                    schema_id=schema.id,
-                )
-            )
+            new = Schema(id=len(schemas) + 1, name=topic.type, encoding="ros2msg", data=topic.definition.encode())
+            schema = schemas.setdefault(topic.type, new)
+            channels.append(Channel(topic.number, topic.name, "cdr", metadata, schema.id))
         self._definitions: tuple[McapRecord, ...] = (*schemas.values(), *channels)
         self._indexes: list[ChunkIndex] = []
         self._counts: Counter[int] = Counter()  # messages by topic

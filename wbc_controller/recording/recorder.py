@@ -85,9 +85,8 @@ class Recorder:
     def __init__(self, settings: Settings, file: Path | None = None, *, patient: bool = False, name: str = "") -> None:
         seconds = settings.recorder.seconds
         self.whole_run = file is not None  # record topics without other subscriptions too
-        self._mode_text = (
-            f"all is recorded in {str(file)!r}" if file is not None else f"the last {seconds:g} s are kept"
-        )
+        kept = f"the last {seconds:g} s are kept"
+        self._mode_text = kept if file is None else f"all is recorded in {str(file)!r}"
         plan = {
             "file": str(file) if file is not None else None,
             "folder": str(recording_folder(settings)) if seconds > 0.0 else None,
@@ -174,11 +173,8 @@ class Recorder:
     def record_incoming(self, topic: int, payload: bytes) -> None:
         """Record an incoming message, from any thread."""
         size, taken = len(payload), self._waiting_by_topic.get(topic, 0)
-        if (
-            size > _MAX_MESSAGE_BYTES
-            or self._waiting_bytes >= _MAX_WAITING_BYTES
-            or len(self._messages) >= _MAX_MESSAGES
-        ):  # the loop is stopped
+        full = self._waiting_bytes >= _MAX_WAITING_BYTES or len(self._messages) >= _MAX_MESSAGES  # the loop is stopped
+        if full or size > _MAX_MESSAGE_BYTES:
             return
         if taken and taken + size > _MAX_TOPIC_BYTES:
             self._dropped[topic] += 1
@@ -258,8 +254,8 @@ class Recorder:
             self._dropped_cycles, self._snapshot_due = 0, self._number
 
     def _add_messages(self, batch: list[bytes], begin: int, end: int, at: int) -> None:
-        for topic, stamp, payload in self._messages[begin:end]:
-            batch.append(frame(topic, at if stamp is None else stamp, payload))
+        messages = self._messages[begin:end]
+        batch += [frame(topic, at if stamp is None else stamp, payload) for topic, stamp, payload in messages]
 
     def _add_cycle(self, batch: list[bytes], record: CycleRecord, report: CycleReport | None, at: int) -> None:
         same, self._state = record.inputs.state is not None and record.inputs.state is self._state, record.inputs.state
@@ -277,9 +273,8 @@ class Recorder:
         refused = result.refused if report is None else report.refused
         same = result.mode is self._mode and result.fault is self._fault and record.live is self._live
         dropped = self._dropped
-        if same and not (
-            record.changed_outside or inputs.requests or inputs.changes or refused or inputs.problem or dropped
-        ):
+        news = record.changed_outside or inputs.requests or inputs.changes or refused or inputs.problem or dropped
+        if same and not news:
             return False
         self._dropped = Counter()
         event: dict[str, Any] = {"cycle": self._number, "mode": result.mode.value}

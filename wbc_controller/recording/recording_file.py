@@ -1,6 +1,5 @@
 """Reader of recordings."""
 
-import bisect
 import contextlib
 import heapq
 import re
@@ -242,13 +241,11 @@ class Recording:
 
     def memory_before(self, cycle: int) -> int | None:
         """Return the last recorded memory up to a cycle, or None."""
-        known = sorted(self.memories)
-        place = bisect.bisect_right(known, cycle)
-        return known[place - 1] if place else None
+        return max((each for each in self.memories if each <= cycle), default=None)
 
     def memory_after(self, cycle: int) -> int | None:
         """Return the first recorded memory from a cycle on, or None."""
-        return next((each for each in sorted(self.memories) if each >= cycle), None)
+        return min((each for each in self.memories if each >= cycle), default=None)
 
     @property
     def faults(self) -> dict[int, Fault]:

@@ -13,8 +13,7 @@ from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.settings.files import find_configuration, load_settings, parse_settings
 from wbc_controller.settings.nesting import merged, nested
 
-#: Sections of named entries, which can be removed.
-_SECTIONS_BY_NAME = ("tasks", "contacts", "loops")
+_SECTIONS_BY_NAME = ("tasks", "contacts", "loops")  # sections of named entries, which can be removed
 
 
 class UnknownKey(ConfigurationError, KeyError):
@@ -44,7 +43,7 @@ class Config:
             ConfigurationError: with one line per problem.
         """
         _require_text(urdf)
-        values = self.settings.model_dump(exclude_unset=True)
+        values = self.to_dict()
         tree = nested(changes)
         robot = tree.get("robot")
         posture = robot.get("posture") if isinstance(robot, Mapping) else None
@@ -58,12 +57,9 @@ class Config:
             known = values.get(section, {})
             for name in removed:
                 if name not in known:
-                    raise ConfigurationError(
-                        self.with_source(
-                            f"{section}.{name} = None: unknown entry, cannot be removed; "
-                            f"{valid_choices(str(name), known)}"
-                        )
-                    )
+                    choices = valid_choices(str(name), known)
+                    problem = f"{section}.{name} = None: unknown entry, cannot be removed; {choices}"
+                    raise ConfigurationError(self.with_source(problem))
                 del result[section][name]
         settings = parse_settings(result, self.source)
         return replace(self, settings=settings, urdf=self.urdf if urdf is None else urdf)
@@ -121,9 +117,8 @@ def load(source: str | Path | Mapping[str, Any] | Settings | Config, *, urdf: st
         robot = tree.get("robot")
         if isinstance(robot, dict) and isinstance(robot.get("posture"), Mapping):
             joints = robot.get("joints")
-            robot["posture"] = _ordered(
-                robot["posture"], joints if isinstance(joints, list) else list(robot["posture"])
-            )
+            order = joints if isinstance(joints, list) else list(robot["posture"])
+            robot["posture"] = _ordered(robot["posture"], order)
         return Config(parse_settings(tree, "a dictionary"), urdf=urdf)
     if not isinstance(source, str | Path):
         raise ConfigurationError(

@@ -8,10 +8,8 @@ from pydantic import AfterValidator, Field, model_validator
 
 from wbc_controller.settings.values import Finite, Gain, NonNegative, Positive, Section, Vector3, axes_mask
 
-#: Half side or radius of a contact, m.
-Length = Annotated[Positive, Field(le=1.0)]
-#: One coordinate of a corner, m.
-Coordinate = Annotated[Finite, Field(ge=-1.0, le=1.0)]
+Length = Annotated[Positive, Field(le=1.0)]  # half side or radius of a contact, m
+Coordinate = Annotated[Finite, Field(ge=-1.0, le=1.0)]  # one coordinate of a corner, m
 Corners = Annotated[list[Annotated[list[Coordinate], Field(min_length=2, max_length=2)]], Field(max_length=12)]
 
 

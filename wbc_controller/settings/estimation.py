@@ -102,9 +102,7 @@ class EstimationSettings(Section):
 
     @model_validator(mode="after")
     def _hysteresis(self) -> "EstimationSettings":
-        if not self.contact_force_off <= self.contact_force_on:
-            raise ValueError(
-                f"contact_force_off = {self.contact_force_off}: must not exceed contact_force_on = "
-                f"{self.contact_force_on}"
-            )
+        on, off = self.contact_force_on, self.contact_force_off
+        if not off <= on:
+            raise ValueError(f"contact_force_off = {off}: must not exceed contact_force_on = {on}")
         return self

@@ -14,33 +14,25 @@ from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.settings.resources import PACKAGE_SCHEME, is_file, read_text, share_folder, shown
 from wbc_controller.settings.values import LIST, NUMBER
 
-#: Largest configuration file, characters.
-_LARGEST_FILE = 1_000_000
-#: Largest number of values of a YAML text, with aliases expanded.
-_MOST_VALUES = 20_000
-#: Longest value and longest integer of a YAML text, characters.
-_LONGEST_VALUE, _LONGEST_INTEGER = 4096, 32
-#: Keys with paths.
-_PATHS = (("robot", "urdf"), ("limits", "self_collision", "srdf"))
+_LARGEST_FILE = 1_000_000  # largest configuration file, characters
+_MOST_VALUES = 20_000  # largest number of values of a YAML text, with aliases expanded
+_LONGEST_VALUE, _LONGEST_INTEGER = 4096, 32  # longest value and longest integer of a YAML text, characters
+_PATHS = (("robot", "urdf"), ("limits", "self_collision", "srdf"))  # keys with paths
 _INTEGER = "tag:yaml.org,2002:int"
 
 
 def find_configuration(name: str) -> Path:
     """Return the path of a shipped configuration or an existing path; else `ConfigurationError`."""
     path = Path(name)
-    if path.suffix in (".yaml", ".yml") or len(path.parts) > 1:
-        if not is_file(path):
-            raise ConfigurationError(
-                f"configuration file {shown(name)} does not exist; "
-                f"{valid_choices(path.stem, shipped_configurations())}, or the path of a .yaml file"
-            )
+    is_path = path.suffix in (".yaml", ".yml") or len(path.parts) > 1
+    if is_path and is_file(path):
         return path
     shipped = shipped_configurations()
-    if name not in shipped:
-        raise ConfigurationError(
-            f"unknown configuration {shown(name)}; {valid_choices(name, shipped)}, or the path of a .yaml file"
-        )
-    return shipped[name]
+    if not is_path and name in shipped:
+        return shipped[name]
+    problem = f"configuration file {shown(name)} does not exist" if is_path else f"unknown configuration {shown(name)}"
+    choices = valid_choices(path.stem if is_path else name, shipped)
+    raise ConfigurationError(f"{problem}; {choices}, or the path of a .yaml file")
 
 
 def shipped_configurations() -> dict[str, Path]:

@@ -8,8 +8,7 @@ from pathlib import Path
 from wbc_controller.errors import ConfigurationError
 
 PACKAGE_SCHEME = "package://"
-#: Longest name shown in full in messages, characters.
-_LONGEST_NAME = 300
+_LONGEST_NAME = 300  # longest name shown in full in messages, characters
 
 
 def locate(uri: str, key: str = "robot.urdf") -> Path:

@@ -7,18 +7,11 @@ from pydantic import Field, model_validator
 from wbc_controller.settings.contacts import Direction
 from wbc_controller.settings.values import Name, NonNegative, Positive, Section, Vector3
 
-#: Joint damping, N·m·s/rad.
-Damping = Annotated[NonNegative, Field(le=100.0)]
-
-#: Largest number of cells of a block of ground.
-MOST_CELLS = 2000
-
+MOST_CELLS = 2000  # largest number of cells of a block of ground
+Damping = Annotated[NonNegative, Field(le=100.0)]  # joint damping, N·m·s/rad
 #: Name of a ROS 2 node, with or without its namespace.
 NodeName = Annotated[str, Field(pattern=r"^(/?[A-Za-z_][A-Za-z0-9_]*)+$", max_length=255)]
-
-
-#: Number of a processor in Linux.
-Processor = Annotated[int, Field(ge=0, le=1023)]
+Processor = Annotated[int, Field(ge=0, le=1023)]  # number of a processor in Linux
 
 
 class RealtimeSettings(Section):
@@ -225,8 +218,7 @@ class AuditSettings(Section):
     )
 
 
-#: Quality of the mock robot's sensors and motors (docs/estimation.md).
-SensorQuality = Literal["ideal", "good", "cheap"]
+SensorQuality = Literal["ideal", "good", "cheap"]  # quality of the mock robot's sensors and motors (docs/estimation.md)
 
 
 class TerrainSettings(Section):

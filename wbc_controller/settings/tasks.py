@@ -9,8 +9,7 @@ from wbc_controller.settings.values import Finite, Gains, NonNegative, Section, 
 
 
 class _Task(Section):
-    #: Number of axes before masking; 0 if it depends on the robot.
-    axes: ClassVar[int] = 3
+    axes: ClassVar[int] = 3  # number of axes before masking; 0 if it depends on the robot
 
     live = ("weight", "enabled", "setpoint_duration", "stiffness", "damping", "gain")
 
@@ -166,18 +165,8 @@ class TorqueTask(_Task):
 
 
 TaskSettings = Annotated[
-    PostureTask
-    | ComTask
-    | FramePoseTask
-    | FramePositionTask
-    | FrameOrientationTask
-    | RelativePoseTask
-    | AxisAlignmentTask
-    | GazeTask
-    | LinearMomentumTask
-    | AngularMomentumTask
-    | CapturePointTask
-    | ContactWrenchTask
+    PostureTask | ComTask | FramePoseTask | FramePositionTask | FrameOrientationTask | RelativePoseTask
+    | AxisAlignmentTask | GazeTask | LinearMomentumTask | AngularMomentumTask | CapturePointTask | ContactWrenchTask
     | TorqueTask,
     Field(discriminator="type"),
-]
+]  # fmt: skip

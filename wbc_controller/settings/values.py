@@ -17,16 +17,13 @@ def _name(value: str) -> str:
     return value
 
 
-#: Longest name of a task or contact, characters; ROS topics have at most 247.
-_LONGEST_NAME = 100
-#: Name of a task, contact or loop, part of topic names.
-Name = Annotated[str, AfterValidator(_name)]
+_LONGEST_NAME = 100  # longest name of a task or contact, characters; ROS topics have at most 247
+Name = Annotated[str, AfterValidator(_name)]  # name of a task, contact or loop, part of topic names
 Finite = FiniteFloat
 Positive = Annotated[Finite, Field(gt=0.0)]
 NonNegative = Annotated[Finite, Field(ge=0.0)]
 Vector3 = Annotated[list[Finite], Field(min_length=3, max_length=3)]
-#: Gain. Larger values are likely in another unit.
-Gain = Annotated[NonNegative, Field(le=1.0e5)]
+Gain = Annotated[NonNegative, Field(le=1.0e5)]  # larger values are likely in another unit
 NUMBER, LIST = "(number)", "(list)"  # tags in locations of pydantic errors
 #: One number, or a list with one per axis.
 Gains = Annotated[
@@ -45,7 +42,6 @@ class Section(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True)
 
-    #: Keys that may change while the controller runs.
-    live: ClassVar[tuple[str, ...]] = ()
+    live: ClassVar[tuple[str, ...]] = ()  # keys that may change while the controller runs
     #: Smaller ranges of live keys while the controller runs; None is the configured value.
     live_ranges: ClassVar[Mapping[str, tuple[float | None, float | None]]] = {}

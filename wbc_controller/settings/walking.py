@@ -17,8 +17,7 @@ class WalkingSettings(Section):
     """
 
     gait: Literal["trot", "walk"] | None = Field(
-        None,
-        description="Of a quadruped: `trot` (default, diagonal feet together) or `walk` (one foot at a time).",
+        None, description="Of a quadruped: `trot` (default, diagonal feet together) or `walk` (one foot at a time)."
     )
     left: str | None = Field(None, description="Contact of the left foot; default by position.")
     right: str | None = Field(None, description="Contact of the right foot; default by position.")
@@ -54,10 +53,7 @@ class WalkingSettings(Section):
         description="Largest speed forward, m/s, half backward; default √(g·z) times 0.12 (bipeds, at most 0.8 of "
         "the feasible speed), 0.5 (trot) or 0.06 (walk).",
     )
-    max_side_speed: Positive | None = Field(
-        None,
-        description="The same sideways, m/s; factors 0.08, 0.25 and 0.03.",
-    )
+    max_side_speed: Positive | None = Field(None, description="The same sideways, m/s; factors 0.08, 0.25 and 0.03.")
     max_turn_rate: Positive | None = Field(
         None,
         description="Largest turning rate, rad/s; default 0.5 (bipeds, at most 0.8 of the feasible rate), 1.5 or 0.2.",

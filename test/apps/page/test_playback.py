@@ -20,7 +20,7 @@ def recorded(record, tmp_path):
     run.stand(30)
     run.bench.command("estop")
     run.go(10)
-    return run.finish(tmp_path / "run.mcap")
+    return run.finish()
 
 
 @pytest.fixture

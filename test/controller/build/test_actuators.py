@@ -34,13 +34,17 @@ class Robot(Lockstep):
         for _ in range(round(seconds * self.settings.control.rate)):
             self.cycle()
 
+    def activated(self, seconds: float) -> "Robot":
+        """The robot itself, activated some time ago."""
+        self.user.send_text("command", "activate")
+        self.run(seconds)
+        return self
+
 
 @pytest.fixture(scope="module")
 def moved() -> Robot:
     """The posture task moves all motor joints in one second."""
-    robot = Robot()
-    robot.user.send_text("command", "activate")
-    robot.run(1.2)
+    robot = Robot().activated(1.2)
     robot.user.send_text("update", f"{{tasks: {{posture: {{setpoint: {np.delete(GOAL, 4).tolist()}}}}}}}")
     robot.run(2.0)
     return robot
@@ -61,12 +65,7 @@ def test_the_posture_is_reached_and_torques_go_out_by_actuator_and_by_joint(move
 
 @pytest.mark.parametrize("changes", [{}, TENDON], ids=["motors", "tendon"])
 def test_a_robot_that_knows_its_transmissions_is_commanded_by_joint(changes):
-    runs = []
-    for command in ("actuators", "joints"):
-        robot = Robot(command=command, **changes)
-        robot.user.send_text("command", "activate")
-        robot.run(0.1)
-        runs.append(robot)
+    runs = [Robot(command=command, **changes).activated(0.1) for command in ("actuators", "joints")]
     by_actuator, by_joint = (robot.peer.all("effort")[-1].data for robot in runs)
     model = runs[0].model
     driven = [i for i, name in enumerate(model.joints) if name != "ankle"]
@@ -77,8 +76,7 @@ def test_a_robot_that_knows_its_transmissions_is_commanded_by_joint(changes):
 
 
 def test_joint_torques_are_converted_to_actuators_in_lockstep():
-    robot = Robot(lockstep=True)
-    robot.user.send_text("command", "activate")
+    robot = Robot(lockstep=True).activated(0.0)
     for _ in range(20):
         robot.publish_state()
         robot.loop.cycle()
@@ -124,11 +122,8 @@ def test_the_guard_takes_over_by_actuator(make, command):
     efforts = np.array([model.actuation.from_command(row) for row in efforts])
     step = settings.limits.torque_rate / settings.control.rate * model.effort_limits
     assert (np.abs(efforts[0] - tau) <= step + 1e-12).all()
-    damped = np.clip(
-        -settings.guard.damping * model.actuation.from_joints(velocity),
-        -settings.guard.torque * model.effort_limits, settings.guard.torque * model.effort_limits,
-    )  # fmt: skip
-    np.testing.assert_allclose(efforts[-1], damped)
+    damped, most = -settings.guard.damping * model.actuation.from_joints(velocity), settings.guard.torque
+    np.testing.assert_allclose(efforts[-1], np.clip(damped, -most * model.effort_limits, most * model.effort_limits))
 
 
 def test_the_curve_of_an_actuator_needs_speeds_of_its_own():

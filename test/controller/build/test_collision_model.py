@@ -4,7 +4,8 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from urdf_models import build_model
+from refusals import refusal
+from urdf_models import build_model, link, revolute
 
 from wbc_controller.controller.build import collision_model
 from wbc_controller.controller.build.collision_model import build_collision_model
@@ -15,29 +16,17 @@ from wbc_controller.settings import Settings
 from wbc_controller.settings.files import parse_settings
 
 TALOS_SRDF = "package://example-robot-data/robots/talos_data/srdf/talos.srdf"
-INERTIA = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
-JOINT = (
-    '<joint name="{child}_joint" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
-    '<origin xyz="{at}"/><axis xyz="1 0 0"/><limit effort="10" velocity="10" lower="-2" upper="2"/></joint>'
-)
-
-
-def link(name, *elements):
-    shapes = "".join(
-        f'<collision><origin xyz="{at}"/><geometry>{shape}</geometry></collision>' for at, shape in elements
-    )
-    return f'<link name="{name}">{INERTIA}{shapes}</link>'
 
 
 def star(**elements):
     """Single-joint arms on a base, with collision elements."""
     arms = [name for name in elements if name != "base"]
     body = link("base", *elements.get("base", ())) + "".join(link(name, *elements[name]) for name in arms)
-    body += "".join(JOINT.format(child=name, parent="base", at=f"0 {i} 0") for i, name in enumerate(arms))
+    body += "".join(revolute(f"{name}_joint", "base", name, "1 0 0", f"0 {i} 0") for i, name in enumerate(arms))
     return build_model(f'<robot name="star">{body}</robot>', [f"{name}_joint" for name in arms], [0.0] * len(arms))
 
 
-BALL = ("0 0 0", '<sphere radius="0.1"/>')
+BALL = ("0 0 0", "0 0 0", '<sphere radius="0.1"/>')
 
 
 def names(collision):
@@ -46,7 +35,7 @@ def names(collision):
 
 
 def test_several_elements_are_one_hull_and_missing_shapes_are_named():
-    far = ("0 0 -0.5", '<box size="0.2 0.2 0.2"/>')
+    far = ("0 0 -0.5", "0 0 0", '<box size="0.2 0.2 0.2"/>')
     collision = build_collision_model(star(a=(BALL, far), b=(BALL,)), margin=0.01)
     first, second = collision.geometry.geometryObjects
     first.geometry.computeLocalAABB()
@@ -55,10 +44,10 @@ def test_several_elements_are_one_hull_and_missing_shapes_are_named():
     assert type(second.geometry).__name__ == "Sphere"
     with pytest.raises(ConfigurationError, match="the URDF has no <collision> elements; add them"):
         build_collision_model(star(a=(), b=()), margin=0.01)
-    mesh = ("0 0 0", '<mesh filename="package://example-robot-data/robots/no_such.stl"/>')
+    mesh = ("0 0 0", "0 0 0", '<mesh filename="package://example-robot-data/robots/no_such.stl"/>')
     with pytest.raises(ConfigurationError, match=r"collision element cannot be read: .*no_such"):
         build_collision_model(star(a=(mesh,), b=(BALL,)), margin=0.01)
-    mesh = ("0 0 0", '<mesh filename="package://no-such-package/a.stl"/>')
+    mesh = ("0 0 0", "0 0 0", '<mesh filename="package://no-such-package/a.stl"/>')
     with pytest.raises(ConfigurationError, match="package 'no-such-package' is not installed"):
         build_collision_model(star(a=(mesh,), b=(BALL,)), margin=0.01)
 
@@ -70,7 +59,7 @@ def test_pairs_of_links():
     srdf = '<robot name="star"><disable_collisions link1="b" link2="a" reason="Never"/></robot>'
     collision = build_collision_model(star(a=(BALL,), b=(BALL,), c=(BALL,)), margin=0.01, srdf=srdf)
     assert names(collision) == {("a", "c"), ("b", "c")}
-    big = ("0 0 0", '<sphere radius="0.85"/>')
+    big = ("0 0 0", "0 0 0", '<sphere radius="0.85"/>')
     collision = build_collision_model(star(a=(big,), b=(BALL,), c=(BALL,)), margin=0.1)
     assert collision.near == (("a", "b"),)
     assert names(collision) == {("a", "c"), ("b", "c")}
@@ -91,9 +80,7 @@ def test_pairs_of_links():
     ],
 )
 def test_invalid_pairs_are_refused(changes, said):
-    with pytest.raises(ConfigurationError) as error:
-        build_collision_model(star(a=(BALL,), b=(BALL,)), **{"margin": 0.01} | changes)
-    assert said in str(error.value)
+    assert said in refusal(build_collision_model, star(a=(BALL,), b=(BALL,)), **{"margin": 0.01} | changes)
 
 
 def test_of_named_links_the_visual_elements_count(robot_of):
@@ -102,13 +89,10 @@ def test_of_named_links_the_visual_elements_count(robot_of):
     without, seen = (build_collision_model(model, margin=0.02, visual=visual).geometry for visual in ((), hands))
     links = [{shape.name for shape in geometry.geometryObjects} for geometry in (without, seen)]
     assert links[1] - links[0] == set(hands)
-    assert make_self_collision(changed(settings, visual=hands), model).summary.startswith(
-        f"{len(seen.collisionPairs)} "
-    )
-    with pytest.raises(
-        ConfigurationError, match=r"visual: 'left_ruber_hand' is not a link with .*did you mean 'left_rub"
-    ):
-        build_collision_model(model, margin=0.02, visual=["left_ruber_hand"])
+    summary = make_self_collision(changed(settings, visual=hands), model).summary
+    assert summary.startswith(f"{len(seen.collisionPairs)} ")
+    said = refusal(build_collision_model, model, margin=0.02, visual=["left_ruber_hand"])
+    assert "visual: 'left_ruber_hand' is not a link with visual elements; did you mean 'left_rub" in said
 
 
 def changed(settings, **own):
@@ -128,10 +112,8 @@ def test_self_collision_is_disabled_by_default_and_takes_an_srdf(robot_of):
     (line,) = [found.text for found in check(changed(settings, srdf=TALOS_SRDF)) if found.subject == "self-collision"]
     assert line == with_srdf
     assert "leg_left_3_link/leg_right_3_link" in line
-    with pytest.raises(
-        ConfigurationError, match=r"limits.self_collision.srdf = '/no/such.srdf': file .* does not exist"
-    ):
-        make_self_collision(changed(settings, srdf="/no/such.srdf"), model)
+    said = refusal(make_self_collision, changed(settings, srdf="/no/such.srdf"), model)
+    assert said == "limits.self_collision.srdf = '/no/such.srdf': file /no/such.srdf does not exist"
 
 
 AROUND = np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False)
@@ -143,7 +125,7 @@ def mesh(folder, name, points):
     faces = [f"f {i} {i + 1} {i + 2}" for i in range(1, len(points) - 1)]
     lines = [f"v {x} {y} {z}" for x, y, z in points] + faces
     (folder / name).write_text("\n".join(lines) + "\n", encoding="utf-8")
-    return ("0 0 0", f'<mesh filename="{folder / name}"/>')
+    return ("0 0 0", "0 0 0", f'<mesh filename="{folder / name}"/>')
 
 
 @pytest.mark.parametrize(

@@ -3,9 +3,9 @@
 import copy
 
 import pytest
+from refusals import refusal
 
 import wbc_controller as wbc
-from wbc_controller.errors import ConfigurationError
 
 INERTIA = '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
 
@@ -114,16 +114,10 @@ IN_THE_CONFIGURATION = {
 }  # fmt: skip
 
 
-def refusal(changes, urdf=URDF):
-    with pytest.raises(ConfigurationError) as error:
-        checked(changes, urdf)
-    return str(error.value)
-
-
 @pytest.mark.parametrize("mistake", IN_THE_CONFIGURATION)
 def test_a_mistake_in_the_configuration(mistake):
     changes, said = IN_THE_CONFIGURATION[mistake]
-    sentence = refusal(changes, None if "robot.urdf" in changes else URDF)
+    sentence = refusal(checked, changes)
     assert "\n" not in sentence
     assert [part for part in said if part not in sentence] == [], sentence
 
@@ -149,7 +143,7 @@ IN_THE_URDF = {
 def test_a_mistake_in_the_urdf(mistake):
     right, wrong, said = IN_THE_URDF[mistake]
     assert right in URDF
-    sentence = refusal({}, URDF.replace(right, wrong, 1))
+    sentence = refusal(checked, {}, URDF.replace(right, wrong, 1))
     assert "robot.urdf" in sentence or "centre of mass" in sentence
     assert "\n" not in sentence
     assert [part for part in said if part not in sentence] == [], sentence

@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
+from refusals import refusal
 
 from wbc_controller import Simulation
 from wbc_controller.controller.build.program import make_qp
@@ -145,3 +146,11 @@ def test_a_file_that_is_no_recording_is_refused(tmp_path):
     for name in ("text.mcap", "none.mcap"):
         with pytest.raises(ConfigurationError, match=f"recording .*{name}: "):
             identify(load("go2").settings, tmp_path / name)
+
+
+def test_a_file_of_the_flight_recorder_is_read(record, tmp_path):
+    run = record(tmp_path / "run.mcap")
+    run.stand(200)
+    run.recorder.close()
+    said = refusal(identify, load("go2").settings, run.file)
+    assert "run.mcap: the recording contains no motion that its contacts permit" in said

@@ -1,11 +1,8 @@
-"""Fixture of replay tests: a controller with recorded cycles, and a memory every 100 cycles for short recordings."""
+"""A memory every 100 cycles, for short recordings."""
 
 from collections.abc import Iterator
 
 import pytest
-from recorded_run import record
-
-__all__ = ["record"]
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -43,7 +43,7 @@ def original(bench, tmp_path_factory, make):
     folder = tmp_path_factory.mktemp("busy")
     run = make_run(bench, folder, folder / "a.mcap")
     busy(run, make)
-    return run.finish(folder / "a.mcap").path
+    return run.finish().path
 
 
 @pytest.fixture
@@ -76,7 +76,7 @@ def test_walking_commands_are_replayed(record, tmp_path, make):
     assert len(bench.reports[-1].solution.forces) == 1  # in the air
     bench.send("cmd_vel", make.velocity("cmd_vel", [0.2, 0.0, 0.0, 0.0, 0.0, 0.0]))
     run.go(40)
-    recorded = run.finish(tmp_path / "w.mcap")
+    recorded = run.finish()
     solved = list(Replay(recorded).run())
     assert [each.is_identical for each in solved] == [True] * recorded.count
     text = summarize(recorded)
@@ -87,7 +87,7 @@ def test_the_memory_contains_the_estimated_disturbance(record, tmp_path, make):
     friction = {"FL_calf_joint": {"dry": 0.5, "viscous": 0.1}}
     run = record(tmp_path / "b.mcap", {"estimation": {"disturbance": "always"}, "robot": {"friction": friction}})
     busy(run, make)
-    replay = Replay(run.finish(tmp_path / "b.mcap"))
+    replay = Replay(run.finish())
     middle = sorted(replay.recorded.memories)[-1]
     solved = list(replay.run(replay.recorded.last))
     assert [each.cycle.number for each in solved] == list(range(middle, replay.recorded.count))
@@ -135,7 +135,7 @@ def test_after_a_failed_cycle_the_replay_resumes_at_the_next_memory(record, tmp_
     monkeypatch.undo()
     controller.fail(ZeroDivisionError("once"))  # as `ControlLoop` does
     run.go(60)
-    recorded = run.finish(tmp_path / "a.mcap")
+    recorded = run.finish()
     (fault,) = recorded.faults.values()
     assert fault.code == "INTERNAL_ERROR"
     replay = Replay(recorded)
@@ -161,7 +161,7 @@ def test_a_cycle_whose_torques_were_not_sent_is_replayed(record, tmp_path, monke
     run.go(1)
     monkeypatch.undo()
     run.go(5)
-    recorded = run.finish(tmp_path / "a.mcap")
+    recorded = run.finish()
     assert [fault.code for fault in recorded.faults.values()] == ["STALE_INPUT"]
     assert len([event for event in recorded.events.values() if "torques sent" in event]) == 1
     solved = list(Replay(recorded).run())
@@ -186,7 +186,7 @@ def test_a_solver_with_a_memory_of_its_own_is_exact_from_the_start_alone(record,
     # Not ProxQP: its last bits differ between two objects with equal problems.
     run = record(tmp_path / "a.mcap", {"solver": {"name": "osqp"}})
     run.stand(130)
-    recorded = run.finish(tmp_path / "a.mcap")
+    recorded = run.finish()
     assert all(each.is_identical and each.exact for each in Replay(recorded).run(0, 60))
     later = list(Replay(recorded).run(125))
     assert not any(each.exact for each in later)

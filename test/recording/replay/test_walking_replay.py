@@ -27,10 +27,6 @@ FAULTS = [
 ]
 
 
-def make_velocity(forward):
-    return message("geometry_msgs/msg/Twist", linear={"x": forward})
-
-
 class Walk(Lockstep):
     """G1 without odometry that walks, recorded."""
 
@@ -61,7 +57,7 @@ class Walk(Lockstep):
         self.mock.plant.hold(False, ramp=0.0)
         self.go(0.1)
         walker = self.controller.walker
-        self.velocity = make_velocity(0.2)
+        self.velocity = message("geometry_msgs/msg/Twist", linear={"x": 0.2})
         self.go(4.0, lambda: walker.phase is Phase.SINGLE)
         self.go(0.2)
         assert walker.phase is Phase.SINGLE
@@ -96,9 +92,8 @@ def test_a_walk_replays_bit_for_bit_from_the_middle_of_a_step_and_names_its_faul
         assert found == [(number, True) for number in range(inside[-1], recorded.count)]
         assert later.controller.walker.steps == walk.controller.walker.steps
         if kind == "message_dropout":
-            assert [(each.is_identical, each.exact) for each in Replay(recorded).run()] == [
-                (True, True)
-            ] * recorded.count
+            found = [(each.is_identical, each.exact) for each in Replay(recorded).run()]
+            assert found == [(True, True)] * recorded.count
 
 
 def test_contact_sensors_are_part_of_the_recorded_inputs(tmp_path):

@@ -163,10 +163,9 @@ def test_every_plot_has_titles_and_units_and_phases_fill_the_run(run):
 
 def test_an_invalid_run_is_refused(short, tmp_path):
     recording, model = short
+    wide = dataclasses.replace(recording, q=np.zeros((len(recording.time), 20)))
     with pytest.raises(ValueError, match="20 columns"):
-        write_run_report(
-            dataclasses.replace(recording, q=np.zeros((len(recording.time), 20))), model, tmp_path / "x", kind="a run"
-        )
+        write_run_report(wide, model, tmp_path / "x", kind="a run")
     lost = {name: dataclasses.replace(support, frame="foo") for name, support in recording.supports.items()}
     with pytest.raises(ConfigurationError, match=r"contacts.front_left_foot.frame = 'foo'"):
         write_run_report(dataclasses.replace(recording, supports=lost), model, tmp_path / "x", kind="a run")

@@ -14,8 +14,7 @@ from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 from wbc_controller.settings.resources import PACKAGE_SCHEME, folder_of, share_folder
 
-#: Cache of meshes by file, scale and modification time.
-_MESHES = coal.CachedMeshLoader()
+_MESHES = coal.CachedMeshLoader()  # cache of meshes by file, scale and modification time
 
 
 def mesh_packages(urdf: str) -> list[str]:

@@ -17,12 +17,9 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.urdf import parse_xml
 from wbc_controller.records import Array
 
-#: Smallest side of a box in place of a hull, and smallest thickness of a hull, m.
-_THINNEST = 1.0e-4
-#: Directions of extreme points; below Coal's largest number of neighbours of a corner.
-_DIRECTIONS = 250
-#: Largest distance of points outside a simplified hull, m.
-_LARGEST_LOSS = 1.0e-3
+_THINNEST = 1.0e-4  # smallest side of a box in place of a hull, and smallest thickness of a hull, m
+_DIRECTIONS = 250  # directions of extreme points; below Coal's largest number of neighbours of a corner
+_LARGEST_LOSS = 1.0e-3  # largest distance of points outside a simplified hull, m
 
 
 @dataclass(frozen=True, slots=True)

@@ -40,11 +40,6 @@ def make_contact(name: str, contact: schema.ContactSettings, model: RobotModel) 
 
 def make_loop_closure(name: str, loop: schema.LoopSettings, model: RobotModel) -> contacts.LoopClosure:
     """Build a loop closure."""
-    return contacts.LoopClosure(
-        name,
-        model,
-        (loop.frame_a, loop.frame_b),
-        (contacts.placement_of(loop.translation_a, loop.rpy_a), contacts.placement_of(loop.translation_b, loop.rpy_b)),
-        loop.mask,
-        stiffness=loop.stiffness,
-    )
+    frames, place = (loop.frame_a, loop.frame_b), contacts.placement_of
+    placements = place(loop.translation_a, loop.rpy_a), place(loop.translation_b, loop.rpy_b)
+    return contacts.LoopClosure(name, model, frames, placements, loop.mask, stiffness=loop.stiffness)

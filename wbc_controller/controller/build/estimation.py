@@ -88,13 +88,9 @@ def make_leg_kinematics(
     settings: Settings, model: RobotModel, contacts: Mapping[str, Contact], frame: str
 ) -> LegKinematics:
     """Build the kinematics from a sensor frame to the contacts."""
+    known, frames = settings.estimation, {name: contact.frame for name, contact in settings.contacts.items()}
     return LegKinematics(
-        model,
-        contacts,
-        {name: contact.frame for name, contact in settings.contacts.items()},
-        frame,
-        joint_noise=settings.estimation.joint_position_noise,
-        point_noise=settings.estimation.contact_position_noise,
+        model, contacts, frames, frame, joint_noise=known.joint_position_noise, point_noise=known.contact_position_noise
     )
 
 

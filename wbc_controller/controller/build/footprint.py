@@ -11,22 +11,14 @@ from scipy.spatial import ConvexHull, QhullError
 from wbc_controller.controller.build.collision_elements import enclosing_points
 from wbc_controller.records import Array, frozen
 
-#: Thickness of the layer above the lowest point, m: about the radius of rounded sole edges.
-LAYER = 0.005
-#: Points on a circle.
-_AROUND = 128
-#: Points around a sphere, and rings between its poles.
-_MERIDIANS, _RINGS = 24, 12
-#: Cosine of the largest angle between plane and underside, 45°.
-_UNDERSIDE = np.cos(np.pi / 4.0)
-#: Cosine of the largest angle between facets of one flat face, 1°.
-_FLAT = np.cos(np.pi / 180.0)
-#: Smallest share of the underside that counts as a flat face.
-_FACE = 0.25
-#: Decimals of footprint coordinates in m.
-_DIGITS = 6
-#: Number of largest facets in the search of a flat face.
-_CANDIDATES = 50
+LAYER = 0.005  # thickness of the layer above the lowest point, m: about the radius of rounded sole edges
+_AROUND = 128  # points on a circle
+_MERIDIANS, _RINGS = 24, 12  # points around a sphere, and rings between its poles
+_UNDERSIDE = np.cos(np.pi / 4.0)  # cosine of the largest angle between plane and underside, 45°
+_FLAT = np.cos(np.pi / 180.0)  # cosine of the largest angle between facets of one flat face, 1°
+_FACE = 0.25  # smallest share of the underside that counts as a flat face
+_DIGITS = 6  # decimals of footprint coordinates in m
+_CANDIDATES = 50  # number of largest facets in the search of a flat face
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,8 +27,7 @@ class Footprint:
 
     polygon: Array  # counterclockwise corners, (n, 2) in m; also a point or a line
     height: float  # height of the body's lowest point above the plane, m
-    #: angle between plane and largest flat face of the underside, rad; None without one
-    tilt: float | None
+    tilt: float | None  # angle between plane and largest flat face of the underside, rad; None without one
 
     @property
     def size(self) -> Array:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wbc_controller.controller.build.leg import FeasibleSpeed, Leg, largest_speed, swing_of
+from wbc_controller.controller.build.leg import FeasibleSpeed, Leg, Load, largest_speed, swing_of
 from wbc_controller.inverse_dynamics.contacts import Contact
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
@@ -19,21 +19,10 @@ from wbc_controller.walking.quadruped import PointFoot
 
 #: Largest acceleration of a quintic between two points at rest, in distances per squared duration.
 _QUINTIC = 10.0 / math.sqrt(3.0)
-
-#: Directions: forward, sideways and turning.
-WAYS = (Velocity(1.0), Velocity(1.0j), Velocity(turning=1.0))
-#: Safe share of a feasible speed.
-_SAFE = 0.8
+WAYS = (Velocity(1.0), Velocity(1.0j), Velocity(turning=1.0))  # directions: forward, sideways and turning
+_SAFE = 0.8  # safe share of a feasible speed
 #: Share of the joint speeds for the steps in place of a quadruped, and smallest share of its wanted clearance.
 _MODERATE, _LOWEST = 0.5, 0.4
-
-
-@dataclass(frozen=True, slots=True)
-class SupportLoad:
-    """Load of a single support: share of the most loaded limit, and its text."""
-
-    share: float
-    text: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,17 +43,16 @@ class BipedLimits:
         """Prepare the limits for the largest joint speeds, (nj,) in rad/s."""
         self.legs, self.gait = legs, gait
         self._model, self._contacts, self._speeds, self._dynamics = model, contacts, speeds, Dynamics(model)
-        #: Columns of the base in v.
-        self._base = np.setdiff1d(np.arange(model.nv), model.v_index)[:6]
+        self._base = np.setdiff1d(np.arange(model.nv), model.v_index)[:6]  # columns of the base in v
 
     def feasible(self, way: Velocity, most: float) -> FeasibleSpeed:
         """Return the feasible speed in a direction, at most `most`."""
 
-        def worst(speed: float) -> tuple[float, str]:
+        def worst(speed: float) -> Load:
             velocity = way.times(speed)
-            shares = [each.leg.swing_share(self.swing(velocity, each), self._speeds) for each in self.legs]
-            shares += [(load.share, load.text) for each in self.legs for load in self.support_loads(each, velocity)]
-            return max(shares, key=lambda share: share[0])
+            loads = [each.leg.swing_share(self.swing(velocity, each), self._speeds) for each in self.legs]
+            loads += [load for each in self.legs for load in self.support_loads(each, velocity)]
+            return max(loads, key=lambda load: load.share)
 
         return largest_speed(worst, most)
 
@@ -75,12 +63,12 @@ class BipedLimits:
         beside = leg.side * (0.5 * width - abs(leg.leg.place[1]))
         return swing_of(velocity, 2.0 * gait.step_time, gait.single, gait.clearance, gait.lowering, beside)
 
-    def single_support(self) -> dict[str, SupportLoad]:
+    def single_support(self) -> dict[str, Load]:
         """Return the largest load of each stance foot, by contact, while the robot steps in place."""
         found = {leg.foot.contact: self.support_loads(leg, Velocity()) for leg in self.legs}
         return {name: max(loads, key=lambda load: load.share) for name, loads in found.items()}
 
-    def support_loads(self, leg: BipedLeg, velocity: Velocity) -> list[SupportLoad]:
+    def support_loads(self, leg: BipedLeg, velocity: Velocity) -> list[Load]:
         """Return the loads of a stance leg at the start, in the middle and at the end of a single support.
 
         The base has the acceleration a, ψ̈ about the vertical, and the swing leg q̈ = J⁺ a_s. The foot has a_s = ±10/√3 ·
@@ -126,18 +114,18 @@ class BipedLimits:
             reasons.append(reason)
         return posture, next(filter(None, reasons), "")
 
-    def _torque_load(self, force: Array) -> SupportLoad:
+    def _torque_load(self, force: Array) -> Load:
         model = self._model
         tau, limits = np.abs(model.actuation.torques(force)), model.effort_limits
         worst = int(np.argmax(tau / limits))
         text = f"torque of {model.actuators[worst]}: {tau[worst]:.1f} of {limits[worst]:g} N·m"
-        return SupportLoad(float(tau[worst] / limits[worst]), text)
+        return Load(float(tau[worst] / limits[worst]), text)
 
-    def _friction_load(self, name: str, cone: Array, f: Array) -> SupportLoad:
+    def _friction_load(self, name: str, cone: Array, f: Array) -> Load:
         """Return the load of the rows C f ≤ 0 with an allowance -C_z f_z: sliding, turning, centre of pressure."""
         allowed = -cone[:, 2] * f[2]
         share = (cone @ f + allowed)[allowed > 0.0] / allowed[allowed > 0.0]
-        return SupportLoad(float(share.max()), f"friction and size of {name}")
+        return Load(float(share.max()), f"friction and size of {name}")
 
 
 class QuadrupedLimits:
@@ -152,9 +140,9 @@ class QuadrupedLimits:
         """Return a clearance in m for which steps in place need a moderate share of the joint speeds."""
         gait, (leg, *_) = self.gait, self._legs.values()
 
-        def load(clearance: float) -> tuple[float, str]:
-            share, cause = leg.swing_share(swing_of(Velocity(), gait.cycle, gait.swing, clearance), self._speeds)
-            return share / _MODERATE, cause
+        def load(clearance: float) -> Load:
+            share, text = leg.swing_share(swing_of(Velocity(), gait.cycle, gait.swing, clearance), self._speeds)
+            return Load(share / _MODERATE, text)
 
         return max(largest_speed(load, wanted).speed, _LOWEST * wanted)
 
@@ -162,14 +150,14 @@ class QuadrupedLimits:
         """Return the feasible speed in a direction, at most `most`."""
         gait = self.gait
 
-        def worst(speed: float) -> tuple[float, str]:
-            shares = []
+        def worst(speed: float) -> Load:
+            loads = []
             for foot, leg in self._legs.items():
                 # The robot turns about the middle of its feet: v = v_0 + ψ̇ e_z × r
                 velocity = Velocity(speed * (way.linear + 1j * way.turning * foot.nominal))
                 swing = swing_of(velocity, gait.cycle, gait.swing, gait.clearance, gait.lowering)
-                shares.append(leg.swing_share(swing, self._speeds))
-            return max(shares, key=lambda share: share[0])
+                loads.append(leg.swing_share(swing, self._speeds))
+            return max(loads, key=lambda load: load.share)
 
         return largest_speed(worst, most)
 

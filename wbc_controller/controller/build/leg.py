@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -15,20 +15,23 @@ from wbc_controller.walking.swing_kernels import Landing, at_rest, moved
 
 #: Newton iterations, largest remaining error, m and rad, and weight of the joint motion.
 _ITERATIONS, _REACHED, _LEAST_MOTION = 8, 1.0e-3, 1.0e-4
-#: Steps and halvings in the search for the largest lift.
-_STEPS, _HALVINGS = 6, 4
-#: Samples of a swing.
-_SAMPLES = 16
-#: Evaluations in the search for the largest speed.
-_TRIED_SPEEDS = 8
+_STEPS, _HALVINGS = 6, 4  # steps and halvings in the search for the largest lift
+_SAMPLES = 16  # samples of a swing
+_TRIED_SPEEDS = 8  # evaluations in the search for the largest speed
 
 
-@dataclass(frozen=True, slots=True)
-class FeasibleSpeed:
+class FeasibleSpeed(NamedTuple):
     """Largest speed, m/s or rad/s, and the limiting quantity; "" if the search found none."""
 
     speed: float
     quantity: str
+
+
+class Load(NamedTuple):
+    """Share of the most loaded limit, above 1 beyond it, and its text."""
+
+    share: float
+    text: str
 
 
 class Leg:
@@ -99,22 +102,22 @@ class Leg:
         """Return joint velocities J⁺ ν for a twist of the foot relative to the base, (6,); likewise accelerations."""
         return np.asarray(np.linalg.lstsq(self.kinematics(posture)[1], twist[: self._rows], rcond=None)[0])
 
-    def swing_share(self, swing: Iterable[tuple[Array, Array]], speeds: Array) -> tuple[float, str]:
+    def swing_share(self, swing: Iterable[tuple[Array, Array]], speeds: Array) -> Load:
         """Return the largest share of joint speeds, (nj,) in rad/s, in a swing of `swing_of`, and its joint.
 
         The share is infinite if the leg cannot reach a part of the swing; then the reason replaces the joint.
         """
-        worst, cause, posture = 0.0, "", np.array(self._model.posture)
+        worst, posture = Load(0.0, ""), np.array(self._model.posture)
         for offset, rate in swing:
             posture, reason = self.posture(offset, posture)
             if reason:
-                return math.inf, reason
+                return Load(math.inf, reason)
             twist = np.array([*rate[:3], 0.0, 0.0, rate[3]])
             share = np.abs(self.rates(posture, twist)) / speeds[self.joints]
-            if share.max() > worst:
-                worst = float(share.max())
-                cause = f"velocity of {self._model.joints[self.joints[int(np.argmax(share))]]}"
-        return worst, cause
+            if share.max() > worst.share:
+                joint = self._model.joints[self.joints[int(np.argmax(share))]]
+                worst = Load(float(share.max()), f"velocity of {joint}")
+        return worst
 
     def kinematics(self, posture: Array) -> tuple[pin.SE3, Array]:
         """Return the placement of the foot and its Jacobian, (6, k), or (3, k) of a point."""
@@ -156,19 +159,16 @@ def swing_of(
         foot = moved(foot, landing, clearance, sample * dt, dt)
 
 
-def largest_speed(share: Callable[[float], tuple[float, str]], most: float) -> FeasibleSpeed:
-    """Return the largest speed, at most `most`, with a share of at most 1; `share` returns it with its cause.
-
-    The share rises with the speed, in m/s or rad/s.
-    """
+def largest_speed(load: Callable[[float], Load], most: float) -> FeasibleSpeed:
+    """Return the largest speed, at most `most`, with a load of at most 1; it rises with the speed, m/s or rad/s."""
     low, high, quantity = 0.0, most, ""
     for number in range(_TRIED_SPEEDS):
         speed = most if number == 0 else 0.5 * (low + high)
-        found, cause = share(speed)
-        if found <= 1.0:
+        found = load(speed)
+        if found.share <= 1.0:
             low = speed
         else:
-            high, quantity = speed, cause
+            high, quantity = speed, found.text
         if low == most:
             break
     return FeasibleSpeed(low, quantity)

@@ -1,13 +1,15 @@
-"""Construction of torque-speed curve and self-collision limit."""
+"""Construction of torque-speed curve, self-collision limit, and limits of the supervisor."""
 
 import logging
 
 from wbc_controller.controller.build.collision_model import build_collision_model
+from wbc_controller.controller.build.estimation import torque_filter, velocity_delay
 from wbc_controller.errors import ConfigurationError, require_known
 from wbc_controller.inverse_dynamics.limits import SelfCollisionLimit, TorqueSpeedCurve
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.urdf import LARGEST_URDF
 from wbc_controller.records import frozen
+from wbc_controller.safety.supervisor import SupervisorLimits
 from wbc_controller.settings import Settings
 from wbc_controller.settings.resources import folder_of, locate, read_text
 
@@ -42,12 +44,7 @@ def make_self_collision(settings: Settings, model: RobotModel) -> SelfCollisionL
         key = "limits.self_collision.srdf"
         srdf = read_text(locate(own.srdf, key), f"{key} = {own.srdf!r}", LARGEST_URDF)
     collision = build_collision_model(
-        model,
-        margin=own.margin,
-        srdf=srdf,
-        pairs=own.pairs,
-        visual=own.visual,
-        folder=folder_of(settings.robot.urdf),
+        model, margin=own.margin, srdf=srdf, pairs=own.pairs, visual=own.visual, folder=folder_of(settings.robot.urdf)
     )
     _log.info("self-collision: %s", collision.summary)
     return SelfCollisionLimit(
@@ -58,4 +55,16 @@ def make_self_collision(settings: Settings, model: RobotModel) -> SelfCollisionL
         horizon=own.horizon,
         max_pairs=own.max_pairs,
         summary=collision.summary,
+    )
+
+
+def make_supervisor_limits(settings: Settings, model: RobotModel) -> SupervisorLimits:
+    """Return the times and limits of the supervisor."""
+    return SupervisorLimits(
+        safety=settings.safety,
+        torque_rate=settings.limits.torque_rate,
+        period=1.0 / settings.control.rate,
+        torque_speed=make_torque_speed(settings, model),
+        velocity_delay=velocity_delay(settings),
+        torque_filter=torque_filter(settings),
     )

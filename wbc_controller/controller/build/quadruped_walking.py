@@ -22,8 +22,7 @@ from wbc_controller.walking.quadruped import PointFoot, QuadrupedWalker
 from wbc_controller.walking.terrain import Ground
 from wbc_controller.walking.walker import TaskSets
 
-#: Name of the task on the horizontal position of the centre of mass.
-COM = "walking_com"
+COM = "walking_com"  # name of the task on the horizontal position of the centre of mass
 #: Keys of the section `walking` that only bipeds have.
 _BIPED_KEYS = ("left", "right", "width", "least_width", "max_step_width")
 

@@ -9,11 +9,7 @@ import pinocchio as pin
 from wbc_controller.controller.build.estimation import torque_filter
 from wbc_controller.controller.build.gait_limits import BipedLeg, BipedLimits, feasible_defaults
 from wbc_controller.controller.build.leg import Leg
-from wbc_controller.controller.build.quadruped_walking import (
-    is_quadruped,
-    make_quadruped_tasks,
-    make_quadruped_walker,
-)
+from wbc_controller.controller.build.quadruped_walking import is_quadruped, make_quadruped_tasks, make_quadruped_walker
 from wbc_controller.controller.build.walking_tasks import HEIGHT, POSTURE, enabled_tasks, make_disabled, value_or
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts.mount import placement_of
@@ -31,11 +27,8 @@ from wbc_controller.walking.gait import Gait
 from wbc_controller.walking.reaction import swing_reaction
 from wbc_controller.walking.walker import TaskSets, Walker
 
-#: Names of the walker's tasks.
-DCM, LEFT, RIGHT = "walking_dcm", "walking_left_foot", "walking_right_foot"
-
-#: Highest lift of a sole in the search, as a share of the height of the centre of mass.
-_HIGHEST_LIFT = 0.25
+DCM, LEFT, RIGHT = "walking_dcm", "walking_left_foot", "walking_right_foot"  # names of the walker's tasks
+_HIGHEST_LIFT = 0.25  # highest lift of a sole in the search, as a share of the height of the centre of mass
 
 
 def make_walking_tasks(settings: Settings, model: RobotModel) -> list[Task]:
@@ -115,15 +108,7 @@ def _foot(name: str, task: str, contact: SurfaceContact, dynamics: Dynamics) -> 
     half = np.minimum(corners.max(axis=0), -corners.min(axis=0))
     placement *= pin.SE3(turn, np.zeros(3))
     link, on_link = placement_on_link(dynamics.model, frame, placement)
-    return Foot(
-        contact=name,
-        task=task,
-        frame=frame,
-        placement=placement,
-        half=(float(half[0]), float(half[1])),
-        link=link,
-        on_link=placement_numbers(on_link),
-    )
+    return Foot(name, task, frame, placement, (float(half[0]), float(half[1])), link, placement_numbers(on_link))
 
 
 def make_gait(settings: Settings, left: Foot, right: Foot, qp: WholeBodyQP) -> BipedLimits:

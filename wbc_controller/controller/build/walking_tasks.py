@@ -14,10 +14,8 @@ from wbc_controller.inverse_dynamics.tasks import (
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.settings import Settings
 
-#: Names of the tasks on height and joints.
-HEIGHT, POSTURE = "walking_height", "walking_posture"
-#: Tasks with references in the world.
-_IN_THE_WORLD = (ComTask, CapturePointTask, FramePoseTask, FramePositionTask)
+HEIGHT, POSTURE = "walking_height", "walking_posture"  # names of the tasks on height and joints
+_IN_THE_WORLD = (ComTask, CapturePointTask, FramePoseTask, FramePositionTask)  # tasks with references in the world
 
 
 def make_disabled(tasks: Mapping[str, tuple[float, Task]], settings: Settings) -> list[Task]:

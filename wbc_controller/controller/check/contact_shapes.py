@@ -17,24 +17,15 @@ from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 from wbc_controller.settings.contacts import SurfaceContact as SurfaceSettings
 
-#: Largest distance of a contact from the lowest point of its shapes, m.
-_HEIGHT = 0.02
-#: Reported distance, m.
-_REPORTED_HEIGHT = 0.005
-#: Largest angle between a sole and the flat underside of its shapes, rad: 5°.
-_TILT = 0.0873
-#: Largest overhang of a support, m, and as a share of its smaller side.
-_OVERHANG, _OVERHANG_SHARE = 0.01, 0.1
-#: Reported overhang, m: feet tip on the edge of the true sole.
-_REPORTED_OVERHANG = 0.001
-#: Thickness of the touching layer of soles, m, as in the mock robot.
-_TREAD = 0.002
-#: Longest sole, m.
-_LONGEST = 0.3
-#: Largest horizontal distance of a point contact from the footprint of its body, m.
-_SIDE_OFFSET = 0.03
-#: Cosine of the smallest angle of an upside-down contact, 120°.
-_UPSIDE_DOWN = -0.5
+_HEIGHT = 0.02  # largest distance of a contact from the lowest point of its shapes, m
+_REPORTED_HEIGHT = 0.005  # reported distance, m
+_TILT = 0.0873  # largest angle between a sole and the flat underside of its shapes, rad: 5°
+_OVERHANG, _OVERHANG_SHARE = 0.01, 0.1  # largest overhang of a support, m, and as a share of its smaller side
+_REPORTED_OVERHANG = 0.001  # reported overhang, m: feet tip on the edge of the true sole
+_TREAD = 0.002  # thickness of the touching layer of soles, m, as in the mock robot
+_LONGEST = 0.3  # longest sole, m
+_SIDE_OFFSET = 0.03  # largest horizontal distance of a point contact from the footprint of its body, m
+_UPSIDE_DOWN = -0.5  # cosine of the smallest angle of an upside-down contact, 120°
 
 
 def upside_down(qp: WholeBodyQP, active: Sequence[str], normal: Array) -> list[str]:

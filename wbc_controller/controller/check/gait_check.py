@@ -42,13 +42,10 @@ def check_walking(settings: Settings, qp: WholeBodyQP) -> list[Finding]:
     findings.append(Finding("single support", f"largest load: {text}"))
     touching = touching_width(settings, qp, found.legs)
     if touching is not None and touching > found.gait.least_width:
-        findings.append(
-            Finding(
-                "warning",
-                f"walking.least_width = {found.gait.least_width:.3f} m: the shapes of the feet touch at a distance of "
-                f"{touching:.3f} m; larger steps inwards need a larger value",
-            )
+        text = (
+            f"the shapes of the feet touch at a distance of {touching:.3f} m; larger steps inwards need a larger value"
         )
+        findings.append(Finding("warning", f"walking.least_width = {found.gait.least_width:.3f} m: {text}"))
     return findings
 
 

@@ -17,20 +17,14 @@ from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 from wbc_controller.settings.contacts import FixedContact
 
-#: Smallest mass, kg, and principal moment of inertia, kg·m², of a moving body.
-_SMALLEST = 1.0e-15
-#: Largest distance between coincident joints, m.
-_ONE_PLACE = 1.0e-3
-#: Reported mass of a link without inertia, kg.
-_NOTICED_MASS = 0.05
-#: Largest plausible distance between joints, m.
-_LARGEST_LINK = 20.0
-#: Largest plausible effort limit, in weight times size; strong motors reach 1.
-_STRONGEST = 10.0
-#: Largest plausible velocity limit, rad/s or m/s; fast joints reach 40.
-_FASTEST = 300.0
-#: Smallest plausible friction: wet ice.
-_SLIPPERY = 0.1
+_SMALLEST = 1.0e-15  # smallest mass, kg, and principal moment of inertia, kg·m², of a moving body
+_ONE_PLACE = 1.0e-3  # largest distance between coincident joints, m
+_NOTICED_MASS = 0.05  # reported mass of a link without inertia, kg
+_LARGEST_LINK = 20.0  # largest plausible distance between joints, m
+_STRONGEST = 10.0  # largest plausible effort limit, in weight times size; strong motors reach 1
+_FASTEST = 300.0  # largest plausible velocity limit, rad/s or m/s; fast joints reach 40
+_SLIPPERY = 0.1  # smallest plausible friction: wet ice
+_REMEDY = "set the limits of the motors in robot.joint_limits"
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,15 +95,11 @@ def massless_links(model: RobotModel) -> list[str]:
 
 def inertias(model: RobotModel) -> list[Finding]:
     """Report links with impossible inertia, and links with a mass but no inertia."""
-    impossible = [
-        link.name for link in _links(model.urdf) if not are_possible_moments(link.moments)
-    ]  # MuJoCo refuses them
+    links = list(_links(model.urdf))
+    impossible = [link.name for link in links if not are_possible_moments(link.moments)]  # MuJoCo refuses them
     parts = [f"impossible: {', '.join(impossible)}"] if impossible else []
-    points = [
-        f"{link.name} ({link.mass:g} kg)"
-        for link in _links(model.urdf)
-        if link.mass >= _NOTICED_MASS and not link.moments.any()
-    ]
+    bare = [link for link in links if link.mass >= _NOTICED_MASS and not link.moments.any()]
+    points = [f"{link.name} ({link.mass:g} kg)" for link in bare]
     parts += [f"zero, treated as point mass: {', '.join(points)}"] if points else []
     return [Finding("inertias", "; ".join(parts))] if parts else []
 
@@ -141,37 +131,25 @@ def limits(settings: Settings, model: RobotModel, placements: Array) -> list[Fin
     endless = [name for name, upper in zip(model.joints, model.position_upper, strict=True) if upper >= UNLIMITED]
     findings = []
     if strong:
-        findings.append(
-            Finding(
-                "implausible", f"effort limits of {_first_names(strong)}: weight times size of the robot is "
-                f"{reach:.3g} N·m; set the limits of the motors in robot.joint_limits",
-            )
-        )  # fmt: skip
+        text = f"effort limits of {_first_names(strong)}: weight times size of the robot is {reach:.3g} N·m; {_REMEDY}"
+        findings.append(Finding("implausible", text))
     if fast:
-        findings.append(
-            Finding(
-                "implausible",
-                f"velocity limits of {_first_names(fast)}: set the limits of the motors in robot.joint_limits",
-            )
-        )
+        findings.append(Finding("implausible", f"velocity limits of {_first_names(fast)}: {_REMEDY}"))
     if endless:
         findings.append(Finding("no position limits", _first_names(endless)))
-    own = {
-        name: ", ".join(f"{key} {value:g}" for key, value in given.model_dump().items() if value is not None)
-        for name, given in settings.robot.joint_limits.items()
-    }
+    own = []
+    for name, given in settings.robot.joint_limits.items():
+        values = [f"{key} {value:g}" for key, value in given.model_dump().items() if value is not None]
+        own.append(f"{name} {', '.join(values)}")
     if own:
-        text = "; ".join(f"{name} {values}" for name, values in own.items())
-        findings.append(Finding("joint limits", f"of the configuration: {text}"))
+        findings.append(Finding("joint limits", f"of the configuration: {'; '.join(own)}"))
     return findings
 
 
 def motors_without_effort(settings: Settings, urdf: str) -> list[Finding]:
     """Report motor joints with zero effort, as for springs, if others have an effort."""
-    robot = settings.robot
-    efforts = {}
-    for joint in ElementTree.fromstring(urdf).findall("joint"):  # noqa: S314 - checked
-        efforts[str(joint.get("name"))] = vector_of(joint.find("limit"), "effort", "0")[0]
+    robot, joints = settings.robot, ElementTree.fromstring(urdf).findall("joint")  # noqa: S314 - checked
+    efforts = {str(joint.get("name")): vector_of(joint.find("limit"), "effort", "0")[0] for joint in joints}
     driven = [name for name in robot.joints if name not in robot.passive_joints]
     idle = [name for name in driven if efforts.get(name) == 0.0]
     if not idle or (len(idle) == len(driven) and not robot.passive_joints):

@@ -23,7 +23,7 @@ from wbc_controller.controller.check.contact_shapes import (
 )
 from wbc_controller.controller.check.finding import Finding
 from wbc_controller.controller.check.gait_check import check_walking
-from wbc_controller.controller.check.reserves import reserves, static_sways
+from wbc_controller.controller.check.reserves import bearing_contacts, reserves, static_sways
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.estimation.projection import split_force
 from wbc_controller.inverse_dynamics.contacts import LoopClosure, SurfaceContact, UnilateralContact
@@ -43,26 +43,16 @@ from wbc_controller.settings.robot import PassiveJointSettings
 
 #: Largest height difference of floor contacts, m, and as a share of the centre of mass' height.
 _LEVEL, _LEVEL_SHARE = 0.01, 0.02
-#: Cosine of the largest angle between floor and contact normal, 60°.
-_FLOOR = 0.5
-#: Largest position error of a loop in the nominal posture, m or rad.
-_CLOSED = 1.0e-3
-#: Largest unbalanced torque of a passive joint, as a share of the smallest effort limit.
-_BALANCE = 1.0e-3
-#: Largest distance reported in millimetres, m.
-_NEAR = 10.0
-#: Reported tilt of a sole, rad: 1°.
-_TILTED = 0.0175
-#: Largest tilt of a sole, rad: 5°.
-_STEEP = 0.0873
-#: Smallest displacement of the weight that contacts and torques must balance, m.
-_LEAST_SWAY = 1.0e-3
-#: Smallest component of a contact in a redundant direction.
-_PART = 0.1
-#: Smallest component of a joint in the null space of tasks and contacts.
-_FREE = 1.0e-6
-#: Suggested values of `safety.activation_ramp`, s.
-_RAMPS = (0.2, 0.1, 0.05, 0.02, 0.0)
+_FLOOR = 0.5  # cosine of the largest angle between floor and contact normal, 60°
+_CLOSED = 1.0e-3  # largest position error of a loop in the nominal posture, m or rad
+_BALANCE = 1.0e-3  # largest unbalanced torque of a passive joint, as a share of the smallest effort limit
+_NEAR = 10.0  # largest distance reported in millimetres, m
+_TILTED = 0.0175  # reported tilt of a sole, rad: 1°
+_STEEP = 0.0873  # largest tilt of a sole, rad: 5°
+_LEAST_SWAY = 1.0e-3  # smallest displacement of the weight that contacts and torques must balance, m
+_PART = 0.1  # smallest component of a contact in a redundant direction
+_FREE = 1.0e-6  # smallest component of a joint in the null space of tasks and contacts
+_RAMPS = (0.2, 0.1, 0.05, 0.02, 0.0)  # suggested values of `safety.activation_ramp`, s
 
 
 def stance(
@@ -118,14 +108,8 @@ def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str 
         if model.floating_base:
             findings += _activation_ramp(settings, qp)
             qp.dynamics.update(q, np.zeros(model.nv))
-            findings += reserves(
-                qp,
-                active,
-                q,
-                unsupported_passive_joints(qp, active),
-                level=_is_kept_level(settings, qp),
-                margin=settings.limits.margin,
-            )
+            hanging, level = unsupported_passive_joints(qp, active), _is_kept_level(settings, qp)
+            findings += reserves(qp, active, q, hanging, level=level, margin=settings.limits.margin)
         findings += check_walking(settings, qp)
         return findings
     except ConfigurationError as error:
@@ -138,15 +122,14 @@ def check_qp(settings: Settings, qp: WholeBodyQP, board: ReferenceBoard) -> list
     active = [name for name, contact in settings.contacts.items() if contact.enabled]
     normal = _floor(settings)
     q = stance(model, qp, active, normal)
+    contacts = ", ".join(f"{name} ({contact.type})" for name, contact in settings.contacts.items())
     findings = [
         Finding("joints", f"{_joints(model)}, base {settings.robot.base}, {len(model.pinocchio.frames)} frames"),
         Finding("mass", f"{model.mass:.2f} kg, weight {model.mass * model.gravity:.1f} N"),
         *model_plausibility.inertias(model),
         Finding("effort limits", f"{model.effort_limits.min():g} to {model.effort_limits.max():g} N·m"),
         Finding("tasks", ", ".join(f"{name} ({task.type})" for name, task in settings.tasks.items())),
-        Finding(
-            "contacts", ", ".join(f"{name} ({contact.type})" for name, contact in settings.contacts.items()) or "none"
-        ),
+        Finding("contacts", contacts or "none"),
         Finding("solver", f"{settings.solver.name}, {settings.control.rate:g} cycles per second"),
     ]
     findings += [Finding(limit.kind.replace("_", "-"), limit.summary) for limit in qp.formulation.row_limits]
@@ -198,7 +181,7 @@ def _uncontrolled_joints(settings: Settings, qp: WholeBodyQP, active: Sequence[s
         for name, task in qp.tasks.items()
         if isinstance(task, AccelerationTask) and settings.tasks.get(name, task).enabled
     ]
-    held = [contact.jacobian(dynamics) for name, contact in qp.contacts.items() if name in active or contact.permanent]
+    held = [contact.jacobian(dynamics) for contact in bearing_contacts(qp, active)]
     rows = np.vstack([np.zeros((1, model.nv)), *tasks, *held, model.actuation.C])
     free = np.abs(null_space(rows)[model.v_index]).max(axis=1, initial=0.0) > _FREE
     names = [name for name, loose in zip(model.joints, free, strict=True) if loose]
@@ -217,7 +200,7 @@ def _is_kept_level(settings: Settings, qp: WholeBodyQP) -> bool:
 
 
 def _redundant(qp: WholeBodyQP, active: Sequence[str]) -> list[Finding]:
-    contacts = [contact for name, contact in qp.contacts.items() if name in active or contact.permanent]
+    contacts = bearing_contacts(qp, active)
     if not contacts:
         return []
     J = np.vstack([contact.jacobian(qp.dynamics) for contact in contacts])
@@ -227,13 +210,11 @@ def _redundant(qp: WholeBodyQP, active: Sequence[str]) -> list[Finding]:
     names = [contact.name for contact, own in zip(contacts, parts, strict=True) if own.max() > _PART]
     if not names:
         return []
-    return [
-        Finding(
-            "redundant contacts",
-            f"{np.count_nonzero(values < LEAST_MOBILITY)} of {len(J)} constrained directions, at {', '.join(names)}: "
-            "no joint moves the contacts along them; motions that require it are limited (sway) or cause slip",
-        )
-    ]
+    text = (
+        f"{np.count_nonzero(values < LEAST_MOBILITY)} of {len(J)} constrained directions, at {', '.join(names)}: no "
+        "joint moves the contacts along them; motions that require it are limited (sway) or cause slip"
+    )
+    return [Finding("redundant contacts", text)]
 
 
 def _joints(model: RobotModel) -> str:
@@ -320,10 +301,8 @@ def _static(
     share = np.abs(tau) / model.effort_limits
     worst = int(np.argmax(share))
     names = ", ".join(active) or "no contact"
-    return [
-        Finding("standing", f"possible on {names}; the largest torque is {abs(tau[worst]):.1f} N·m at "
-                            f"{model.actuators[worst]}, {100 * share[worst]:.0f} % of its limit")
-    ]  # fmt: skip
+    largest = f"{abs(tau[worst]):.1f} N·m at {model.actuators[worst]}, {100 * share[worst]:.0f} % of its limit"
+    return [Finding("standing", f"possible on {names}; the largest torque is {largest}")]
 
 
 def _standing_failure(qp: WholeBodyQP, active: tuple[str, ...], normal: Array) -> str:
@@ -363,13 +342,11 @@ def _activation_ramp(settings: Settings, qp: WholeBodyQP) -> list[Finding]:
     longest, fastest = longest_ramp(settings, qp)
     if longest == ramp:
         return []
-    return [
-        Finding(
-            "warning",
-            f"safety.activation_ramp = {ramp:g} s: unsupported joints fall meanwhile ({fastest} fastest), and the "
-            f"torques cannot stop them within their limits; use at most {longest:g} s, or let them hang at activation",
-        )
-    ]
+    text = (
+        f"safety.activation_ramp = {ramp:g} s: unsupported joints fall meanwhile ({fastest} fastest), and the torques "
+        f"cannot stop them within their limits; use at most {longest:g} s, or let them hang at activation"
+    )
+    return [Finding("warning", text)]
 
 
 def longest_ramp(settings: Settings, qp: WholeBodyQP) -> tuple[float, str]:

@@ -15,18 +15,14 @@ from wbc_controller.records import Array
 
 #: Directions in the axes of an upright base.
 _DIRECTIONS = {"forward": (1.0, 0.0, 0.0), "back": (-1.0, 0.0, 0.0), "left": (0.0, 1.0, 0.0), "right": (0.0, -1.0, 0.0)}
-#: Smallest relative sensitivity to an effort limit that counts as the cause.
-_MATTERS = 1.0e-3
+_MATTERS = 1.0e-3  # smallest relative sensitivity to an effort limit that counts as the cause
 #: Step of a squat, m, smallest step, m, and deepest squat as a share of the centre of mass' height.
 _STEP, _LEAST_STEP, _DEEPEST = 0.01, 1.0e-6, 0.6
 #: Newton iterations per step, largest error, m and rad, and largest contact error (`formulation.redundancy`).
 _ITERATIONS, _REACHED, _HELD = 6, 1.0e-3, 5.0e-4
-#: Steps to the static sway, and halvings of the last one.
-_STEPS, _HALVINGS = 3, 5
-#: Weight of the height, and of an uncontrolled base orientation, in a sway.
-_FREE = 0.01
-#: Weight of joint motion.
-_LEAST_MOTION = 1.0e-3
+_STEPS, _HALVINGS = 3, 5  # steps to the static sway, and halvings of the last one
+_FREE = 0.01  # weight of the height, and of an uncontrolled base orientation, in a sway
+_LEAST_MOTION = 1.0e-3  # weight of joint motion
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +46,7 @@ def reserves(
         margin: distance to the position limits, rad.
     """
     model, dynamics = qp.model, qp.dynamics
-    bearing = _bearing(qp, active)
+    bearing = bearing_contacts(qp, active)
     arm = dynamics.com - dynamics.placement(model.frame_id(model.base_link, "base")).translation
     pushes, shifts = {}, static_sways(qp, active, hanging)
     anchored = [contact for contact in bearing if isinstance(contact, AnchoredContact)]
@@ -70,13 +66,14 @@ def reserves(
     return found
 
 
-def _bearing(qp: WholeBodyQP, active: Sequence[str]) -> list[Contact]:
+def bearing_contacts(qp: WholeBodyQP, active: Sequence[str]) -> list[Contact]:
+    """Return the active and the permanent contacts."""
     return [contact for name, contact in qp.contacts.items() if name in active or contact.permanent]
 
 
 def static_sways(qp: WholeBodyQP, active: Sequence[str], hanging: Sequence[int]) -> dict[str, Reserve]:
     """Return the displacements of the weight by direction that torques and contacts balance without motion."""
-    bearing, weight = _bearing(qp, active), qp.model.mass * np.array(qp.model.pinocchio.gravity.linear)
+    bearing, weight = bearing_contacts(qp, active), qp.model.mass * np.array(qp.model.pinocchio.gravity.linear)
     moments = {name: np.cross(direction, weight) for name, direction in _DIRECTIONS.items()}
     return {
         name: _largest_multiple(qp, bearing, hanging, np.concatenate([np.zeros(3), moment]))
@@ -205,7 +202,7 @@ def com_distance(
 
     Base level, contacts fixed. None for robots with closed loops. Other arguments as in `reserves`.
     """
-    bearing = _bearing(qp, active)
+    bearing = bearing_contacts(qp, active)
     anchored = [contact for contact in bearing if isinstance(contact, AnchoredContact)]
     if len(anchored) < len(bearing):
         return None

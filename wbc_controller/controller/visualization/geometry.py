@@ -20,18 +20,11 @@ from wbc_controller.settings.resources import PACKAGE_SCHEME, share_folder
 
 logger = logging.getLogger(__name__)
 
-#: Largest number of triangles of a hull. A hull of n corners has 2n - 4 triangles.
-TRIANGLES = 120
-#: Largest distance of omitted corners outside the hull, m.
-TOLERANCE = 2.0e-4
-#: Thickness of bars in place of missing meshes, m.
-BONE = 0.03
-
-#: Parts that protrude less from another part of the joint, m, are omitted.
-BADGE = 0.015
-
-#: Default color, red, green and blue.
-GREY = (0.62, 0.64, 0.67)
+TRIANGLES = 120  # largest number of triangles of a hull; a hull of n corners has 2n - 4
+TOLERANCE = 2.0e-4  # largest distance of omitted corners outside the hull, m
+BONE = 0.03  # thickness of bars in place of missing meshes, m
+BADGE = 0.015  # parts that protrude less from another part of the joint, m, are omitted
+GREY = (0.62, 0.64, 0.67)  # default color, red, green and blue
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,8 +34,7 @@ class Part:
     name: str
     joint: int  # joint number in `RobotModel.pinocchio`; 0 for the world
     vertices: Array  # in the joint's frame, (n, 3) in m
-    #: Corners of each triangle, counter-clockwise seen from outside, (m, 3).
-    triangles: npt.NDArray[np.intp]
+    triangles: npt.NDArray[np.intp]  # corners of each triangle, counter-clockwise seen from outside, (m, 3)
     color: tuple[float, float, float]  # red, green and blue from 0 to 1
 
 

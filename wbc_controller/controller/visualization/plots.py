@@ -18,16 +18,11 @@ from wbc_controller.records import Array
 PALETTE = ("#2f7de1", "#e5812b", "#22a06b", "#d6455d", "#8a63d2", "#149eb0", "#b58900", "#7d8794")
 BLUE, ORANGE, GREEN, RED = PALETTE[:4]
 GREY = "#8b95a3"
-#: Largest number of points of a line.
-POINTS = 2400
-#: Number of actuators in the plot of a cycle.
-_MOST = 12
-#: Length of an arrowhead, as a share of the arrow.
-_HEAD = 0.2
-#: Heights of a category, and of axis and legend, pixels.
-_CATEGORY, _AROUND = 22, 160
-#: Height of a polar figure, pixels.
-_POLAR = 520
+POINTS = 2400  # largest number of points of a line
+_MOST = 12  # number of actuators in the plot of a cycle
+_HEAD = 0.2  # length of an arrowhead, as a share of the arrow
+_CATEGORY, _AROUND = 22, 160  # heights of a category, and of axis and legend, pixels
+_POLAR = 520  # height of a polar figure, pixels
 _MARGIN = {"l": 74, "r": 16, "t": 8, "b": 46}
 
 

@@ -24,14 +24,10 @@ from wbc_controller.inverse_dynamics.tasks import (
 from wbc_controller.records import Array, Reference, References
 from wbc_controller.walking.plan import WalkingPlan
 
-#: Length of the arrow of the robot's weight, m.
-FORCE_LENGTH = 0.5
-#: Height of the friction cones, m.
-CONE_HEIGHT = 0.1
-#: Smallest normal force of a loaded contact, as a share of the weight.
-_LOADED = 1.0e-3
-#: Smallest height of the centre of mass for a capture point, m.
-_LOWEST_PENDULUM = 0.1
+FORCE_LENGTH = 0.5  # length of the arrow of the robot's weight, m
+CONE_HEIGHT = 0.1  # height of the friction cones, m
+_LOADED = 1.0e-3  # smallest normal force of a loaded contact, as a share of the weight
+_LOWEST_PENDULUM = 0.1  # smallest height of the centre of mass for a capture point, m
 
 #: Kinds of shapes: arrow between two points, polyline, lines between pairs of points, balls.
 ARROW, LINE_STRIP, LINE_LIST, SPHERE_LIST = "arrow", "line_strip", "line_list", "sphere_list"

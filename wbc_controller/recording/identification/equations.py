@@ -99,9 +99,8 @@ def select_samples(
     tau = np.einsum("k,ikj->ij", weights, tau[intervals])
     held = tuple(tuple(name for name, on in zip(forces, holds[i], strict=True) if on) for i in middle)
     around = speeds[intervals][:, :, model.v_index]
-    velocity_signs = np.where(
-        around.min(axis=1) > _REST_SPEED, 1.0, np.where(around.max(axis=1) < -_REST_SPEED, -1.0, 0.0)
-    )
+    forward, backward = around.min(axis=1) > _REST_SPEED, around.max(axis=1) < -_REST_SPEED
+    velocity_signs = forward.astype(np.float64) - backward
     return Samples(np.asarray(recorded["q"])[middle], v, v_dot, tau, velocity_signs, held)
 
 
@@ -113,7 +112,6 @@ def equations(samples: Samples, model: RobotModel, contacts: Mapping[str, Contac
     shares = np.zeros((10 * (robot.njoints - 1), len(links)))
     for column, i in enumerate(links):
         shares[10 * (i - 1) : 10 * i, column] = robot.inertias[i].toDynamicParameters()
-    rotors = np.zeros(model.nv) if actuation.rotors is None else None
     geared = np.array(robot.armature) > 0.0
     joints = np.zeros((model.nv, model.nj))
     joints[model.v_index, np.arange(model.nj)] = 1.0
@@ -130,7 +128,7 @@ def equations(samples: Samples, model: RobotModel, contacts: Mapping[str, Contac
         moving = v[model.v_index]
         A = np.hstack([Y @ shares, (geared * v_dot)[:, None], joints * velocity_signs, joints * moving])
         known = actuation.generalized_force(tau) + model.passive_force(q, v)
-        if rotors is None:
+        if actuation.rotors is not None:
             known = known - actuation.rotors @ v_dot
         rows.append(Z.T @ A)
         right.append(Z.T @ known)

@@ -112,7 +112,6 @@ def report(found: Fit, model: RobotModel) -> str:
     """Return tables of the values with standard errors, and the friction settings."""
     masses, others = [], []
     known: dict[str, dict[str, float]] = {}
-    shares = dict(zip(found.names, found.values, strict=True))
     for i, name in enumerate(found.names):
         kind, _, which = name.partition(" ")
         value, error = float(found.values[i]), float(found.errors[i])
@@ -126,11 +125,8 @@ def report(found: Fit, model: RobotModel) -> str:
             others.append((f"{which} {kind}", f"{value:.3f} {unit}", f"{error:.3f}", sure))
             if not sure and value > 2.0 * error:
                 known.setdefault(which, {})[kind] = round(value, 3)
-    nominal = [inertia.mass for inertia in model.pinocchio.inertias]
-    total = sum(
-        mass * shares[f"mass {name}"]
-        for name, mass in zip((each[0] for each in masses), (m for m in nominal[1:] if m > 0.0), strict=True)
-    )
+    nominal = [inertia.mass for inertia in list(model.pinocchio.inertias)[1:] if inertia.mass > 0.0]
+    total = sum(mass * share for mass, share in zip(nominal, found.values[: len(masses)], strict=True))
     heading = (
         f"{found.count} equations with residuals of {found.residual:.3g} N·m (RMS); total mass {total:.2f} kg, "
         f"{model.mass:.2f} kg in the URDF. 'not determined': standard error above {100.0 * UNSURE:g} % of the value"

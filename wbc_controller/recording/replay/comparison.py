@@ -71,18 +71,16 @@ class Comparison:
             (name, *(f"{_mean(pair[side].get(name) for pair in self.errors):.4g}" for side in (0, 1))) for name in names
         ]
         bound = [
-            (name, str(self.binding[0].get(name, 0)), str(self.binding[1].get(name, 0)))
+            (name, *(str(counts.get(name, 0)) for counts in self.binding))
             for name in sorted({*self.binding[0], *self.binding[1]})
         ]
-        return as_text(
-            self._heading(),
-            [
-                Table(("torques, N·m", "RMS", "other RMS", "RMS of diff.", "largest diff.", "other, of limit"),
-                      tuple(torques)),
-                Table(("task", "mean error", "other"), tuple(tasks)),
-                Table(("binding constraint", "cycles", "other"), tuple(bound)),
-            ],
-        )  # fmt: skip
+        columns = ("torques, N·m", "RMS", "other RMS", "RMS of diff.", "largest diff.", "other, of limit")
+        tables = [
+            Table(columns, tuple(torques)),
+            Table(("task", "mean error", "other"), tuple(tasks)),
+            Table(("binding constraint", "cycles", "other"), tuple(bound)),
+        ]
+        return as_text(self._heading(), tables)
 
     def plot(self, path: Path, title: str) -> None:
         """Write both over time as one offline HTML file; errors as for `write_page`."""
@@ -100,16 +98,8 @@ class Comparison:
         lines = [Line(name, time, values) for name, values in largest.items()]
         panels.append(Panel("torque / limit [%]", lines, from_zero=True))
         caption = f"The {len(worst)} actuators with the largest differences, and the largest torque of all actuators."
-        figure = line_panels(panels, height=800)
-        write_page(
-            PageReport(
-                title=title,
-                kind="wbc replay",
-                verdict=self._heading(),
-                plots=[Plot("torques", "Torques", caption, figure, over_time=True)],
-            ),
-            path,
-        )
+        plots = [Plot("torques", "Torques", caption, line_panels(panels, height=800), over_time=True)]
+        write_page(PageReport(title=title, kind="wbc replay", verdict=self._heading(), plots=plots), path)
 
     def _heading(self) -> str:
         return (
@@ -124,16 +114,13 @@ def compare(recorded: Recording, config: Config) -> Comparison:
     Other joints, or a recording without commands, raise `ConfigurationError`.
     """
     own, other = Replay(recorded), Replay(recorded, config)
-    own_model, other_model = own.controller.model, other.controller.model
-    if (own_model.joints, own_model.actuators, own_model.nq) != (
-        other_model.joints,
-        other_model.actuators,
-        other_model.nq,
-    ):
+    model = own.controller.model
+    first, second = ((m.joints, m.actuators, m.nq) for m in (model, other.controller.model))
+    if first != second:
         raise ConfigurationError(
-            f"{config.source}: the joints must be those of the recording: {', '.join(own_model.joints)}"
+            f"{config.source}: the joints must be those of the recording: {', '.join(model.joints)}"
         )
-    result = Comparison(own_model.actuators, own_model.effort_limits)
+    result = Comparison(model.actuators, model.effort_limits)
     for a, b in zip(own.run(), other.run(), strict=True):
         if a.result.command is not None or b.result.command is not None:
             result.add(recorded.elapsed(a.cycle.time), a, b.result)

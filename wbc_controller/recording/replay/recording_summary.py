@@ -1,4 +1,4 @@
-"""Summary of a recording or cycle."""
+"""Summary of a recording, of its replay, and of a cycle."""
 
 import datetime
 from collections.abc import Mapping
@@ -8,11 +8,12 @@ import numpy as np
 
 from wbc_controller.controller.cycle import ControlCycle
 from wbc_controller.controller.visualization.tables import Table, as_text
+from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.references import changes
 from wbc_controller.recording.cycle_layout import AGES, MODES
 from wbc_controller.recording.recorder import software_versions
 from wbc_controller.recording.recording_file import Recording
-from wbc_controller.recording.replay.cycle_replay import ReplayedCycle
+from wbc_controller.recording.replay.cycle_replay import Replay, ReplayedCycle
 from wbc_controller.records import ChangeSettings
 
 _SHOWN = 25  # lines at each end of the history
@@ -52,6 +53,41 @@ def differences_of_software(recorded: Recording) -> list[str]:
         for name, version in recorded.about["software"].items()
         if here.get(name) != version
     ]
+
+
+def replay_all(recorded: Recording) -> tuple[str, bool]:
+    """Replay all cycles; return a summary, and False without cycles or if a cycle differs that must be identical."""
+    run = Replay(recorded)
+    count, different, worst, exact = 0, 0, 0.0, True
+    first = ""
+    for solved in run.run():
+        count += 1
+        if not solved.is_identical:
+            different += 1
+            worst, exact = max(worst, solved.difference), exact and not solved.exact
+            first = first or f"the first is cycle {solved.cycle.number} at {recorded.elapsed(solved.cycle.time):.3f} s"
+    text = ""
+    if run.skipped:
+        text = f"{run.skipped} cycles skipped: their requests or the controller's memory before them are not recorded\n"
+    if not different:
+        return f"{text}{count} cycles replayed: all torques are equal bit for bit", count > 0
+    reason = "" if not exact else " (the solver does not expose its warm start: only whole recordings are exact)"
+    return f"{text}{count} cycles replayed: {different} differ, by up to {worst:.3g} N·m; {first}{reason}", exact
+
+
+def replay_cycle(recorded: Recording, number: int) -> str:
+    """Replay and explain a cycle; one that cannot be replayed raises `ConfigurationError`."""
+    if not recorded.first <= number <= recorded.last:
+        raise ConfigurationError(f"--cycle {number}: valid: {recorded.first} to {recorded.last}")
+    run = Replay(recorded)
+    for solved in run.run(number, number):
+        if solved.cycle.number == number:
+            return explain_cycle(solved, recorded, run.controller)
+    known = recorded.memory_after(number)
+    raise ConfigurationError(
+        f"--cycle {number}: the cycle or the controller's memory before it is not recorded; "
+        + (f"valid: from {known} on" if known is not None else "no later cycle can be replayed")
+    )
 
 
 def explain_cycle(solved: ReplayedCycle, recorded: Recording, controller: ControlCycle) -> str:

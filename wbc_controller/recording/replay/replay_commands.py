@@ -2,15 +2,11 @@
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.extras import require_libraries
-
-if TYPE_CHECKING:
-    from wbc_controller.recording.recording_file import Recording
 
 DIFFERENT = 1  # exit status if a cycle differs from the recording
 
@@ -30,7 +26,9 @@ def replay(file: Path, number: int | None, other: str | None, plot: Path | None,
     The exit status is 1 if a cycle differs that must be equal bit for bit.
     """
     from wbc_controller.recording.recording_file import Recording
-    from wbc_controller.recording.replay.recording_summary import summarize
+    from wbc_controller.recording.replay.comparison import compare
+    from wbc_controller.recording.replay.recording_summary import replay_all, replay_cycle, summarize
+    from wbc_controller.settings.config import load
 
     if plot is not None and other is None:
         raise ConfigurationError("--plot draws a comparison and requires --config")
@@ -38,13 +36,19 @@ def replay(file: Path, number: int | None, other: str | None, plot: Path | None,
         require_libraries("plotly")
     recorded = Recording(file)
     if other is not None:
-        _compare(recorded, other, plot)
+        comparison = compare(recorded, load(other))
+        click.echo(str(comparison))
+        if plot is not None:
+            comparison.plot(plot, f"{recorded.path.name}: as recorded, and with {other}")
+            click.echo(f"plots: {plot}")
     elif number is not None:
-        _explain(recorded, number)
+        click.echo(replay_cycle(recorded, number))
     else:
         click.echo(summarize(recorded))
         if not only_tell:
-            sys.exit(_solve(recorded))
+            text, good = replay_all(recorded)
+            click.echo(f"\n{text}")
+            sys.exit(0 if good else DIFFERENT)
 
 
 @click.command()
@@ -62,58 +66,3 @@ def report(file: Path, out: Path | None) -> None:
     if notes:
         click.echo(notes)
     click.echo(f"report: {path}")
-
-
-def _solve(recorded: "Recording") -> int:
-    from wbc_controller.recording.replay.cycle_replay import Replay
-
-    run = Replay(recorded)
-    count, different, worst, exact = 0, 0, 0.0, True
-    first = ""
-    for solved in run.run():
-        count += 1
-        if not solved.is_identical:
-            different += 1
-            worst, exact = max(worst, solved.difference), exact and not solved.exact
-            first = first or f"the first is cycle {solved.cycle.number} at {recorded.elapsed(solved.cycle.time):.3f} s"
-    click.echo()
-    if run.skipped:
-        click.echo(
-            f"{run.skipped} cycles skipped: their requests or the controller's memory before them are not recorded"
-        )
-    if not different:
-        click.echo(f"{count} cycles replayed: all torques are equal bit for bit")
-        return 0 if count else DIFFERENT
-    reason = "" if not exact else " (the solver does not expose its warm start: only whole recordings are exact)"
-    click.echo(f"{count} cycles replayed: {different} differ, by up to {worst:.3g} N·m; {first}{reason}")
-    return 0 if exact else DIFFERENT
-
-
-def _explain(recorded: "Recording", number: int) -> None:
-    from wbc_controller.recording.replay.cycle_replay import Replay
-    from wbc_controller.recording.replay.recording_summary import explain_cycle
-
-    if not recorded.first <= number <= recorded.last:
-        raise ConfigurationError(f"--cycle {number}: valid: {recorded.first} to {recorded.last}")
-    run = Replay(recorded)
-    for solved in run.run(number, number):
-        if solved.cycle.number == number:
-            click.echo(explain_cycle(solved, recorded, run.controller))
-            return
-    known = recorded.memory_after(number)
-    raise ConfigurationError(
-        f"--cycle {number}: the cycle or the controller's memory before it is not recorded; "
-        + (f"valid: from {known} on" if known is not None else "no later cycle can be replayed")
-    )
-
-
-def _compare(recorded: "Recording", other: str, plot: Path | None) -> None:
-    from wbc_controller.recording.replay.comparison import compare
-    from wbc_controller.settings.config import load
-
-    config = load(other)
-    comparison = compare(recorded, config)
-    click.echo(str(comparison))
-    if plot is not None:
-        comparison.plot(plot, f"{recorded.path.name}: as recorded, and with {other}")
-        click.echo(f"plots: {plot}")

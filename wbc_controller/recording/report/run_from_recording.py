@@ -96,8 +96,8 @@ def make_run_data(recording: Recording, controller: ControlCycle, *, largest: in
     reference = np.full((len(q), 3), np.nan)
     for name in [name for name, task in settings.tasks.items() if isinstance(task, ComTask)][:1]:
         reference = np.where(shown[f"weight/{name}"][:, None] > 0.0, shown[f"position/{name}"], np.nan)
-    sizes = {name: 3 if isinstance(each, PointContact | RollingContact) else 6
-             for name, each in settings.contacts.items()}  # fmt: skip
+    specs = settings.contacts
+    sizes = {name: 3 if isinstance(each, PointContact | RollingContact) else 6 for name, each in specs.items()}
     return RunData(
         robot=str(recording.about["robot"]),
         actuators=model.actuators,
@@ -116,10 +116,8 @@ def make_run_data(recording: Recording, controller: ControlCycle, *, largest: in
             name: _latest(np.array(times), np.array(wrenches), stamps)[:, : sizes[name]]
             for name, (times, wrenches) in other.wrenches.items()
         },
-        supports=collect_supports(settings.contacts),
-        friction={
-            name: each.friction for name, each in settings.contacts.items() if not isinstance(each, FixedContact)
-        },
+        supports=collect_supports(specs),
+        friction={name: each.friction for name, each in specs.items() if not isinstance(each, FixedContact)},
         cycle_seconds=table["seconds/total"],
         stage_seconds={
             stage: table[f"seconds/{stage}"]

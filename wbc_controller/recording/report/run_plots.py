@@ -49,17 +49,11 @@ def friction_use(wrench: Array, coefficient: float) -> Array:
 
 
 def _com(run: RunData) -> Plot:
-    panels = [
-        Panel(
-            f"{axis} [m]",
-            [
-                Line("centre of mass", run.time, run.com[:, i], BLUE),
-                Line("reference", run.time, run.com_reference[:, i], ORANGE, dash="dash", width=1.4),
-            ],
-            span=0.02,
-        )
-        for i, axis in enumerate("xyz")
-    ]
+    panels = []
+    for i, axis in enumerate("xyz"):
+        com = Line("centre of mass", run.time, run.com[:, i], BLUE)
+        reference = Line("reference", run.time, run.com_reference[:, i], ORANGE, dash="dash", width=1.4)
+        panels.append(Panel(f"{axis} [m]", [com, reference], span=0.02))
     return _over_time(run, "com", "Centre of mass", "Position in the world, and its reference.", panels, 500)
 
 
@@ -81,13 +75,9 @@ def _forces(run: RunData) -> Plot:
         if name in run.true_wrenches:  # below the other line
             lines.insert(0, Line("force of the ground", run.time, run.true_wrenches[name][:, 2], ORANGE, width=1.2))
         panels.append(Panel(f"{name.replace('_', ' ')}<br>f<sub>z</sub> [N]", lines, from_zero=True))
-    caption = "Force in the solution of the quadratic program" + (
-        ", and true force of the ground," if run.true_wrenches else ""
-    )
-    return _over_time(
-        run, "forces", "Vertical contact forces", f"{caption} along each contact's normal.", panels,
-        110 + 145 * len(panels),
-    )  # fmt: skip
+    truth = ", and true force of the ground," if run.true_wrenches else ""
+    caption = f"Force in the solution of the quadratic program{truth} along each contact's normal."
+    return _over_time(run, "forces", "Vertical contact forces", caption, panels, 110 + 145 * len(panels))
 
 
 def _friction(run: RunData) -> Plot:
@@ -108,9 +98,8 @@ def _friction(run: RunData) -> Plot:
 def _errors(run: RunData) -> Plot:
     lines = [Line(name.replace("_", " "), run.time, error) for name, error in run.task_errors.items()]
     caption = "Norm of each task's error, in m for positions and rad for orientations."
-    return _over_time(
-        run, "errors", "Task errors", caption, [Panel("error [m or rad]", lines, from_zero=True)], 280
-    )  # fmt: skip
+    panel = Panel("error [m or rad]", lines, from_zero=True)
+    return _over_time(run, "errors", "Task errors", caption, [panel], 280)
 
 
 def _audit(run: RunData) -> Plot:
@@ -150,9 +139,8 @@ def _stages(run: RunData) -> Plot:
         Series("median", names, median, BLUE, "bar", [f"{value:.3f} ms" for value in median]),
         Series("99th percentile", names, p99, ORANGE, "line-ns", [f"{value:.3f} ms" for value in p99]),
     ]
-    return Plot(
-        "stages", "Stages of a cycle", "Duration of each stage.", by_category(series, axis="time in one cycle [ms]")
-    )
+    figure = by_category(series, axis="time in one cycle [ms]")
+    return Plot("stages", "Stages of a cycle", "Duration of each stage.", figure)
 
 
 def _over_time(run: RunData, key: str, title: str, caption: str, panels: list[Panel], height: int) -> Plot:

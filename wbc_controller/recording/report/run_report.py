@@ -35,10 +35,10 @@ def write_run_report(run: RunData, model: RobotModel, path: Path, *, kind: str, 
     Errors as for `make_motion` and `write_page`.
     """
     missed = [result.name for result in run.results if not result.passed]
-    count = len(run.results)
-    verdict = (
-        f"{len(missed)} of {count} targets missed: {', '.join(missed)}." if missed else f"All {count} targets met."
-    )
+    rows = [((each.name, each.target, each.measured), each.passed) for each in run.results]
+    verdict = f"All {len(rows)} targets met." if rows else "No targets were checked in this run."
+    if missed:
+        verdict = f"{len(missed)} of {len(rows)} targets missed: {', '.join(missed)}."
     facts = {"Simulated" if run.true_wrenches else "Recorded": f"{run.duration:.1f} s"}
     facts["Actuators"] = str(len(run.actuators))
     if len(run.cycle_seconds):
@@ -49,18 +49,12 @@ def write_run_report(run: RunData, model: RobotModel, path: Path, *, kind: str, 
         PageReport(
             title=run.robot,
             kind=kind,
-            verdict=verdict if count else "No targets were checked in this run.",
-            passed=not missed if count else None,
+            verdict=verdict,
+            passed=not missed if rows else None,
             note=note,
             facts=facts,
             motion=make_motion(run, model),
-            table=ResultTable(
-                "Results",
-                ("Check", "Target", "Measured"),
-                [((each.name, each.target, each.measured), each.passed) for each in run.results],
-            )
-            if count
-            else None,
+            table=ResultTable("Results", ("Check", "Target", "Measured"), rows) if rows else None,
             plots=run_plots(run),
             footer="Click in a plot to show the motion at that time. Drag to zoom in, double-click to zoom out.",
         ),
