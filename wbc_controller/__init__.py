@@ -32,8 +32,7 @@ if TYPE_CHECKING:
     from wbc_controller.simulation.bridges import MujocoInterface, state_from_joints
     from wbc_controller.simulation.simulation import Simulation
 
-#: Version of the package, its wheel and its recordings; package.xml and CITATION.cff repeat it.
-__version__ = "0.1.0"
+__version__ = "0.1.0"  # version of the package, its wheel and its recordings; package.xml and CITATION.cff repeat it
 
 #: Public names by module, imported on first use: MuJoCo is optional.
 _NAMES = {

@@ -51,8 +51,7 @@ StridedVector: TypeAlias = Annotated[_Reals, types.Array(types.float64, 1, "A", 
 StridedMatrix: TypeAlias = Annotated[_Reals, types.Array(types.float64, 2, "A", readonly=True, aligned=False)]
 Indices: TypeAlias = Annotated[_Integers, types.Array(types.int64, 1, "C", readonly=True)]
 IndexMatrix: TypeAlias = Annotated[_Integers, types.Array(types.int64, 2, "C", readonly=True)]
-#: Output arrays.
-OutIndices: TypeAlias = Annotated[_Integers, types.Array(types.int64, 1, "C")]
+OutIndices: TypeAlias = Annotated[_Integers, types.Array(types.int64, 1, "C")]  # output arrays
 OutVector: TypeAlias = Annotated[_Reals, types.Array(types.float64, 1, "C")]
 OutMatrix: TypeAlias = Annotated[_Reals, types.Array(types.float64, 2, "C")]
 OutStridedMatrix: TypeAlias = Annotated[_Reals, types.Array(types.float64, 2, "A")]
@@ -75,10 +74,8 @@ _log = logging.getLogger(__name__)
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _PACKAGE = Path(__file__).resolve().parent
 _SCALARS = {float: types.float64, complex: types.complex128, int: types.int64, bool: types.boolean}
-#: Compilation time that causes a warning, s.
-_SLOW = 1.0
-#: Compiled or loaded functions.
-_compiled_names: list[str] = []
+_SLOW = 1.0  # compilation time that causes a warning, s
+_compiled_names: list[str] = []  # compiled or loaded functions
 
 #: Decorator of a function compiled into its callers.
 part: Callable[[_Function], _Function] = numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)

@@ -150,8 +150,7 @@ class ChangeSettings:
     settings: Mapping[str, Any]
 
 
-#: Requests to the safety supervisor.
-REQUESTS = ("activate", "deactivate", "damp", "reset", "estop")
+REQUESTS = ("activate", "deactivate", "damp", "reset", "estop")  # requests to the safety supervisor
 
 
 class Mode(str, enum.Enum):

@@ -75,8 +75,7 @@ TASK_TYPES: Mapping[str, Mapping[str, str]] = {
     "torque": {"setpoint": _JOINTS},
 }
 
-#: Task-dependent types; ``value`` of motion tasks has the setpoint's type.
-BY_TASK = ("setpoint", "trajectory", "value")
+BY_TASK = ("setpoint", "trajectory", "value")  # task-dependent types; ``value`` of motion tasks has the setpoint's type
 
 _IN, _OUT = Direction.IN, Direction.OUT
 

@@ -38,8 +38,7 @@ from wbc_controller.settings import Settings
 
 _LONGEST_REASON = 300  # of a refusal, characters
 
-#: Shortest time between two log lines, s.
-_WARNING_PERIOD = 1.0
+_WARNING_PERIOD = 1.0  # shortest time between two log lines, s
 _RECHECK_DELAY = 0.001  # in which late commands of a busy computer can still arrive, s
 
 _CONTROLLER_KEYS = ("joint_commands", "controller_state")  # topics of the controller alone

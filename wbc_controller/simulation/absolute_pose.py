@@ -12,8 +12,7 @@ from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 from wbc_controller.simulation.measurement import Measurement
 
-#: Resolution of times, s.
-_SAME = 1e-9
+_SAME = 1e-9  # resolution of times, s
 
 
 class PoseSource:

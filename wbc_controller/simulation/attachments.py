@@ -18,12 +18,9 @@ from wbc_controller.records import Array
 from wbc_controller.settings.contacts import ContactSettings, FixedContact, LoopSettings
 from wbc_controller.simulation.shapes import wxyz
 
-#: Distance between the two points of a hinge, m.
-HINGE_LENGTH = 0.1
-#: Torque scale of welds, m: equal stiffness of rotation and translation.
-_TORQUE_SCALE = 1.0
-#: Largest part of a redundant row outside the span of other rows.
-_REDUNDANT = 1.0e-6
+HINGE_LENGTH = 0.1  # distance between the two points of a hinge, m
+_TORQUE_SCALE = 1.0  # torque scale of welds, m: equal stiffness of rotation and translation
+_REDUNDANT = 1.0e-6  # largest part of a redundant row outside the span of other rows
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,8 +14,7 @@ from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
 from wbc_controller.inverse_dynamics.tasks.form import unit_quaternion
 from wbc_controller.records import Array
 
-#: ``mjtJoint.mjJNT_FREE``.
-_FREE = 0
+_FREE = 0  # ``mjtJoint.mjJNT_FREE``
 
 
 def state_from_joints(

@@ -12,8 +12,7 @@ from wbc_controller.records import Array
 from wbc_controller.settings.contacts import ContactSettings
 from wbc_controller.simulation.mechanism import ON_THE_FLOOR, geom_names
 
-#: Distance beyond any geom, m.
-_FAR = 1.0e3
+_FAR = 1.0e3  # distance beyond any geom, m
 
 
 class ContactForces:

@@ -9,10 +9,8 @@ import pinocchio as pin
 from wbc_controller.simulation.mechanism import HOIST, IMPEDANCE, STIFF_STEPS
 from wbc_controller.simulation.shapes import wxyz
 
-#: Duration of engaging or releasing, s.
-RAMP = 0.3
-#: Speeds of the return to the start, m/s and rad/s.
-SPEED, TURN = 0.5, 1.0
+RAMP = 0.3  # duration of engaging or releasing, s
+SPEED, TURN = 0.5, 1.0  # speeds of the return to the start, m/s and rad/s
 
 
 class Hoist:

@@ -11,8 +11,7 @@ from wbc_controller.middleware.codec import odometry, pose_with_covariance
 from wbc_controller.records import Array
 from wbc_controller.simulation.plant import Plant
 
-#: Reference frame of poses.
-WORLD_FRAME = "world"
+WORLD_FRAME = "world"  # reference frame of poses
 #: Streams in the order of sending; joint states are last, as they trigger a cycle.
 STREAMS = ("clock", "odom", "imu", "pose", "joint_states")
 

@@ -29,18 +29,13 @@ _log = logging.getLogger(__name__)
 
 HOIST = "hoist"
 FLOOR = "floor"
-#: Time constant of contacts, joint stops and hoist, in simulation steps, at least two.
-STIFF_STEPS = 4.0
-#: MuJoCo's impedance; below 1, redundant contacts are well posed.
-IMPEDANCE = 0.98
-#: Half side and half thickness of the slab of a contact between two links, m.
-SLAB, SLAB_DEPTH = 0.15, 0.01
+STIFF_STEPS = 4.0  # time constant of contacts, joint stops and hoist, in simulation steps, at least two
+IMPEDANCE = 0.98  # MuJoCo's impedance; below 1, redundant contacts are well posed
+SLAB, SLAB_DEPTH = 0.15, 0.01  # half side and half thickness of the slab of a contact between two links, m
 #: Mass of a link without inertia, as a share of the robot's, and inertia per mass, m²; MuJoCo refuses zero.
 _BARE_MASS, _BARE_INERTIA = 1.0e-6, 1.0e-2
-#: Collision bit of the ground: floor and terrain.
-ON_THE_FLOOR = 1
-#: Stiffness of friction relative to the normal direction, against creep.
-FRICTION_STIFFNESS = 10.0
+ON_THE_FLOOR = 1  # collision bit of the ground: floor and terrain
+FRICTION_STIFFNESS = 10.0  # stiffness of friction relative to the normal direction, against creep
 _WORLD, _WORLD_ALIAS = "world", "<world>"
 
 

@@ -36,14 +36,10 @@ from wbc_controller.simulation.plant import Plant
 from wbc_controller.simulation.sensors import PARTS, ImperfectSensors
 from wbc_controller.simulation.speed import Speed
 
-#: Rate of contact wrenches and transform for viewers, Hz of simulated time.
-SLOW_RATE = 100.0
-#: Wall time between repetitions of an unanswered state in lockstep, s.
-REPUBLISH_AFTER = 0.05
-#: Lateness that restarts the real-time schedule, s.
-MAX_LATE = 0.2
-#: Switch interval of the interpreter, s: torques must not wait for the physics.
-_SWITCH_INTERVAL = 1.0e-4
+SLOW_RATE = 100.0  # rate of contact wrenches and transform for viewers, Hz of simulated time
+REPUBLISH_AFTER = 0.05  # wall time between repetitions of an unanswered state in lockstep, s
+MAX_LATE = 0.2  # lateness that restarts the real-time schedule, s
+_SWITCH_INTERVAL = 1.0e-4  # switch interval of the interpreter, s: torques must not wait for the physics
 #: Simulated time without torques before a patient robot waits, s, and wall time of the wait, s.
 LEAST_LEAD, PATIENCE = 0.01, 3.0
 

@@ -14,8 +14,7 @@ from wbc_controller.settings.resources import read_text
 from wbc_controller.simulation.faults.catalogue import read_faults
 from wbc_controller.simulation.mock_robot import MockRobot
 
-#: Largest file of faults, characters.
-_LARGEST_SCRIPT = 1_000_000
+_LARGEST_SCRIPT = 1_000_000  # largest file of faults, characters
 
 _log = logging.getLogger(__name__)
 

@@ -36,10 +36,8 @@ from wbc_controller.simulation.terrain import soften
 
 _log = logging.getLogger(__name__)
 
-#: Largest force or torque of a push, N or N·m.
-PUSH_LIMIT = 1.0e5
-#: Longest push, s.
-_LONGEST_PUSH = 86_400.0
+PUSH_LIMIT = 1.0e5  # largest force or torque of a push, N or N·m
+_LONGEST_PUSH = 86_400.0  # longest push, s
 #: Tilt, rad, and share of the initial height above the lowest foot of a fallen base (of the centre of mass, if higher).
 FALLEN_TILT, FALLEN_HEIGHT = math.radians(70.0), 0.5
 #: Height from which the robot is lowered to the ground at its start, m; accuracy, m, and most steps.

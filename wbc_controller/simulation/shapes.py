@@ -21,22 +21,14 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
 from wbc_controller.records import Array
 
-#: Radius of the balls at the corners of a sole, m.
-CORNER_RADIUS = 0.001
-#: Half thickness of a wheel's rim, m.
-RIM_RADIUS = 0.001
-#: Unevenness of a flat sole, m; its hull would rock.
-SOLE_DEPTH = 0.002
-#: Height of the tip to which a ball is fitted, m.
-TIP_DEPTH = 0.008
-#: Unevenness of a round tip, m; its facets would jump.
-TIP_ERROR = 0.001
-#: Largest number of corners of a sole.
-MOST_CORNERS = 12
-#: Least cosine between equal sole normals, 3°.
-_PARALLEL = 0.9986
-#: Least radius and half thickness of a shape, m.
-_LEAST_SIZE = 0.0005
+CORNER_RADIUS = 0.001  # radius of the balls at the corners of a sole, m
+RIM_RADIUS = 0.001  # half thickness of a wheel's rim, m
+SOLE_DEPTH = 0.002  # unevenness of a flat sole, m; its hull would rock
+TIP_DEPTH = 0.008  # height of the tip to which a ball is fitted, m
+TIP_ERROR = 0.001  # unevenness of a round tip, m; its facets would jump
+MOST_CORNERS = 12  # largest number of corners of a sole
+_PARALLEL = 0.9986  # least cosine between equal sole normals, 3°
+_LEAST_SIZE = 0.0005  # least radius and half thickness of a shape, m
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,8 +17,7 @@ from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config, load
 from wbc_controller.simulation.plant import Plant
 
-#: Longest simulation by one call, s.
-_LONGEST_RUN = 86_400.0
+_LONGEST_RUN = 86_400.0  # longest simulation by one call, s
 
 
 class Simulation:

@@ -3,10 +3,8 @@
 import logging
 from collections.abc import Callable
 
-#: Averaging time, s of wall time.
-_WINDOW = 5.0
-#: Shares of the requested speed with hysteresis: too low, sufficient again.
-_LOW, _ENOUGH = 0.9, 0.95
+_WINDOW = 5.0  # averaging time, s of wall time
+_LOW, _ENOUGH = 0.9, 0.95  # shares of the requested speed with hysteresis: too low, sufficient again
 
 _log = logging.getLogger(__name__)
 

@@ -15,10 +15,8 @@ from wbc_controller.records import Array
 from wbc_controller.settings.service import TerrainSettings
 from wbc_controller.simulation.shapes import wxyz
 
-#: Prefix of the names of blocks' geoms.
-TERRAIN = "terrain/"
-#: Impedance of soft ground: it adds d / (1 - d) of the mass of a foot.
-SOFT_IMPEDANCE = 0.5
+TERRAIN = "terrain/"  # prefix of the names of blocks' geoms
+SOFT_IMPEDANCE = 0.5  # impedance of soft ground: it adds d / (1 - d) of the mass of a foot
 
 
 def blocks(terrain: TerrainSettings) -> list[tuple[pin.SE3, Array]]:

@@ -19,8 +19,7 @@ from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 from wbc_controller.settings.tasks import FramePoseTask
 
-#: Amplitude of the sway: share of the distance to the support's edge, and maximum, m.
-_SWAY, _LARGEST_SWAY = 0.4, 0.04
+_SWAY, _LARGEST_SWAY = 0.4, 0.04  # amplitude of the sway: share of the distance to the support's edge, and maximum, m
 _SQUAT = 0.12  # depth of the squat: share of the height of the centre of mass
 #: Impulse of a push: share of m ω d, which moves the capture point to the support's edge; and maximum speed change,
 #: m/s.

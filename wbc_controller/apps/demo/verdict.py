@@ -12,8 +12,7 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.recording.report.run_data import Result, RunData, heading, mean_velocity
 from wbc_controller.records import Array
 
-#: Largest mean velocity after a stop, m/s and rad/s.
-_STANDING = 0.005
+_STANDING = 0.005  # largest mean velocity after a stop, m/s and rad/s
 
 
 def reference_of(run: RunData, director: Director) -> Array:

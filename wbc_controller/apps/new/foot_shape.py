@@ -24,8 +24,7 @@ _LAYERS, _LAYER_SHARE = (2.0e-4, 1.0e-3, 3.0e-3), 0.6
 _RECTANGLE = 0.97  # share of the bounding rectangle
 _MOST_CORNERS = 8  # largest number of corners of a sole; a contact may have 12
 _LINE = 1.0e-3  # smallest width of a plane set of points, as a share of its length
-#: Smallest radius of a wheel's rim as a share of the largest, and number of checked sectors.
-_ROUND, _SECTORS = 0.97, 24
+_ROUND, _SECTORS = 0.97, 24  # smallest radius of a wheel's rim as a share of the largest, and number of checked sectors
 _CONTINUOUS_RANGE = 1.9 * np.pi  # smallest range of a continuous joint, rad
 #: Largest deviation of a ball from a sphere, as a share of the radius, and largest radius, m.
 _BALL, _LARGEST_BALL = 0.15, 0.15

@@ -20,8 +20,7 @@ _SRDF_MARGIN = 0.03  # from the limits, rad; above the default of ``limits.posit
 #: Distance of a computed posture from the limits: share of the range, and maximum, rad.
 _MARGIN, _LARGEST_MARGIN = 0.1, 0.2
 _NOTED_CHANGE = 1.0e-3  # smallest noted change, rad
-#: Number of sampled arm postures, and largest distance from the middle of a range, rad.
-_SAMPLES, _SPREAD = 400, 1.0
+_SAMPLES, _SPREAD = 400, 1.0  # number of sampled arm postures, and largest distance from the middle of a range, rad
 
 Postures = Mapping[str, Mapping[str, float]]  # postures of an SRDF: joint positions in rad by name
 

@@ -32,8 +32,7 @@ _MODE_BUTTONS = (
 )
 _MAX_FRICTION = 0.5  # maximum of the slider of `slippery_floor`
 _DURATION = 3600.0  # s
-#: Messages per second of a held button.
-_WALK_RATE = 10.0
+_WALK_RATE = 10.0  # messages per second of a held button
 #: Label, first value, and default maximum of each slider, m/s or rad/s.
 _SLIDERS = (("Forward [m/s]", 0.2, 0.5), ("To the left [m/s]", 0.0, 0.3), ("Turn left [rad/s]", 0.0, 0.5))
 

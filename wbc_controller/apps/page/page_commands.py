@@ -13,8 +13,7 @@ from wbc_controller.extras import require_libraries
 from wbc_controller.nodes.signals import set_by_signals
 from wbc_controller.settings.service import SensorQuality
 
-#: Libraries of the page.
-_LIBRARIES = ("viser", "msgspec", "websockets", "trimesh", "fast_simplification")
+_LIBRARIES = ("viser", "msgspec", "websockets", "trimesh", "fast_simplification")  # libraries of the page
 _PORT = click.option("--port", default=8080, show_default=True, type=click.IntRange(0, 65535),
                      help="Port of the page; the next free port if it is in use.")  # fmt: skip
 _HOST = click.option("--host", default="127.0.0.1", show_default=True,

@@ -107,8 +107,7 @@ class SceneNodeDragMessage(_Message):
     owner: Literal[""] = ""
 
 
-#: Messages of a read-only page, and of a page that may command.
-WATCHING = ViewerCameraMessage | GuiUpdateMessage
+WATCHING = ViewerCameraMessage | GuiUpdateMessage  # messages of a read-only page, and of a page that may command
 COMMANDING = (
     WATCHING
     | GuiButtonHoldMessage

@@ -56,8 +56,7 @@ _Process = Callable[[ServerConnection, Request], Response | None]
 
 _log = logging.getLogger(__name__)
 
-#: Rate limit, messages per second, and burst; a page sends at most 90 per second.
-RATE, BURST = 300.0, 300.0
+RATE, BURST = 300.0, 300.0  # rate limit, messages per second, and burst; a page sends at most 90 per second
 
 
 class RateLimit:

@@ -15,8 +15,7 @@ from wbc_controller.apps.terminal.session import Session
 from wbc_controller.middleware.codec import encode
 from wbc_controller.middleware.setpoints import velocity_message
 
-#: Time between two messages, s.
-PERIOD = 0.1
+PERIOD = 0.1  # time between two messages, s
 #: Direction forward, to the left and turning, by key.
 DIRECTIONS: Mapping[str, tuple[int, int, int]] = {
     "u": (1, 0, 1), "i": (1, 0, 0), "o": (1, 0, -1),
@@ -28,8 +27,7 @@ DIRECTIONS: Mapping[str, tuple[int, int, int]] = {
     "w": (1, 0, 0), "a": (0, 1, 0), "s": (-1, 0, 0), "d": (0, -1, 0),
     "\x1b[A": (1, 0, 0), "\x1b[B": (-1, 0, 0), "\x1b[C": (0, 0, -1), "\x1b[D": (0, 0, 1),
 }  # fmt: skip
-#: Change of both speeds by key.
-_FASTER = {"q": 1.1, "z": 1.0 / 1.1}
+_FASTER = {"q": 1.1, "z": 1.0 / 1.1}  # change of both speeds by key
 _ARROW = 3  # characters of an arrow key: escape, '[' or 'O', letter
 _ACKNOWLEDGMENT = 1.0  # longest wait for that of the last message, s
 KEYS = """\

@@ -40,8 +40,7 @@ class Request:
     subject: str  # task or contact, or empty
     summary: str  # effect in words, without a full stop
     make: Callable[[ReadMessage], Any]  # may read messages of the nodes
-    #: Frame to be checked by the sender, as the mock robot only logs an error; or empty.
-    frame: str = ""
+    frame: str = ""  # frame to be checked by the sender, as the mock robot only logs an error; or empty
 
 
 def parse_request(words: Sequence[str], settings: Settings) -> Request:

@@ -49,8 +49,7 @@ _INTERNAL = (
 _COMPATIBILITY = "<Compatibility><IgnoreTypeInformation>1.15</IgnoreTypeInformation></Compatibility>"
 
 
-#: Ranges of a participant's automatic discovery.
-DISCOVERY_RANGES = ("SUBNET", "LOCALHOST", "OFF", "SYSTEM_DEFAULT")
+DISCOVERY_RANGES = ("SUBNET", "LOCALHOST", "OFF", "SYSTEM_DEFAULT")  # ranges of a participant's automatic discovery
 
 
 @dataclass(frozen=True, slots=True)

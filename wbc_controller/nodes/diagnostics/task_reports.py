@@ -16,8 +16,7 @@ from wbc_controller.records import Array, References, Solution
 
 _MIN_ERROR = {"m": 0.01, "rad": 0.05}  # by unit of position and orientation
 _MIN_NORM = min(_MIN_ERROR.values())  # of a task near its reference, in any unit
-#: Largest relative change of the error of a task at rest, and duration of the rest, s.
-_MAX_CHANGE, _TIMEOUT = 0.02, 1.0
+_MAX_CHANGE, _TIMEOUT = 0.02, 1.0  # largest relative change of the error of a task at rest, and duration of the rest, s
 _MINOR_WEIGHT = 0.01  # share of the largest weight; lighter tasks are ignored
 _MAX_CONSTRAINTS = 3  # largest number of named constraints
 #: Names of the constraints of joints and actuators, and of contacts.

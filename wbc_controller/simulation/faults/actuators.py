@@ -11,8 +11,7 @@ from wbc_controller.simulation.faults.fault import Effect, Fault, FaultContext, 
 from wbc_controller.simulation.mechanism import add_friction
 
 _PLACE = "actuators"
-#: Reference torque of joints without actuator, N·m.
-_NO_LIMIT = 100.0
+_NO_LIMIT = 100.0  # reference torque of joints without actuator, N·m
 
 
 class _AllActuators(Fault):

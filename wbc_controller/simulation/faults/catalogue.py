@@ -27,10 +27,8 @@ KINDS: Mapping[str, type[Fault]] = {
     for module in (joint_sensors, base_sensors, delivery, stamps, actuators, world)
     for kind in kinds_of(module)
 }
-#: Ratio of a range's ends above which its logarithm is drawn.
-_WIDE = 15.0
-#: Largest number of faults in one text.
-_MOST = 100
+_WIDE = 15.0  # ratio of a range's ends above which its logarithm is drawn
+_MOST = 100  # largest number of faults in one text
 _FORM = "a fault is a mapping such as {kind: joint_noise, sigma: 0.01, start: 0.0, duration: 2.0}"
 COMMON = ("start", "duration", "seed")
 

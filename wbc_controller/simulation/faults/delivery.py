@@ -8,12 +8,9 @@ from pydantic import Field
 
 from wbc_controller.simulation.faults.fault import Effect, Fault, FaultContext, QueuedMessage, number
 
-#: Stream of the received torques.
-COMMAND = "effort"
-#: Maps one message to the delivered messages.
-_Post = Callable[[QueuedMessage], list[QueuedMessage]]
-#: Largest number of stored messages of a replay.
-_MOST_KEPT = 1000
+COMMAND = "effort"  # stream of the received torques
+_Post = Callable[[QueuedMessage], list[QueuedMessage]]  # maps one message to the delivered messages
+_MOST_KEPT = 1000  # largest number of stored messages of a replay
 
 
 class _DeliveryFault(Fault):

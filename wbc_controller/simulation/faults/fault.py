@@ -16,8 +16,7 @@ from wbc_controller.settings.values import Section
 from wbc_controller.simulation.measurement import Measurement
 from wbc_controller.simulation.plant import Plant
 
-#: Largest start and duration, s.
-LONGEST = 3600.0
+LONGEST = 3600.0  # largest start and duration, s
 
 
 class QueuedMessage(NamedTuple):
@@ -74,8 +73,7 @@ class FaultContext:
 class Fault(Section):
     """Parameters of a fault; each kind is a subclass, named in messages like ``joint_noise``."""
 
-    #: Affected part of the robot, a heading of docs/faults.md.
-    place: ClassVar[str] = ""
+    place: ClassVar[str] = ""  # affected part of the robot, a heading of docs/faults.md
 
     start: float = Field(0.0, ge=0.0, le=LONGEST, description="delay of the start", json_schema_extra={"unit": "s"})
     duration: float = Field(1.0, gt=0.0, le=LONGEST, description="duration", json_schema_extra={"unit": "s"})

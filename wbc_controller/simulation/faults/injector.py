@@ -13,10 +13,8 @@ from wbc_controller.simulation.faults.fault import Effect, Fault, FaultContext, 
 from wbc_controller.simulation.measurement import Measurement
 from wbc_controller.simulation.plant import Plant
 
-#: Largest number of planned and active faults.
-MOST = 1000
-#: Resolution of times, s.
-_SAME = 1e-9
+MOST = 1000  # largest number of planned and active faults
+_SAME = 1e-9  # resolution of times, s
 
 
 class Injector:

@@ -7,8 +7,7 @@ from pydantic import Field
 from wbc_controller.simulation.faults.fault import FaultContext, MeasurementFault, number
 from wbc_controller.simulation.measurement import Measurement
 
-#: Largest ROS stamp, ns, and smallest stamp of the mock robot.
-_LAST, _FIRST = (2**31 - 1) * 1_000_000_000, 0
+_LAST, _FIRST = (2**31 - 1) * 1_000_000_000, 0  # largest ROS stamp, ns, and smallest stamp of the mock robot
 
 
 class _TimeFault(MeasurementFault):

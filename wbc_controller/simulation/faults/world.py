@@ -14,10 +14,8 @@ from wbc_controller.simulation.mechanism import FLOOR
 from wbc_controller.simulation.plant import Plant
 from wbc_controller.simulation.shapes import wxyz
 
-#: Duration of a kick, s.
-_KICK = 0.02
-#: Largest penetration of a foot at which the floor returns below it, m.
-_AT_REST = 1.0e-3
+_KICK = 0.02  # duration of a kick, s
+_AT_REST = 1.0e-3  # largest penetration of a foot at which the floor returns below it, m
 
 
 class _WorldFault(Fault):

@@ -25,8 +25,7 @@ _SWAY, _BEAT = 0.03, 0.5  # amplitude of the sway, m, and time between points, s
 _DURATION = 2.0  # duration after the mishap, s
 _LIFT_TIME, _TIMEOUT = 4.0, 5.0  # time for lifting a fallen robot, and timeout of the reactivation, s
 _PULL, _PULL_TIME = 1.5, 0.1  # multiple of the foot's share of the weight, and duration, s
-#: Sliding distance of a foot, m, and largest duration, s.
-_SLIDE, _SLIDE_TIME = 0.05, 0.5
+_SLIDE, _SLIDE_TIME = 0.05, 0.5  # sliding distance of a foot, m, and largest duration, s
 _DRAG, _MOST_DRAG = 20.0, 0.5  # force per missing momentum, 1/s, and its bound, share of the weight
 
 

@@ -9,10 +9,8 @@ from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 from wbc_controller.validation.accuracy.flaws import chatter
 from wbc_controller.walking.gait import Phase
 
-#: Frequency above which torques are chatter, Hz.
-CHATTER = 25.0
-#: Time after a touchdown for the torque rate, and until slip counts, s.
-_AT_TOUCHDOWN, _SETTLING = 0.01, 0.05
+CHATTER = 25.0  # frequency above which torques are chatter, Hz
+_AT_TOUCHDOWN, _SETTLING = 0.01, 0.05  # time after a touchdown for the torque rate, and until slip counts, s
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,12 +12,9 @@ from wbc_controller.settings.service import SensorQuality
 from wbc_controller.validation.accuracy.walks import WalkTrial
 from wbc_controller.walking.gait import Phase
 
-#: Duration of a push, and time after it without a fall, s.
-PUSH, AFTER = 0.1, 3.0
-#: Largest impulse per mass, m/s, and resolution of the bisection as a share of it.
-LARGEST, RESOLUTION = 1.6, 1.0 / 32.0
-#: Even number of steps before the push: then the left foot lifts off.
-_STEPS = 4
+PUSH, AFTER = 0.1, 3.0  # duration of a push, and time after it without a fall, s
+LARGEST, RESOLUTION = 1.6, 1.0 / 32.0  # largest impulse per mass, m/s, and resolution of the bisection as a share of it
+_STEPS = 4  # even number of steps before the push: then the left foot lifts off
 #: Largest change of the velocity along x and y, m/s, and shortest and longest time between changes, s.
 CHANGE, _PAUSE = 0.5, (1.0, 3.0)
 

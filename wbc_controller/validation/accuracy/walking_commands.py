@@ -21,8 +21,7 @@ if TYPE_CHECKING:
 
 #: Headings of the cells of `figures_of`.
 FIGURES = ("torque", "rate at touchdown", "chatter", "slip", "outside the cone")
-#: Required impulse as a multiple of a standing robot's, and in how many directions of 8.
-RATIO, DIRECTIONS = 1.5, 0.75
+RATIO, DIRECTIONS = 1.5, 0.75  # required impulse as a multiple of a standing robot's, and in how many directions of 8
 #: Largest share of falls: of 10 walks on a ground, and of the walks with changes of velocity.
 FALLS, FALLS_BY_CHANGES = 0.1, 0.05
 
@@ -223,5 +222,4 @@ def _write_plot(path: Path, robot: str, angles: Sequence[float], standing: np.nd
     write_page(PageReport(title=robot, kind="wbc accuracy walking-pushes", verdict=caption, plots=[plot]), path)
 
 
-#: Commands of this module.
-WALKING = (walking, walking_grounds, walking_starts, walking_pushes)
+WALKING = (walking, walking_grounds, walking_starts, walking_pushes)  # commands of this module

@@ -28,23 +28,17 @@ COMMANDS: dict[str, dict[str, tuple[float, float, float]]] = {
     "go2": {"forward": (0.8, 0.0, 0.0), "sideways": (0.0, 0.4, 0.0), "turn": (0.0, 0.0, 1.5)},
 }  # fmt: skip
 RANDOM = "random"
-#: Velocity to the left with the command `diagonal`, as a share of that of `forward`.
-DIAGONAL = "diagonal"
+DIAGONAL = "diagonal"  # velocity to the left with the command `diagonal`, as a share of that of `forward`
 _ASIDE = 0.35
 #: Time between two random velocities, between two messages, and until the speed is reached, s.
 _CHANGE, _EVERY, _REACHED = 3.0, 0.1, 4.0
-#: Grounds of the table.
-GROUNDS = ("flat", "uneven", "up", "down", "across", "slippery", "soft")
+GROUNDS = ("flat", "uneven", "up", "down", "across", "slippery", "soft")  # grounds of the table
 #: Difference in height of the cells, upwards and downwards, m, their side, m, and the angle of the slopes, rad.
 UNEVENNESS, CELL, ANGLE = 0.02, 0.4, math.radians(5.0)
-#: Friction of the slippery ground, and stiffness of soft ground, N/m.
-FRICTION, STIFFNESS = 0.4, 2.0e4
-#: Distance of the terrain from the start, and its size, m.
-_AHEAD, _WIDE = 0.5, 30.0
-#: Velocity on terrain, as a share of `forward`.
-SHARE = 0.6
-#: Largest number of steps until the robot has stopped.
-MOST_STEPS = 3
+FRICTION, STIFFNESS = 0.4, 2.0e4  # friction of the slippery ground, and stiffness of soft ground, N/m
+_AHEAD, _WIDE = 0.5, 30.0  # distance of the terrain from the start, and its size, m
+SHARE = 0.6  # velocity on terrain, as a share of `forward`
+MOST_STEPS = 3  # largest number of steps until the robot has stopped
 #: Shortest and longest time of a walk, and of standing, s; longest time of a stop, s.
 _WALK, _STAND, _STOP = (0.5, 4.0), (0.0, 1.0), 6.0
 

@@ -24,8 +24,7 @@ from wbc_controller.validation.lockstep import Lockstep
 
 _ROUNDING, _SAME_TIME = 1.0e-9, 1.0e-6  # rounding tolerance: share of a limit, and time, s
 STALL = 0.02  # largest processor time of a cycle, s
-#: Faults that send zero torques at once, without a rate.
-ZEROS_AT_ONCE = ("ESTOP", UNEXPLAINED_MOTION)
+ZEROS_AT_ONCE = ("ESTOP", UNEXPLAINED_MOTION)  # faults that send zero torques at once, without a rate
 _IN_CONTROL = (Mode.ACTIVE, Mode.HOLDING)  # modes with torques from a solution
 #: Latency that looks like a slow clock without synchronized clocks (docs/safety.md, the age of a state): share of the
 #: elapsed time, and maximum between two messages, s.

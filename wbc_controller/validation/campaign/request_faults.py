@@ -14,8 +14,7 @@ from wbc_controller.simulation.faults.catalogue import kinds_of
 from wbc_controller.simulation.faults.fault import Fault, number
 from wbc_controller.validation.user import User
 
-#: Topics for which random bytes would be a valid request.
-_ANY_BYTES = ("weight", "task_enable", "contact_enable")
+_ANY_BYTES = ("weight", "task_enable", "contact_enable")  # topics for which random bytes would be a valid request
 
 
 @dataclass(slots=True)
@@ -38,8 +37,7 @@ class RequestFault(Fault):
 
     place = "user"
 
-    #: Send in the first period only; else in each period, or each `every`.
-    once: ClassVar[bool] = False
+    once: ClassVar[bool] = False  # send in the first period only; else in each period, or each `every`
 
     def step(self, state: RequestFaultState, com: Array) -> None:
         """Execute one period; `com`: present centre of mass, (3,) in m."""

@@ -6,8 +6,7 @@ import time
 from collections import deque
 from pathlib import Path
 
-#: Smallest lateness that counts as a fault's cause, as a share of its time limit.
-MACHINE = 0.5
+MACHINE = 0.5  # smallest lateness that counts as a fault's cause, as a share of its time limit
 
 
 class Lateness:

@@ -37,8 +37,7 @@ _MESSAGES_PER_SILENCE = 25  # messages
 _SILENT_PERIODS = 40  # periods, above the guard's patience
 _MESSAGES_PER_RESET = 100  # messages
 _SETTLING = 0.1  # of the estimator, s; short for short episodes
-#: Time between two states during the first absolute poses, s; below IMU gaps.
-_POSE_PERIOD = 0.05
+_POSE_PERIOD = 0.05  # time between two states during the first absolute poses, s; below IMU gaps
 
 
 class GuardTarget(Target):

@@ -20,8 +20,7 @@ from wbc_controller.simulation.simulation import Simulation
 
 DURATION = 2.0  # s
 MAX_EXCESS = 0.02  # largest excess over a position limit, rad or m
-#: Time after an impact on the floor without a check, s.
-_IMPACT_TIME = 0.02
+_IMPACT_TIME = 0.02  # time after an impact on the floor without a check, s
 _IN_CONTROL = (Mode.ACTIVE, Mode.HOLDING)  # modes with torques from solutions
 
 _log = logging.getLogger("wbc_controller")
