@@ -299,6 +299,7 @@ def test_a_description_that_cannot_be_used_is_refused(urdf, said):
     assert said in str(caught.value)
 
 
+@pytest.mark.live
 def test_the_urdf_may_come_by_topic(robot_of, make, changed):
     settings, model = robot_of("go2")
     settings = changed(settings, {"robot": {"urdf": ""}})
