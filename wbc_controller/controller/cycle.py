@@ -276,7 +276,6 @@ class ControlCycle:
         return starts
 
     def _request(self, word: str, now: float, problem: Fault | None) -> bool:
-        """Pass a request to the supervisor; a walking robot stops before it deactivates."""
         if word == "deactivate" and self.walker is not None and self.walker.moves and self.supervisor.solving:
             self.walker.leave()
             return False
@@ -309,7 +308,6 @@ class ControlCycle:
             self.board.forces = self._solution.forces
 
     def _apply_live_settings(self, time: float | None) -> None:
-        """Apply the newest settings, along ramps if the controller is active."""
         newest = self.live.newest
         if newest is not self._live:
             self._update_contact_forces()
@@ -399,7 +397,6 @@ class ControlCycle:
         return decision.references
 
     def _add_disturbance(self, state: RobotState, references: References, refused: list[str]) -> References:
-        """Add the disturbance to the references; report each contact that becomes unloaded."""
         unloaded = self.model_error.unloaded_contacts
         disturbance = self.model_error.update(state)
         if self.model_error.unloaded_contacts is not unloaded:

@@ -199,6 +199,5 @@ def plot(results: Sequence[CycleResult]) -> Any:
 
 
 def _columns(rows: Sequence[Mapping[str, float]], scale: float = 1.0) -> dict[str, Array]:
-    """Return series by name from the values of each cycle; missing values are NaN."""
     names = dict.fromkeys(name for row in rows for name in row)
     return {name: scale * np.array([row.get(name, math.nan) for row in rows]) for name in names}

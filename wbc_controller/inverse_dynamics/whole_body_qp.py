@@ -197,7 +197,6 @@ class WholeBodyQP:
         state: RobotState,
         tau_before: Array | None,
     ) -> tuple[Layout, References, Answer]:
-        """Release contacts that slip or prevent a joint from stopping; keep the better solution."""
         lost = slipping_contacts(self.formulation, layout)
         given_up = {*lost, *contacts_preventing_stop(self.formulation, layout, value)}
         if not given_up:
@@ -220,7 +219,6 @@ class WholeBodyQP:
         return lifted, without, other
 
     def _solve_with_relaxation(self, layout: Layout, references: References) -> Answer:
-        """Solve a problem with the least relaxation."""
         current = self._current
         solver = current[1] if current is not None and current[0] is layout else self._solver_of(layout)
         answer = self._solve_levels(layout) if self._priorities else solver.solve(layout.problem)

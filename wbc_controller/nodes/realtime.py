@@ -108,7 +108,6 @@ def _set_scheduling(name: str, priority: int) -> None:
 
 
 def _limit_wakeup_latency(latency: int) -> None:
-    """Limit the wake-up latency of the processors, µs, until the process ends."""
     key = f"{_KEY}.cpu_dma_latency = {latency}"
     try:
         if not _latency_file:

@@ -134,7 +134,6 @@ def _require_text(urdf: Any) -> None:
 
 
 def _ordered(posture: Mapping[str, Any], joints: Sequence[str]) -> list[Any]:
-    """Return the values of a posture by joint in the order of the joints."""
     require_known(posture, joints, "robot.posture:", " is not in robot.joints")
     missing = [name for name in joints if name not in posture]
     if missing:

@@ -421,7 +421,6 @@ class Plant:
         self._stale = False
 
     def _shapes(self, folder: Path | None, normal: Array) -> dict[int, list[Shape]]:
-        """Read the shapes that touch the floor; warn of contacts without any."""
         if not self.contacts:
             return {}
         soles: dict[int, list[Array]] = {}

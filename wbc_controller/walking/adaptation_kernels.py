@@ -46,7 +46,6 @@ def descent_time(height: float, speed: float) -> float:
 
 @part
 def _within_reach(place: complex, stance: complex, axes: complex, side: int, sizes: StepSizes) -> complex:
-    """Clip a place to the longest step and the smallest and largest width."""
     local = (place - stance) / axes
     x = max(-sizes.length, min(sizes.length, local.real))
     y = max(sizes.least_width, min(sizes.greatest_width, side * local.imag))

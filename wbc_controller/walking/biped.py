@@ -267,7 +267,6 @@ class BipedWalker(Walker):
         return stance, step, before(step.place + step.offset, sole.place, cycle.omega, gait.single, push)
 
     def _enter(self, phase: Phase, cycle: _Cycle) -> None:
-        """Enter a phase; the reference of the DCM begins at the measured one."""
         self.phase, self._since, self._blend = phase, cycle.time, cycle.dcm
 
     def _shift(self, cycle: _Cycle, decision: Decision) -> complex:

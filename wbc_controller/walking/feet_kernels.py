@@ -61,7 +61,6 @@ def motion_of_sole(
 
 @part
 def _put_rotation(out: Array, slope: complex, heading: float) -> None:
-    """Write the columns of the rotation of a sole on a slope with a heading."""
     c, s = math.cos(heading), math.sin(heading)
     x, z = (c, s, slope.real * c + slope.imag * s), (-slope.real, -slope.imag, 1.0)
     x, z = scale(1.0 / math.sqrt(dot(x, x)), x), scale(1.0 / math.sqrt(dot(z, z)), z)

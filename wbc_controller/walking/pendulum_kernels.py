@@ -59,7 +59,6 @@ def leading(dcm: complex, start: complex, end: complex, duration: float, omega: 
 
 @part
 def _factors(omega: float, single: float, double: float) -> tuple[float, float, float]:
-    """Return E, G and κ of `periodic_offset`."""
     E, G = math.exp(omega * double), math.exp(omega * single)
     return E, G, E - (E - 1.0) / (omega * double) if double > 0.0 else 0.0
 

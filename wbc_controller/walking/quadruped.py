@@ -187,7 +187,6 @@ class QuadrupedWalker(Walker):
         return complex(x, y)
 
     def _enter(self, phase: Phase, cycle: _Cycle) -> None:
-        """Enter a phase; the reference of the centre of mass begins at the measured one."""
         self.phase, self._since = phase, cycle.time
         self._start = cycle.com - self._sway[0] * 1j * cycle.ahead
 
@@ -274,7 +273,6 @@ class QuadrupedWalker(Walker):
         return all(abs(self._place(f.contact) - middle - cycle.ahead * f.nominal) < _NOMINAL for f in feet)
 
     def _follow(self, cycle: _Cycle) -> None:
-        """Move the reference of the body with the commanded velocity, near the measured one."""
         self._body_velocity = self.velocity.linear * cycle.ahead
         self._body += self._body_velocity * cycle.dt
         lag = self._body + self._sway[0] * 1j * cycle.ahead - cycle.com

@@ -161,7 +161,6 @@ def _easiest_direction(arm: Leg, model: RobotModel) -> Array:
 
 
 def _feasible_part(arm: Leg, model: RobotModel, motion: Array) -> Array:
-    """Return the feasible part of a straight `motion`, (3,) in m."""
     posture, reached = np.array(model.posture), 0.0
     most = max(_MAX_EFFORT, _effort(model, posture))
     for step in range(1, _STEPS + 1):

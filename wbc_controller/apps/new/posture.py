@@ -92,7 +92,6 @@ def _put(draft: Draft, model: RobotModel, posture: Array, text: str, origin: str
 
 
 def _standing_fault(feet: Sequence[Foot], placement: FeetPlacement) -> str:
-    """Return the reason why the robot cannot stand; empty if it can."""
     if not (placement.level_error <= _LEVEL):
         return f"the feet are {1e3 * placement.level_error:.0f} mm or mrad off level"
     points = np.vstack(

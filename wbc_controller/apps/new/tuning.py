@@ -111,7 +111,6 @@ def put_arm_tasks(model: RobotModel, arms: Sequence[Limb], posture: Array, draft
 
 
 def _lever(model: RobotModel, link: str, posture: Array) -> float:
-    """Return the largest speed of a link per joint speed, m."""
     q, frame = model.configuration(posture), model.frame_id(link, "tasks")
     J = pin.computeFrameJacobian(
         model.pinocchio, model.pinocchio.createData(), q, frame, pin.LOCAL_WORLD_ALIGNED

@@ -47,7 +47,6 @@ def build_meshes(model: RobotModel) -> list[Mesh]:
 
 
 def _simplified(visual: pin.GeometryObject, most: int) -> Part:
-    """Return a visual with about `most` triangles."""
     shape = visual.geometry
     if not isinstance(shape, coal.BVHModelBase):
         return hull_of(visual)

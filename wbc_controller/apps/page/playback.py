@@ -138,7 +138,6 @@ class Playback:
             yield Mark(recorded.elapsed(recorded.events[number]["time"]), "fault", f"{fault.code}: {fault.sentence}")
 
     def _read_statuses(self) -> Iterator[tuple[float, RobotStatus]]:
-        """Yield times since the start, s, and statuses of the controller."""
         before, count = math.inf, 0
         node = f"{self._recorded.about['node'].strip('/')}: control loop"
         for topic, stamp, payload in self._recorded.messages():

@@ -203,7 +203,6 @@ def _push(words: list[str], settings: Settings) -> Request:
 
 
 def _heading(odometry: Any) -> Array:
-    """Return the axes of the robot's heading in the world, (3, 3)."""
     # imported late, because shell completion must be fast
     from wbc_controller.middleware.codec import encode
     from wbc_controller.middleware.states import OdometryReader

@@ -153,7 +153,6 @@ def make_gait(settings: Settings, left: Foot, right: Foot, qp: WholeBodyQP) -> B
 
 
 def _without_legs(model: RobotModel, left: Foot, right: Foot) -> list[str]:
-    """Return the names of the driven joints that do not move one foot alone."""
     moves, frames = support_matrix(model.pinocchio), model.pinocchio.frames
     one = moves[frames[left.frame].parentJoint] != moves[frames[right.frame].parentJoint]
     columns = model.joint_columns(model.driven_joints, "robot.joints")

@@ -109,7 +109,6 @@ def _footprint_of_link(
     plane: pin.SE3,
     layer: float = LAYER,
 ) -> Footprint | None:
-    """Return the footprint of a contact's link on a plane in the world."""
     index = qp.model.frame_id(settings.contacts[name].frame, f"contacts.{name}.frame")
     frame = qp.model.pinocchio.frames[index]
     link = qp.dynamics.placement(index) * frame.placement.inverse()

@@ -169,7 +169,6 @@ class _MotionWithContacts:
 def _find_sway(
     motion: _MotionWithContacts, hanging: Sequence[int], q: Array, way: Array, level: bool, static: Reserve
 ) -> Reserve:
-    """Return the sway along a horizontal unit vector, at most the static one."""
     qp, bearing = motion.qp, motion.bearing
     done, far, at, cause = 0.0, np.inf, np.array(q), static.cause
     weights = np.repeat([1.0, _FREE, 1.0 if level else _FREE], [2, 1, 3])

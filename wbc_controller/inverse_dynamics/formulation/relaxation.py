@@ -105,7 +105,6 @@ def slipping_contacts(formulation: Formulation, layout: Layout) -> tuple[str, ..
 
 
 def _moving_contacts(formulation: Formulation, layout: Layout, speeds: tuple[float, float]) -> tuple[str, ...]:
-    """Return the releasable contacts above one of two speeds, m/s and rad/s."""
     velocity, names = layout.J @ formulation.dynamics.v, []
     for place in layout.places:
         own, turns = velocity[place.motion], place.contact.moments

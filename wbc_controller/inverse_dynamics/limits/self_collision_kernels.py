@@ -97,7 +97,6 @@ def _ball_distance(table: ShapePairs, first: int, second: int) -> tuple[float, f
 
 @part
 def _sum_levers(table: ShapePairs, q: Array, v: Array) -> None:
-    """Add up largest speeds, and changes since the last cycle, along the levers of each shape."""
     for shape in range(len(table.shape_links)):
         speed, change = 0.0, 0.0
         for i in range(table.starts[shape], table.starts[shape + 1]):

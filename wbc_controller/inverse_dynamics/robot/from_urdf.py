@@ -170,7 +170,6 @@ def read_mechanism(
 def _tighten(
     leader: int, mimic: Mimic, model: pin.Model, q: int, v: int, lower: Array, upper: Array, velocity: Array
 ) -> None:
-    """Tighten the limits of a leader for its mimic joint at indices (q, v)."""
     if mimic.ratio == 0.0:
         return
     ends = (model.lowerPositionLimit[q] - mimic.offset, model.upperPositionLimit[q] - mimic.offset)

@@ -166,7 +166,6 @@ def _require_limits(name: str, limit: ElementTree.Element | None) -> None:
 
 
 def _drop_unusable_visuals(tree: ElementTree.Element) -> bool:
-    """Remove invalid visuals and materials; return True if any."""
     changed, known = False, set()
     for material in tree.findall("material"):
         name = material.get("name")

@@ -204,6 +204,5 @@ class ControllerTarget(Target):
 
 
 def _is_alone(latched: LatchedInputs) -> bool:
-    """True if the requests need a cycle of their own: commands and trajectories."""
     changes = itertools.chain.from_iterable(latched.requests.changes)
     return bool(latched.requests.commands) or any(isinstance(change, SetTrajectory) for change in changes)

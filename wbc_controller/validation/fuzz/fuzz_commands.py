@@ -228,7 +228,6 @@ def problems(robots: str, count: int, first: int, seed: int) -> None:
 
 
 def _report(trials: Iterable[T], summary: Callable[[Sequence[T]], Iterable[str]], every: float = _EVERY) -> None:
-    """Print a progress line at most once per `every` seconds, and the summary; exit."""
     progress, done, failed = _Progress(every), list[T](), 0
     for trial in trials:
         done.append(trial)

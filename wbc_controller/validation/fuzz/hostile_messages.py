@@ -135,7 +135,6 @@ def _episode(key: str, robot: str, seed: str, outcome: Outcome, count: int) -> F
 
 
 def _send(key: str, robot: str, sent: Callable[[Target], Iterable[Message]]) -> Exception | None:
-    """Send messages to a fresh node; return its exception, or None."""
     with collected_errors() as errors:
         try:
             target = TARGETS[key][0](robot)
