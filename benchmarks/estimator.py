@@ -26,8 +26,8 @@ def measure(robot: str, seconds: float) -> tuple[list[float], list[float], int]:
     if estimator is None or estimator.filter is None:
         raise SystemExit(f"{robot} has no base estimate")
 
-    def update(*arguments: Any) -> Any:
-        BaseEstimator.update(estimator, *arguments)
+    def update(*arguments: Any, **options: Any) -> Any:
+        BaseEstimator.update(estimator, *arguments, **options)
         return estimator.base
 
     estimator.update = timed(update, lambda seconds, _: updates.append(seconds))  # type: ignore[method-assign]

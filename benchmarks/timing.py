@@ -57,9 +57,9 @@ def timed(
 ) -> Callable[..., Any]:
     """Return a function that passes the time of each call, s, and its result to `add`."""
 
-    def run(*arguments: Any) -> Any:
+    def run(*arguments: Any, **options: Any) -> Any:
         begin = clock()
-        result = call(*arguments)
+        result = call(*arguments, **options)
         add(clock() - begin, result)
         return result
 

@@ -22,7 +22,7 @@ CHECKS = (
     Check("stamps ahead of this computer's clock, with synchronized clocks", ("safety.clock_tolerance",), "s",
           "the message is refused", "STALE_INPUT",
           "nodes/test_clock.py::test_clocks_that_part_are_a_fault_that_says_by_how_much"),
-    Check("the estimated base: finite, a contact point below 0.1 m/s", (), "m/s", "damping", "ESTIMATE_LOST",
+    Check("the estimated base: finite, a contact point below 0.1 m/s, while walking 0.3", (), "m/s", "damping", "ESTIMATE_LOST",
           "nodes/test_base_from_imu.py::test_an_imu_that_contradicts_all_contacts_is_a_fault_with_the_size"),
     Check("axes and units of the odometry, against its pose and the legs", (), "rad, m",
           "`activate` is refused; damping", "IMPLAUSIBLE_STATE",

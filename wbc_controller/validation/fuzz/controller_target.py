@@ -43,9 +43,10 @@ class _InputGate:
     def read(self) -> LatchedInputs:
         return self._inputs.latch()
 
-    def latch(self, holding: Collection[str], *, controlled: bool) -> LatchedInputs:
+    def latch(self, holding: Collection[str], *, controlled: bool, walking: bool) -> LatchedInputs:
         """Return the newest state and the passed requests, as `Inputs.latch`."""
-        passed, self.passed = [*self.passed, self._inputs.latch(holding, controlled=controlled)], []
+        newest = self._inputs.latch(holding, controlled=controlled, walking=walking)
+        passed, self.passed = [*self.passed, newest], []
         requests = [latched.requests for latched in passed]
         return dataclasses.replace(
             passed[-1],
