@@ -153,6 +153,7 @@ class Inputs:
         self._trigger.stream.wake()
 
     def _collect(self, queue: _Queue) -> None:
+        """Take the messages of a topic, and drop oversized ones."""
         taken = queue.stream.take()
         self._clock.refresh()  # after the states, because a simulator publishes the time first
         now = self._clock.now()
