@@ -219,6 +219,7 @@ class WholeBodyQP:
         return lifted, without, other
 
     def _solve_with_relaxation(self, layout: Layout, references: References) -> Answer:
+        """Solve a problem with the least relaxation."""
         current = self._current
         solver = current[1] if current is not None and current[0] is layout else self._solver_of(layout)
         answer = self._solve_levels(layout) if self._priorities else solver.solve(layout.problem)

@@ -224,6 +224,7 @@ class Supervisor:
     def _follow(
         self, now: float, state: RobotState | None, joint_velocity: Array | None, solution: Solution
     ) -> JointCommand | None:
+        """Return the command of a solution; None if not usable."""
         share, kept, seen = self._share.sample(now), 0.0, self._no_state if state is None else state
         if self._filter > 0.0 and self._reached_solution and share >= 1.0:
             kept = math.exp(-self._elapsed / self._filter)
