@@ -21,10 +21,10 @@ try:  # module of d8d35bb; first, because an editable installation would find th
     from wbc_controller.assembly.robot import make_model
     from wbc_controller.assembly.safety import make_supervisor_limits
 except ModuleNotFoundError:
-    from wbc_controller.controller.build.limits import make_supervisor_limits
     from wbc_controller.controller.build.program import make_qp
     from wbc_controller.controller.build.references import make_board
     from wbc_controller.controller.build.robot import make_model
+    from wbc_controller.controller.build.safety import make_supervisor_limits
 
 if TYPE_CHECKING:
     from wbc_controller.inverse_dynamics.robot.model import RobotModel

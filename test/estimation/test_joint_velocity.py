@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from wbc_controller.controller.build.limits import make_supervisor_limits
+from wbc_controller.controller.build.safety import make_supervisor_limits
 from wbc_controller.estimation.joint_velocity import VelocityFilter, delay
 
 T = 0.004

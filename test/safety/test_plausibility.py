@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from wbc_controller.controller.build.limits import make_supervisor_limits
 from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.build.safety import make_supervisor_limits
 from wbc_controller.errors import InputRefused, NoSolution
 from wbc_controller.records import Fault, Mode, RobotState, Solution
 from wbc_controller.safety.damping import stable_damping

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from wbc_controller.controller.build.estimation import make_model_error
-from wbc_controller.controller.build.limits import make_supervisor_limits
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.build.safety import make_supervisor_limits
 from wbc_controller.controller.build.walking import make_walker
 from wbc_controller.controller.check.preflight import check_qp
 from wbc_controller.controller.explanation import FailureExplanation

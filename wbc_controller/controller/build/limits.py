@@ -1,15 +1,13 @@
-"""Construction of torque-speed curve, self-collision limit, and limits of the supervisor."""
+"""Construction of torque-speed curve and self-collision limit."""
 
 import logging
 
 from wbc_controller.controller.build.collision_model import build_collision_model
-from wbc_controller.controller.build.estimation import torque_filter, velocity_delay
 from wbc_controller.errors import ConfigurationError, require_known
 from wbc_controller.inverse_dynamics.limits import SelfCollisionLimit, TorqueSpeedCurve
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.urdf import LARGEST_URDF
 from wbc_controller.records import frozen
-from wbc_controller.safety.supervisor import SupervisorLimits
 from wbc_controller.settings import Settings
 from wbc_controller.settings.resources import folder_of, locate, read_text
 
@@ -55,16 +53,4 @@ def make_self_collision(settings: Settings, model: RobotModel) -> SelfCollisionL
         horizon=own.horizon,
         max_pairs=own.max_pairs,
         summary=collision.summary,
-    )
-
-
-def make_supervisor_limits(settings: Settings, model: RobotModel) -> SupervisorLimits:
-    """Return the times and limits of the supervisor."""
-    return SupervisorLimits(
-        safety=settings.safety,
-        torque_rate=settings.limits.torque_rate,
-        period=1.0 / settings.control.rate,
-        torque_speed=make_torque_speed(settings, model),
-        velocity_delay=velocity_delay(settings),
-        torque_filter=torque_filter(settings),
     )
