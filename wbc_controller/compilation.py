@@ -51,7 +51,8 @@ StridedVector: TypeAlias = Annotated[_Reals, types.Array(types.float64, 1, "A", 
 StridedMatrix: TypeAlias = Annotated[_Reals, types.Array(types.float64, 2, "A", readonly=True, aligned=False)]
 Indices: TypeAlias = Annotated[_Integers, types.Array(types.int64, 1, "C", readonly=True)]
 IndexMatrix: TypeAlias = Annotated[_Integers, types.Array(types.int64, 2, "C", readonly=True)]
-OutIndices: TypeAlias = Annotated[_Integers, types.Array(types.int64, 1, "C")]  # output arrays
+#: Output arrays.
+OutIndices: TypeAlias = Annotated[_Integers, types.Array(types.int64, 1, "C")]
 OutVector: TypeAlias = Annotated[_Reals, types.Array(types.float64, 1, "C")]
 OutMatrix: TypeAlias = Annotated[_Reals, types.Array(types.float64, 2, "C")]
 OutStridedMatrix: TypeAlias = Annotated[_Reals, types.Array(types.float64, 2, "A")]

@@ -59,7 +59,7 @@ def test_the_fall_of_a_standing_robot_is_predicted_before_it_reaches_the_ground(
     simulation, controller, walker = simulated("g1")
     simulation.plant.push(controller.model.base_link, [120.0, 0.0, 0.0, 0.0, 0.0, 0.0], 0.1)
     simulation.run(1.5)
-    assert walker.fall_watch.sentence == ""
+    assert walker.fall_prediction.sentence == ""
     assert np.abs(simulation.plant.state()[1]).max() < 0.5
     simulation.reset()
     plant = simulation.plant
@@ -86,7 +86,18 @@ def test_a_fall_while_walking_is_predicted_before_the_base_tilts():
     simulation.plant.push(controller.model.base_link, [0.0, 400.0, 0.0, 0.0, 0.0, 0.0], 0.1)
     with pytest.raises(NoSolution, match="FALLING"):
         simulation.run(1.2)
-    assert walker.fall_watch.sentence
+    assert walker.fall_prediction.sentence
+
+
+def test_a_damped_robot_does_not_walk():
+    """Its estimate is then checked as that of a standing robot, although the walker was interrupted in a step."""
+    simulation, controller, walker = simulated("g1")
+    controller.walk(0.0)
+    simulation.run(1.0)
+    assert controller.is_walking
+    controller.supervisor.request("damp", simulation.time, None)
+    assert walker.moves
+    assert not controller.is_walking
 
 
 def test_the_lead_time_of_a_fall_ends_at_the_ground(monkeypatch, short_rest):

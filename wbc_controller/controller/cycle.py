@@ -137,8 +137,8 @@ class ControlCycle:
 
     @property
     def is_walking(self) -> bool:
-        """True while the robot walks or is about to."""
-        return self.walker is not None and self.walker.moves
+        """True while the controller is active and the robot walks or is about to."""
+        return self.supervisor.solving and self.walker is not None and self.walker.moves
 
     @property
     def period(self) -> float:
@@ -356,11 +356,11 @@ class ControlCycle:
                 references = self._add_disturbance(state, references, refused)
             self._solution = self.qp.solve(state, references, self.supervisor.torques_before(now), False)
             if walker is not None:
-                if not walker.moves and walker.fall_watch.is_due(seconds(state)):
+                if not walker.moves and walker.fall_prediction.is_due(seconds(state)):
                     active = [name for name, activation in references.contacts.items() if activation > 0.0]
                     walker.watch_standing(seconds(state), self.qp.dynamics, active)
-                if walker.fall_watch.sentence:
-                    return Fault("FALLING", walker.fall_watch.sentence), references
+                if walker.fall_prediction.sentence:
+                    return Fault("FALLING", walker.fall_prediction.sentence), references
             return self._solution, references
         except NoSolution as failure:
             return failure, references

@@ -83,7 +83,7 @@ class BipedWalker(Walker):
         "phase", "command", "goal", "footsteps", "leaving", "velocity", "steps", "_until", "_since", "_last", "_stance",
         "_clearance", "_height", "_heading", "_begun", "_orientations", "_step", "_lifted", "_blend", "_dcm_wanted",
         "_touchdown", "_touchdown_detection", "_stopping", "_references", "_footholds", "_roughness", "_early",
-        "_double_support", "fall_watch",
+        "_double_support", "fall_prediction",
     )  # fmt: skip
 
     def __init__(self, gait: Gait, left: Foot, right: Foot, tasks: TaskSets, gravity: float, lag: float = 0.0) -> None:
@@ -190,7 +190,7 @@ class BipedWalker(Walker):
         if self.phase is Phase.STAND:
             return decision
         self._latest = cycle, pressure
-        if self.fall_watch.is_due(time):
+        if self.fall_prediction.is_due(time):
             self._predict_fall(cycle)
         rate = omega * (cycle.dcm - pressure)
         if self.phase is Phase.SINGLE and self._step is not None:
@@ -213,13 +213,13 @@ class BipedWalker(Walker):
             cycle.dcm, first.place, first.heading, second.place, second.heading, *self._feet[1].half,
             gait.sizes, cycle.omega, remaining,
         )  # fmt: skip
-        self.fall_watch.compare(cycle.time, distance, most, "all footholds that can be reached")
+        self.fall_prediction.compare(cycle.time, distance, most, "all footholds that can be reached")
 
     def watch_standing(self, time: float, dynamics: Dynamics, active: Collection[str]) -> None:
         """Predict a fall of a robot that is supported by its feet alone, at the time of a state, s."""
         soles = [foot.sole(dynamics) for foot in self._feet.values() if foot.contact in active]
         if not soles or len(soles) < len(active):
-            self.fall_watch.clear(time)
+            self.fall_prediction.clear(time)
             return
         com, velocity = dynamics.com.tolist(), dynamics.com_velocity.tolist()
         height = com[2] - min(sole.height for sole in soles)
@@ -229,7 +229,7 @@ class BipedWalker(Walker):
         dcm = complex(com[0] + velocity[0] / omega, com[1] + velocity[1] / omega)
         first, second = soles[0], soles[-1]
         support = nearest_support(dcm, first.place, second.place, first.heading, *self._feet[1].half)
-        self.fall_watch.compare(time, abs(dcm - support), STANDING * height, "the feet")
+        self.fall_prediction.compare(time, abs(dcm - support), STANDING * height, "the feet")
 
     def _begin(
         self, dynamics: Dynamics, soles: Mapping[int, Sole], orientations: Mapping[str, Array], decision: Decision

@@ -11,7 +11,7 @@ from wbc_controller.errors import InputRefused
 from wbc_controller.inverse_dynamics.references.changes import Change, EnableTask, SetSetpoint
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.records import Array, Reference, freeze
-from wbc_controller.walking.fall_watch import FallWatch
+from wbc_controller.walking.fall_prediction import FallPrediction
 from wbc_controller.walking.footsteps import Velocity
 from wbc_controller.walking.gait import Gait, Phase, QuadrupedGait
 from wbc_controller.walking.goal import Goal, velocity_to
@@ -51,7 +51,7 @@ class Walker(ABC):
         leaving: True if the controller is deactivated as soon as the robot has stopped; commands are refused.
         velocity: present velocity, on the way to the command.
         steps: number of steps since the start.
-        fall_watch: prediction of a fall.
+        fall_prediction: prediction of a fall.
     """
 
     gait: Gait | QuadrupedGait
@@ -72,7 +72,7 @@ class Walker(ABC):
         self._until = math.inf  # time at which the command ends, s
         self.velocity = Velocity()
         self.steps = 0
-        self.fall_watch = FallWatch()
+        self.fall_prediction = FallPrediction()
         self._lifted: tuple[str, ...] = ()  # swing feet whose contact sensor has shown the lift-off
         self._since = self._last = 0.0  # start of the phase, and last cycle, s
         self._clearance = 0.0  # of the centre of mass above the ground, m

@@ -107,7 +107,8 @@ class SceneNodeDragMessage(_Message):
     owner: Literal[""] = ""
 
 
-WATCHING = ViewerCameraMessage | GuiUpdateMessage  # messages of a read-only page, and of a page that may command
+#: Messages of a read-only page, and of a page that may command.
+WATCHING = ViewerCameraMessage | GuiUpdateMessage
 COMMANDING = (
     WATCHING
     | GuiButtonHoldMessage

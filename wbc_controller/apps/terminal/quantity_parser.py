@@ -23,7 +23,8 @@ ROTATIONS: Mapping[str, _Axes] = {
     "lean": {"forward": (0, 1, 0), "back": (0, -1, 0), "left": (-1, 0, 0), "right": (1, 0, 0)},
 }
 
-LENGTH = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001}  # units that may follow a number without a space
+#: Units that may follow a number without a space.
+LENGTH = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001}
 ANGLE = {"": 1.0, "rad": 1.0, "deg": math.pi / 180.0}
 FORCE = {"": 1.0, "N": 1.0}
 TIME = {"": 1.0, "s": 1.0, "ms": 0.001}

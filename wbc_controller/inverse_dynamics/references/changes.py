@@ -90,7 +90,8 @@ class WalkFootsteps:
     poses: Array  # as `WalkTo.pose`, (n, 3)
 
 
-WalkingChange = Walk | WalkTo | WalkFootsteps  # changes for the walker
+#: Changes for the walker, and all changes.
+WalkingChange = Walk | WalkTo | WalkFootsteps
 Change = (
     SetSetpoint
     | SetTrajectory

@@ -36,7 +36,8 @@ def _always(kind: type[Fault], **parameters: Any) -> Callable[[Sequence[str]], S
     return lambda actuators: (kind(duration=LONGEST, **parameters),)
 
 
-_SIGMA = 0.05  # noise of an IMU's samples, and its density at 500 samples per second
+#: Noise of an IMU's samples, and its density at 500 samples per second.
+_SIGMA = 0.05
 _DENSITY = _SIGMA * 0.002**0.5
 #: Rows of the table. Noise in a data sheet is given to the filter.
 FLAWS = (

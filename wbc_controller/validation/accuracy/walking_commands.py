@@ -187,11 +187,16 @@ def walking_pushes(
         impulses = np.array(found).reshape(directions, 1 + phases)
         standing, walking = impulses[:, 0], impulses[:, 1:]
         click.echo(f"{robot} on {sensors}, pushes of 0.1 s at the base, {phases} phases\n")
-        print_header("Direction", "standing", "in place, smallest", "in place, mean", "smallest / standing")
-        ratios = walking.min(axis=1) / np.maximum(standing, 1.0e-9)
-        for angle, still, steps, ratio in zip(angles, standing, walking, ratios, strict=True):
+        print_header(
+            "Direction", "standing", "in place, smallest", "in place, mean", "smallest / standing", "mean / standing"
+        )
+        multiples = walking / np.maximum(standing, 1.0e-9)[:, None]
+        ratios = multiples.min(axis=1)
+        for angle, still, steps, ratio, mean in zip(
+            angles, standing, walking, ratios, multiples.mean(axis=1), strict=True
+        ):
             cells = [f"{each:.1f} N·s" for each in (still, steps.min(), steps.mean())]
-            print_row(f"{math.degrees(angle):.0f}°", *cells, f"{ratio:.2f}")
+            print_row(f"{math.degrees(angle):.0f}°", *cells, f"{ratio:.2f}", f"{mean:.2f}")
         good = good and bool(np.mean(ratios >= RATIO) >= DIRECTIONS and np.all(ratios >= 1.0))
         if plot is not None:
             _write_plot(plot, robot, angles, standing, walking)

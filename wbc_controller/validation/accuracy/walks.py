@@ -28,7 +28,8 @@ COMMANDS: dict[str, dict[str, tuple[float, float, float]]] = {
     "go2": {"forward": (0.8, 0.0, 0.0), "sideways": (0.0, 0.4, 0.0), "turn": (0.0, 0.0, 1.5)},
 }  # fmt: skip
 RANDOM = "random"
-DIAGONAL = "diagonal"  # velocity to the left with the command `diagonal`, as a share of that of `forward`
+#: Command forward and to the left, and its velocity to the left as a share of that of `forward`.
+DIAGONAL = "diagonal"
 _ASIDE = 0.35
 #: Time between two random velocities, between two messages, and until the speed is reached, s.
 _CHANGE, _EVERY, _REACHED = 3.0, 0.1, 4.0

@@ -27,7 +27,8 @@ _LONGEST_NOISE = 400  # bytes
 _LARGE, _LARGEST = 0.002, (20_000, 300_000)
 _MANY = 100
 _TOKEN = re.compile(r"[-+]?[0-9][-+.0-9eE]*|[A-Za-z_][\w./:-]*|\S")  # a number, a word, or another visible character
-_NUMBER = re.compile(r"(?<![\w.])-?[0-9]+\.?[0-9]*(?:[eE][-+]?[0-9]+)?(?![\w.])")  # a number in a text, and its factors
+#: A number in a text, and its factors.
+_NUMBER = re.compile(r"(?<![\w.])-?[0-9]+\.?[0-9]*(?:[eE][-+]?[0-9]+)?(?![\w.])")
 _FACTORS = (-1.0, 0.0, 0.5, 2.0, 57.29577951308232, 1e-9, 1e-3, 1e3, 1e6)
 #: Characters that are invalid in some encoding, YAML or XML.
 _STRAY = ("\x00", "\r", "\t", "\ufeff", "\u2028", "é", "\U0001f916", "#", ":", "-", "[", "}", "&", "*", "!", "<", ">")

@@ -1,4 +1,4 @@
-"""Watch for an unavoidable fall."""
+"""Prediction of an unavoidable fall, latched."""
 
 import math
 
@@ -7,7 +7,7 @@ from wbc_controller.walking.fall_kernels import PERSISTS
 _PERIOD = 0.012  # time between predictions of a fall, s
 
 
-class FallWatch:
+class FallPrediction:
     """Prediction of a fall, latched after it has persisted.
 
     Attributes:
