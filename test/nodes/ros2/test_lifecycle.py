@@ -363,7 +363,8 @@ def test_the_last_seconds_are_recorded_on_request_and_deactivating_in_mid_run_is
     assert list(tmp_path.iterdir()) == []
     assert call() == (True, f"the last seconds are written to {tmp_path}")
     until(lambda: list(tmp_path.glob("*REQUEST*.mcap")), patience=20)
-    assert on_executor(executor, node.trigger_deactivate) == SUCCESS
+    for transition in (node.trigger_deactivate, node.trigger_cleanup):  # closes the file
+        assert on_executor(executor, transition) == SUCCESS
     (file,) = tmp_path.glob("*.mcap")
     assert Recording(file).count > 0
 
