@@ -42,7 +42,7 @@ def measure(name: str, speed: float) -> None:
     v, period = np.zeros(model.nv), first.formulation.period
     first.dynamics.update(q, v)
     tasks = {task: first.tasks[task].rest(first.dynamics) for task in first.tasks}
-    weights = {task: values.weight for task, values in settings.tasks.items()}
+    weights = {task: values.weight if values.enabled else 0.0 for task, values in settings.tasks.items()}
     seconds: dict[str, list[tuple[float, float]]] = {"without": [], "with": []}
     rows = []
     for cycle in range(CYCLES):

@@ -53,9 +53,6 @@ class Processes:
         for name in reversed(list(self.processes)):
             self.stop(name)
 
-    def __exit__(self, *error: object) -> None:
-        self.close()
-
     def start(self, name: str, *options: str) -> subprocess.Popen[bytes]:
         """Start ``mock``, ``controller`` or ``guard`` as `wbc mock`, `run` or `guard` with options."""
         words = ["run" if name == "controller" else name, str(self.configuration), *options]

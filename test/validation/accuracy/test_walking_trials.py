@@ -133,3 +133,7 @@ def test_table_and_plot_of_pushes(monkeypatch, run, tmp_path, walking, falls, st
 @pytest.mark.parametrize("command", ["walking-grounds", "walking-starts", "walking-pushes"])
 def test_an_unknown_robot_is_refused(run, command):
     assert "unknown walking robot 'nobody'" in str(run(command, "nobody").exception)
+
+
+def test_an_unknown_command_beside_a_valid_one_is_refused(run):
+    assert "unknown command 'fly'" in str(run("walking", "go2", "--command", "turn", "--command", "fly").exception)

@@ -1,7 +1,9 @@
 """A campaign runs the missing trials and reports errors."""
 
+import contextlib
 import io
 import sys
+from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
@@ -109,6 +111,13 @@ def test_unknown_names_and_missing_packages_are_refused(bench, tmp_path, monkeyp
         with pytest.raises(ConfigurationError, match=missing):
             bench.campaign(tmp_path, backend=backend)
     assert not bench.keys
+
+
+def test_a_module_missing_during_a_campaign_on_dask_is_not_reported_as_the_backend(monkeypatch):
+    client = SimpleNamespace(Client=contextlib.nullcontext)
+    monkeypatch.setitem(sys.modules, "distributed", client)
+    with pytest.raises(ModuleNotFoundError, match="mujoco"), run_module._cluster("dask", None):
+        raise ModuleNotFoundError("No module named 'mujoco'")
 
 
 def stalled(seconds):

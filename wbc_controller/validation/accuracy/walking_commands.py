@@ -59,10 +59,8 @@ def walking(
     from wbc_controller.validation.accuracy.walks import COMMANDS, RANDOM, walk
 
     kinds = walking_robots(robots)
+    require_known(names, sorted({name for kind in kinds for name in (*COMMANDS[kind], RANDOM)}), "unknown command")
     rows = [(kind, name) for kind in kinds for name in (*COMMANDS[kind], RANDOM) if not names or name in names]
-    if not rows:
-        known = sorted({name for kind in kinds for name in (*COMMANDS[kind], RANDOM)})
-        require_known(names, known, "unknown command")
     click.echo(f"{seeds} seeds on {sensors}, {seconds:g} s, velocities times {scale:g}\n")
     motion = ("m/s, m/s, rad/s", "reached", "drift of the path", "relaxed")
     print_header("Robot", "Command", *motion, *FIGURES, "fell", "lead")

@@ -128,16 +128,17 @@ def _cluster(backend: str, address: str | None) -> Iterator[None]:
     try:
         if backend == "dask":
             from distributed import Client
-
-            with Client(address):
-                yield
-            return
-        import ray
-        from ray.util.joblib import register_ray
+        else:
+            import ray
+            from ray.util.joblib import register_ray
     except ModuleNotFoundError as error:
         raise ConfigurationError(
             f"the backend {backend} is not installed ({error}); install it, or use loky"
         ) from error
+    if backend == "dask":
+        with Client(address):
+            yield
+        return
     if not ray.is_initialized():
         ray.init(address=address)
     register_ray()

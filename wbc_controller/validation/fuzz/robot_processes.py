@@ -70,6 +70,9 @@ class RobotProcesses(Processes):
     def __enter__(self) -> "RobotProcesses":
         return self
 
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
     def close(self) -> None:
         """End all processes, and leave the domain."""
         super().close()
