@@ -14,19 +14,27 @@ from hypothesis import strategies as st
 from wbc_controller.inverse_dynamics.robot.instruction import placement_numbers
 from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
 from wbc_controller.walking.adaptation_kernels import (
-    FOOT_ACCELERATION,
-    FOOT_SPEED,
+    HORIZONTAL_ACCELERATION,
     LONGEST,
     SHORTENING,
     SHORTEST,
+    VERTICAL_ACCELERATION,
     adapt,
     descent_time,
 )
-from wbc_controller.walking.feet import Foot, about_z
+from wbc_controller.walking.feet import Foot, Sole, about_z
 from wbc_controller.walking.footsteps import Stance, Velocity, nominal_step
 from wbc_controller.walking.pendulum_kernels import before, later
-from wbc_controller.walking.swing_kernels import LATE_SPEED, TOUCHDOWN_SPEED, Landing, at_rest, integrate_foot, moved
-from wbc_controller.walking.touchdown import LATEST, lands, rebounds, tips
+from wbc_controller.walking.swing_kernels import (
+    LATE_SPEED,
+    QUINTIC_PEAK,
+    TOUCHDOWN_SPEED,
+    Landing,
+    at_rest,
+    integrate_foot,
+    moved,
+)
+from wbc_controller.walking.touchdown import LATEST, SoleTouchdown, lands, rebounds, tips
 
 GAIT = replace(GAIT, braking=4.0)
 DT = 0.002
@@ -82,7 +90,10 @@ def test_a_turning_robot_turns_its_feet_and_walks_on_a_circle():
 
 
 def walked(disturbance, *, elapsed=0.1, cycles=150):
-    """Adapt a step after a change of the DCM, for as long as the swing lasts; return landings and the last offset."""
+    """Adapt a step after a change of the DCM, for as long as the swing lasts.
+
+    Return the nominal step, each landing with the foot's motion before it, and the last offset.
+    """
     at, nominal = stance(), nominal_step(Velocity(0.2), stance(), GAIT, GAIT.single)
     landing, landings = Landing(nominal.place, 0.0, 0.0, GAIT.single), []
     swing, share = at_rest(1.0 + 2.2j, 0.0, 0.0), GAIT.reaction / at.omega
@@ -97,7 +108,7 @@ def walked(disturbance, *, elapsed=0.1, cycles=150):
             at.place, at.heading, at.side, at.omega, GAIT.sizes, dcm, swing, 0.0, elapsed, DT, SHORTEST * GAIT.single,
         )  # fmt: skip
         landing = Landing(place, 0.0, 0.0, time)
-        landings.append(landing)
+        landings.append((landing, swing, elapsed))
         swing = moved(swing, landing, GAIT.clearance, elapsed, DT)
         dcm = later(dcm, at.place, at.omega, DT) + share * complex(*swing[2, :2]) * DT
         elapsed += DT
@@ -107,17 +118,28 @@ def walked(disturbance, *, elapsed=0.1, cycles=150):
 def test_undisturbed_and_pushed_steps():
     """Pushed to the outside, a foot lands as early as it can, nearest to the stance foot."""
     nominal, targets, _ = walked(0.0)
-    assert targets[-1].place == pytest.approx(nominal.place, abs=1e-3)
-    assert targets[-1].time == pytest.approx(GAIT.single, abs=2e-3)
+    assert targets[-1][0].place == pytest.approx(nominal.place, abs=1e-3)
+    assert targets[-1][0].time == pytest.approx(GAIT.single, abs=2e-3)
     _, landings, _ = walked(-0.12j, cycles=20)
-    assert landings[-1].time < 0.3
-    assert landings[-1].place.imag == pytest.approx(2.0 + GAIT.least_width)
+    assert landings[-1][0].time < 0.3
+    assert landings[-1][0].place.imag == pytest.approx(2.0 + GAIT.least_width)
+
+
+@pytest.mark.parametrize("ahead", [0.18, -0.2])
+def test_a_foot_pushed_outwards_and_ahead_passes_the_stance_foot_without_touching_it(ahead):
+    _, landings, _ = walked(ahead - 0.12j, cycles=40)
+    last = landings[-1][0].place - stance().place
+    assert 0.0 <= last.imag < 0.5 * GAIT.least_width
+    for landing, foot, _ in landings:
+        way = complex(*foot[0, :2]) + np.linspace(0.0, 1.0, 50) * (landing.place - complex(*foot[0, :2]))
+        local = way - stance().place
+        assert np.all((abs(local.real) > GAIT.sole_length) | (local.imag > GAIT.sole_width))
 
 
 @pytest.mark.parametrize("push", [0.03 + 0j, -0.03 + 0j, 0.03j])
 def test_a_push_moves_the_step_in_its_direction_and_keeps_the_offset(push):
     nominal, targets, offset = walked(push, cycles=100)
-    moved = targets[-1].place - nominal.place
+    moved = targets[-1][0].place - nominal.place
     assert (moved * push.conjugate()).real > 0.0
     assert abs(offset - nominal.offset) < 0.25 * abs(moved)
 
@@ -126,12 +148,14 @@ def test_a_push_moves_the_step_in_its_direction_and_keeps_the_offset(push):
 def test_steps_stay_within_reach_and_time(push):
     _, targets, _ = walked(push, cycles=40)
     time = GAIT.single
-    for target in targets:
+    for target, foot, elapsed in targets:
         local = target.place - stance().place
         assert abs(target.time - time) <= SHORTENING * DT + 1e-12
         assert SHORTEST * GAIT.single <= target.time <= LONGEST * GAIT.single
         time = target.time
-        reached = abs(target.place - stance().place - 0.2j) <= FOOT_SPEED * target.time
+        left = target.time - elapsed
+        stop = complex(*foot[0, :2]) + 0.5 * left * complex(*foot[1, :2])
+        reached = abs(target.place - stop) <= HORIZONTAL_ACCELERATION / QUINTIC_PEAK * left**2 + 1e-9
         inside = abs(local.real) <= GAIT.length + 1e-9 and -1e-9 <= local.imag <= GAIT.greatest_width + 1e-9
         assert reached
         assert inside
@@ -140,9 +164,9 @@ def test_steps_stay_within_reach_and_time(push):
 @pytest.mark.parametrize(("height", "speed"), [(0.0, 0.0), (0.05, 0.0), (0.01, 0.4), (0.04, -0.3)])
 def test_the_shortest_descent_brakes_as_fast_as_it_accelerates(height, speed):
     time = descent_time(height, speed)
-    falls = 0.5 * (time + speed / FOOT_ACCELERATION)  # until the speed a (t - t_falls) of the rest is reached
+    falls = 0.5 * (time + speed / VERTICAL_ACCELERATION)  # until the speed a (t - t_falls) of the rest is reached
     z, v = height, speed
-    for begin, end, a in ((0.0, falls, -FOOT_ACCELERATION), (falls, time, FOOT_ACCELERATION)):
+    for begin, end, a in ((0.0, falls, -VERTICAL_ACCELERATION), (falls, time, VERTICAL_ACCELERATION)):
         z, v = z + v * (end - begin) + 0.5 * a * (end - begin) ** 2, v + a * (end - begin)
     assert (z, v) == (pytest.approx(0.0, abs=1e-12), pytest.approx(0.0, abs=1e-12))
 
@@ -275,6 +299,23 @@ def test_a_late_foot_moves_further_down():
 def test_a_touchdown_is_told_by_sensor_or_motion(share, late, wanted, velocity, touching, landed):
     speed = math.hypot(*velocity)
     assert lands(share, late, wanted, TOUCHDOWN_SPEED, velocity[2], speed, touching) is landed
+
+
+@pytest.mark.parametrize(
+    ("elapsed", "horizontal", "speed", "landed"),
+    [
+        (0.19, 0.1, 0.3, False),  # slower than the planned touchdown, but not stopped
+        (0.19, 2.0, 0.5, True),  # the ground has stopped a fast step
+        (0.19, 2.0, 0.7, False),
+        (0.21, 0.0, 0.9, True),  # a late foot slides
+        (0.21, 0.0, 1.1, False),
+        (0.11, 2.0, 0.1, False),  # too early
+    ],
+)
+def test_a_sole_of_a_fast_step_has_landed_while_it_slides(elapsed, horizontal, speed, landed):
+    swing = np.array([[0.0, 0.0, 0.002, 0.0], [horizontal, 0.0, -0.3, 0.0], [0.0] * 4])
+    sole = Sole(place=0j, height=0.001, heading=0.0, slope=0j, rise=0.01, speed=speed, turning=0.0)
+    assert SoleTouchdown().update(1.0, elapsed, swing, Landing(0j, 0.0, 0.0, 0.2), 0.05, sole, None) is landed
 
 
 @pytest.mark.parametrize(

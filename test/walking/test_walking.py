@@ -171,7 +171,7 @@ def test_a_touchdown_counts_only_near_the_ground(monkeypatch, on_the_ground):
 
     `on_the_ground`: the walker believes that the reference is there; the foot follows the true one.
     """
-    monkeypatch.setattr("wbc_controller.walking.touchdown.lands", lambda share, *others: share > 0.6 and others[-1])
+    monkeypatch.setattr("wbc_controller.walking.touchdown.lands", lambda share, *others: share > 0.6 and others[-2])
     monkeypatch.setattr(BipedWalker, "_sensor", lambda *_: True)
     swung, motions = Foot.swung, []
 

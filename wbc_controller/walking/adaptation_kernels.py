@@ -9,9 +9,10 @@ which the next step starts. Like Khadiv et al., the walker minimizes
 
     w_u |u - u*|² + w_b |b - b*|² + w_T (e^{ω (T - T*)} - 1)²
 
-with the nominal u*, b* and T*, and u within the reach of the leg. For a given T, u follows in closed form. The cost is
-convex in e^{ωT}, so one step of T towards lower cost per cycle finds the minimum; then T changes continuously. After an
-outward push, the swing foot lands early and near the stance foot, so that the stance leg can step.
+with the nominal u*, b* and T*, and u within the reach of the leg and of the foot's acceleration. For a given T, u
+follows in closed form. The cost is convex in e^{ωT}, so one step of T towards lower cost per cycle finds the minimum;
+then T changes continuously. After an outward push, the swing foot lands early and near the stance foot, so that the
+stance leg can step.
 
 Source: Khadiv, Herzog, Moosavian and Righetti, Walking control based on step timing adaptation, IEEE T-RO 36, 2020.
 """
@@ -24,14 +25,17 @@ import math
 from wbc_controller.compilation import Matrix, compiled, part
 from wbc_controller.walking.footsteps_kernels import StepSizes, periodic_step
 from wbc_controller.walking.pendulum_kernels import before, later
-from wbc_controller.walking.swing_kernels import integrate_foot
+from wbc_controller.walking.swing_kernels import QUINTIC_PEAK, integrate_foot
 
 W_PLACE, W_OFFSET, W_TIME = 1.0, 200.0, 0.02  # weights of place and offset, 1/m², and of time
 #: Shortest and longest single support, as shares of the nominal one; a faster foot would hit the edges of rough ground.
 SHORTEST, SHORTEST_ROUGH, LONGEST = 0.4, 0.65, 1.6
 TIME_RATE, SHORTENING = 1.0, 10.0  # rate of change of the step time, and the one of a large decrease
 _AHEAD = 0.04  # shortest remaining time of an adaptation, s
-FOOT_SPEED, FOOT_ACCELERATION = 3.0, 20.0  # largest mean speed of the swing foot, m/s, and vertical acceleration, m/s²
+HORIZONTAL_ACCELERATION, VERTICAL_ACCELERATION = 75.0, 20.0  # largest ones of the swing foot, m/s²
+#: Distance between the soles of a foot that passes the stance foot, m, and longest duration of such a step, as a share
+#: of the nominal one: with more time, the foot need not pass.
+_APART, _PASSING = 0.01, 0.6
 
 
 @compiled
@@ -41,14 +45,33 @@ def descent_time(height: float, speed: float) -> float:
     From the height h with the upward speed v: (v + 2 √(v²/2 + a h)) / a.
     """
     h = max(height, 0.0)
-    return (speed + 2.0 * math.sqrt(0.5 * speed * speed + FOOT_ACCELERATION * h)) / FOOT_ACCELERATION
+    return (speed + 2.0 * math.sqrt(0.5 * speed * speed + VERTICAL_ACCELERATION * h)) / VERTICAL_ACCELERATION
 
 
 @part
-def _within_reach(place: complex, stance: complex, axes: complex, side: int, sizes: StepSizes) -> complex:
-    local = (place - stance) / axes
+def _least_width(x: float, foot_x: float, foot_y: float, sizes: StepSizes) -> float:
+    """Return the least distance sideways between the feet for a foot that moves to x ahead of the stance foot, m.
+
+    It is `sizes.least_width` beside the stance foot. More than the length of a sole ahead or behind, the feet may be on
+    one line, if the straight way of the foot from its present place passes the corner of the stance foot.
+    """
+    length, width = sizes.sole_length + _APART, sizes.sole_width + _APART
+    beyond, way = abs(x) - length, length - math.copysign(foot_x, x * foot_x)  # way along x to the corner
+    if beyond <= 0.0:
+        return sizes.least_width
+    slope = max(foot_y - width, 0.0) / way if way > 0.0 else math.inf
+    return max(0.0, min(sizes.least_width, width - slope * beyond))
+
+
+@part
+def _within_reach(
+    place: complex, foot: complex, time: float, stance: complex, axes: complex, side: int, sizes: StepSizes
+) -> complex:
+    local, present, least = (place - stance) / axes, (foot - stance) / axes, sizes.least_width
     x = max(-sizes.length, min(sizes.length, local.real))
-    y = max(sizes.least_width, min(sizes.greatest_width, side * local.imag))
+    if time < _PASSING * sizes.single:
+        least = _least_width(x, present.real, side * present.imag, sizes)
+    y = max(least, min(sizes.greatest_width, side * local.imag))
     return stance + complex(x, side * y) * axes
 
 
@@ -97,11 +120,12 @@ def adapt(
         push = reaction / omega * integrate_foot(swing, place, left, omega)
         end = later(dcm, stance, omega, left) + push  # ξ_T
         u = nominal_place + W_OFFSET / (W_PLACE + W_OFFSET) * (end - nominal_offset - nominal_place)
-        u = _within_reach(u, stance, axes, side, sizes)
-        present = complex(swing[0, 0], swing[0, 1])
-        far, reachable = abs(u - present), FOOT_SPEED * max(left, 0.0)
+        foot, speed = complex(swing[0, 0], swing[0, 1]), complex(swing[1, 0], swing[1, 1])
+        u = _within_reach(u, foot, T, stance, axes, side, sizes)
+        stop = foot + 0.5 * left * speed  # the way to rest with the least acceleration
+        far, reachable = abs(u - stop), HORIZONTAL_ACCELERATION / QUINTIC_PEAK * left * left
         if far > reachable:
-            u = present + (u - present) * (reachable / far)
+            u = stop + (u - stop) * (reachable / far)
         late = math.exp(omega * (T - single)) - 1.0
         place_error, offset_error = abs(u - nominal_place), abs(end - u - nominal_offset)
         cost = W_PLACE * place_error**2 + W_OFFSET * offset_error**2 + W_TIME * late * late

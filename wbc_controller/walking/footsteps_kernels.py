@@ -20,6 +20,8 @@ class StepSizes(Struct):
     least_width: float  # smallest distance between the feet, m
     greatest_width: float  # largest distance between the feet, m
     length: float  # longest step forward or backward, m
+    sole_length: float  # length of a sole, m
+    sole_width: float  # width of a sole, m
     reaction: float  # μ
 
 

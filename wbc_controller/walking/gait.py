@@ -41,6 +41,8 @@ class Gait(SpeedLimits):
     least_width: float  # smallest distance between the feet, m
     length: float  # longest step forward or backward, m
     greatest_width: float  # largest distance between the feet, m
+    sole_length: float  # length of the longer sole, m
+    sole_width: float  # width of the wider sole, m
     reaction: float  # μ of the swing foot's acceleration ẍ, c̈ = ω² (c - p) + μ ẍ
     sizes: StepSizes = field(init=False, repr=False, compare=False)  # the fields of the same names, for kernels
 

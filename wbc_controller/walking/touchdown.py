@@ -9,7 +9,9 @@ from wbc_controller.walking.swing_kernels import Landing
 COUNTS = 0.6  # least share of the planned swing for a touchdown
 _STOPPED = 0.5  # share of the reference's downward speed below which the ground has stopped the foot
 _DESCENDING = 0.07  # least downward speed of the reference for the comparison of the motion, m/s
-_SLOW = 0.2  # largest speed of a foot stopped by the ground, m/s
+#: Largest speed of a foot stopped by the ground, m/s; as a share of the horizontal speed of its reference, which a fast
+#: step does not follow; and of a foot that slides after the planned touchdown.
+_SLOW, _SLOWED, _SLIDES = 0.2, 0.3, 1.0
 #: Least horizontal angular velocity of a sole turned by an edge, rad/s, and largest speed and vertical velocity of its
 #: centre, m/s: an obstacle throws a foot up.
 _TURNED, _TURNED_SPEED, _TURNED_RISE = 1.5, 0.4, 0.1
@@ -47,10 +49,14 @@ class SoleTouchdown:
             touching: as of `lands`.
         """
         share, late = elapsed / landing.time, elapsed - landing.time
+        if share < COUNTS:
+            self._moved = time
+            return False
         wanted, higher = swing.item(1, 2), sole.height - landing.height
         low = max(swing.item(0, 2) - landing.height, higher) < _LOW * clearance
+        slow = _SLIDES if late > 0.0 else max(_SLOW, _SLOWED * math.hypot(swing.item(1, 0), swing.item(1, 1)))
         stopped = (low or late >= LATEST or sole.speed < _AT_REST) and lands(
-            share, late, wanted, landing.speed, sole.rise, sole.speed, touching if low else None
+            share, late, wanted, landing.speed, sole.rise, sole.speed, touching if low else None, slow
         )
         if not stopped:
             self._moved = time
@@ -68,6 +74,7 @@ def lands(
     rise: float,
     speed: float,
     touching: bool | None,
+    slow: float = _SLOW,
 ) -> bool:
     """Return whether the ground has stopped the foot.
 
@@ -77,12 +84,13 @@ def lands(
         wanted, landing: vertical velocity of the reference, and its downward speed at the planned touchdown, m/s.
         rise, speed: vertical velocity and speed of the centre of the sole, m/s.
         touching: state of the contact sensor; None to judge by the motion alone.
+        slow: largest speed of a stopped foot, m/s.
     """
     if share < COUNTS:
         return False
     if late >= LATEST or touching:
         return True
-    return _is_stopped(wanted, landing, rise) and speed < _SLOW
+    return _is_stopped(wanted, landing, rise) and speed < slow
 
 
 def tips(share: float, wanted: float, landing: float, rise: float, speed: float, turning: float) -> bool:

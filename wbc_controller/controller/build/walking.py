@@ -143,6 +143,8 @@ def make_gait(settings: Settings, left: Foot, right: Foot, qp: WholeBodyQP) -> B
         least_width=value_or(walking.least_width, max(0.4 * apart, sole + 0.03)),
         length=value_or(walking.max_step_length, 0.65 * z),
         greatest_width=value_or(walking.max_step_width, 0.9 * z),
+        sole_length=2.0 * max(left.half[0], right.half[0]),
+        sole_width=2.0 * max(left.half[1], right.half[1]),
         reaction=swing_reaction(dynamics, left, right, z),
         braking=6.0,  # with 2, a stop from 0.8 m/s takes one more step
         speed=(0.12 * pace, 0.08 * pace, 0.5),
