@@ -20,8 +20,8 @@ from wbc_controller.estimation.leg_kinematics import LegKinematics
 from wbc_controller.inverse_dynamics.arrays import cross
 from wbc_controller.records import Array
 
-#: Mean speed of the slowest point above which the estimate is lost, m/s. Feet of a walking robot tip and slip for a
-#: short time, and damping, the answer to a lost estimate, makes it fall.
+#: Mean speed of the slowest point above which the estimate is lost, m/s. Feet of a walking robot tip and slip, and a
+#: damped one falls.
 LIMIT, WALKING_LIMIT = 0.1, 0.3
 _MEAN, _TIPPING_MEAN = 0.1, 0.02  # time constants of the means of velocities, and of vertical ones for tipping, s
 _FASTEST = 1.0  # clamp of each velocity, m/s, against outliers

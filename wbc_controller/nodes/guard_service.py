@@ -266,7 +266,7 @@ class GuardService:
 def _compute_damping(settings: Settings, urdf: str) -> Array:
     """Compute the damping, (na, nj), in a separate process with Pinocchio.
 
-    Not by `multiprocessing`, which would import the main module and start a second guard.
+    `multiprocessing` would import the main module and start a second guard.
     """
     place = str(Path(__file__).resolve().parents[2])
     done = subprocess.run(  # noqa: S603 - of this package

@@ -453,10 +453,7 @@ class Plant:
         return shapes
 
     def _initial_base(self) -> pin.SE3:
-        """Return the upright base placement with the robot's lowest point on the ground.
-
-        The base is lowered by the distance to the ground until it vanishes.
-        """
+        """Return the upright base placement with the robot's lowest point on the ground."""
         geoms = self.contact_forces.on_the_floor
         if not (self._robot.floating_base and self.contacts and geoms):
             return pin.SE3.Identity()

@@ -33,8 +33,7 @@ SHORTEST, SHORTEST_ROUGH, LONGEST = 0.4, 0.65, 1.6
 TIME_RATE, SHORTENING = 1.0, 10.0  # rate of change of the step time, and the one of a large decrease
 _AHEAD = 0.04  # shortest remaining time of an adaptation, s
 HORIZONTAL_ACCELERATION, VERTICAL_ACCELERATION = 75.0, 20.0  # largest ones of the swing foot, m/s²
-#: Distance between the soles of a foot that passes the stance foot, m, and longest duration of such a step, as a share
-#: of the nominal one: with more time, the foot need not pass.
+#: Distance between soles that pass each other, m, and longest duration of such a step, as a share of the nominal one.
 _APART, _PASSING = 0.01, 0.6
 
 
@@ -52,8 +51,8 @@ def descent_time(height: float, speed: float) -> float:
 def _least_width(x: float, foot_x: float, foot_y: float, sizes: StepSizes) -> float:
     """Return the least distance sideways between the feet for a foot that moves to x ahead of the stance foot, m.
 
-    It is `sizes.least_width` beside the stance foot. More than the length of a sole ahead or behind, the feet may be on
-    one line, if the straight way of the foot from its present place passes the corner of the stance foot.
+    More than one sole ahead or behind, the feet may be on one line, if the straight way of the foot passes the corner
+    of the stance foot.
     """
     length, width = sizes.sole_length + _APART, sizes.sole_width + _APART
     beyond, way = abs(x) - length, length - math.copysign(foot_x, x * foot_x)  # way along x to the corner

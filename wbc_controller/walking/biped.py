@@ -356,8 +356,7 @@ class BipedWalker(Walker):
     def _land(self, step: Step, cycle: _Cycle, late: float, decision: Decision) -> None:
         """Begin a double support with the swing foot at its present place.
 
-        The centre of pressure begins to move later after an early touchdown, and arrives sooner after a late one. If
-        the DCM is far from its plan, the double support is the shortest one.
+        The centre of pressure begins to move later after an early touchdown, and arrives sooner after a late one.
         """
         foot, sole = self._feet[-self._stance], cycle.soles[-self._stance]
         unexpected = abs(sole.height - step.landing.height - aim_below(step.landing.roughness))

@@ -9,8 +9,8 @@ from wbc_controller.walking.swing_kernels import Landing
 COUNTS = 0.6  # least share of the planned swing for a touchdown
 _STOPPED = 0.5  # share of the reference's downward speed below which the ground has stopped the foot
 _DESCENDING = 0.07  # least downward speed of the reference for the comparison of the motion, m/s
-#: Largest speed of a foot stopped by the ground, m/s; as a share of the horizontal speed of its reference, which a fast
-#: step does not follow; and of a foot that slides after the planned touchdown.
+#: Largest speed of a foot stopped by the ground, m/s, also as a share of the horizontal speed of its reference, and
+#: after the planned touchdown, m/s: fast steps slide.
 _SLOW, _SLOWED, _SLIDES = 0.2, 0.3, 1.0
 #: Least horizontal angular velocity of a sole turned by an edge, rad/s, and largest speed and vertical velocity of its
 #: centre, m/s: an obstacle throws a foot up.

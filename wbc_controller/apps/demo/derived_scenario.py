@@ -108,8 +108,8 @@ def _arm_scenario(settings: Settings, model: RobotModel, hands: Mapping[str, Fra
 def _arm_impulses(model: RobotModel, frame: str) -> Array:
     """Return the impulses of pushes at a frame along x, y and z, (3,) in N·s.
 
-    Each moves the frame at 0.3 m/s; less if the joints, whose motors also carry the weight, cannot stop within their
-    ranges: τ d ≥ ½ m v² with the free torque τ of the motors, the distance d to the nearest limit and the inertia m.
+    Each moves the frame at 0.3 m/s; less if the joints cannot stop within their ranges: τ d ≥ ½ m v² with the free
+    torque τ of the motors, the distance d to the nearest limit and the inertia m.
     """
     q, data = model.configuration(model.posture), model.pinocchio.createData()
     pin.framesForwardKinematics(model.pinocchio, data, q)

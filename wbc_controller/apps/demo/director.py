@@ -170,7 +170,7 @@ class Director:
         self._publish[owner, key, subject](encode(content))
 
     def _wait_for(self, awaited: str, condition: Callable[[], bool]) -> None:
-        end = monotonic() + _TIMEOUT  # wall time: a running mock robot sends 500 states per second
+        end = monotonic() + _TIMEOUT  # wall time
         while monotonic() < end:
             if condition():
                 return

@@ -22,7 +22,7 @@ _LEAST_AREA, _LEAST_SHARE, _LEAST_SIDE = 4.0e-4, 0.25, 0.015
 #: round.
 _LAYERS, _LAYER_SHARE = (2.0e-4, 1.0e-3, 3.0e-3), 0.6
 _RECTANGLE = 0.97  # share of the bounding rectangle
-_MOST_CORNERS = 8  # largest number of corners of a sole; a contact may have 12
+_MOST_CORNERS = 8  # largest number of corners of a sole
 _LINE = 1.0e-3  # smallest width of a plane set of points, as a share of its length
 _ROUND, _SECTORS = 0.97, 24  # smallest radius of a wheel's rim as a share of the largest, and number of checked sectors
 _CONTINUOUS_RANGE = 1.9 * np.pi  # smallest range of a continuous joint, rad

@@ -194,7 +194,7 @@ def put_walking(urdf: str, draft: Draft) -> None:
         if load.share > 1.0:
             draft.note("walking", f"Not written: one leg cannot bear the robot ({load.text}).", "guess")
             return
-    # Not an empty section: the parser of ROS 2 parameter files refuses it.
+    # ROS 2 refuses an empty section.
     values = {"gait": "trot"} if soles is None else {"left": soles[0].contact, "right": soles[1].contact}
     draft.put("walking", values, "All values follow from the robot; `wbc check` prints the feasible speeds.", "guess")
 

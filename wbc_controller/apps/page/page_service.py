@@ -64,7 +64,7 @@ def serve(
             sender = RequestSender(settings, session.send, page.report)
             for node, key, subject in session.topics:
                 if key in _REQUESTS.get(node, ()):
-                    session.open(node, key, subject)  # here so that the first request need not wait for discovery
+                    session.open(node, key, subject)  # before the first request, which would wait for discovery
             page.enable_commands(sender, _MockDetector(session))
             sender.start()
             closing.callback(sender.close)

@@ -103,8 +103,8 @@ class FixedContact(MountedContact):
 def _nonholonomic_axes(held: np.ndarray) -> list[str]:
     """Name the held axes along which sequences of motions along free axes can displace the link.
 
-    There are none if the twists along the free axes form a Lie algebra. Otherwise the constraint is nonholonomic, as
-    for a parking car (Murray, Li and Sastry, 1994, section 7.2).
+    None if the twists along the free axes form a Lie algebra; otherwise the constraint is nonholonomic (Murray, Li and
+    Sastry, 1994, section 7.2).
     """
     free = [pin.Motion(axis) for i, axis in enumerate(np.eye(6)) if i not in held]
     brackets = np.array([a.cross(b).vector for a in free for b in free]).reshape(-1, 6)

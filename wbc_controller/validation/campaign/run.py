@@ -109,7 +109,7 @@ def _parallel(jobs: int, backend: str, address: str | None, trial: Callable[...,
         )
     options = {"initializer": end_with_parent} if local else {}
     with _cluster(backend, address), joblib.parallel_config(backend, n_jobs=jobs, **options):
-        # This machine runs single trials, so that each outcome is stored at once; a cluster returns them in batches.
+        # Single trials on this machine: each outcome is stored at once; a cluster returns batches.
         parallel = joblib.Parallel(return_as="generator_unordered", batch_size=1) if local else joblib.Parallel()
 
         def run(keys: Sequence[TrialKey]) -> Iterator[Outcome]:

@@ -1,3 +1,3 @@
 """Hostile input: fuzzers, floods, killed processes, long runs."""
 
-DOMAIN = 91  # DDS domain of live trials, unlike ROS 2's default of 0
+DOMAIN = 91  # DDS domain of live trials

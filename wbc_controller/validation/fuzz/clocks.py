@@ -1,7 +1,4 @@
-"""Fuzzer of clocks and load.
-
-docs/robustness.md describes trials and requirements.
-"""
+"""Fuzzer of clocks and load."""
 
 import math
 from collections.abc import Iterator, Sequence

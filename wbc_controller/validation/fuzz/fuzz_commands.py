@@ -34,7 +34,7 @@ def fuzz() -> None:
     Floods, kills and soak start processes in their own DDS domain. The seed reproduces a run. Exit status 1: a test
     failed.
     """
-    exit_by_signals(KeyboardInterrupt)  # Hypothesis counts SystemExit as a failure of its test, and continues
+    exit_by_signals(KeyboardInterrupt)  # Hypothesis continues after SystemExit
     # Cache folder of Hypothesis, by default in the current folder.
     os.environ.setdefault(
         "HYPOTHESIS_STORAGE_DIRECTORY", str(Path(tempfile.gettempdir()) / "wbc_controller_hypothesis")

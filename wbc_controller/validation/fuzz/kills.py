@@ -1,7 +1,4 @@
-"""Kills, hang-ups and stops of processes.
-
-docs/robustness.md describes the requirements.
-"""
+"""Kills, hang-ups and stops of processes."""
 
 import signal
 import time

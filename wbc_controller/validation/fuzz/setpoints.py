@@ -1,7 +1,4 @@
-"""Fuzzer of setpoints: joints keep their limits.
-
-docs/robustness.md describes the trials.
-"""
+"""Fuzzer of setpoints: joints keep their limits."""
 
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -118,8 +118,7 @@ class _Bench:
         else:
             self._robot = StandingRobot(model, settings, self._meter, topics)
         self._echo_robot = StandingRobot(model, settings, self._echo_meter, self._echo_topics)
-        # This process must not cause lateness. Like the guard and the recorder, it uses other processors than the
-        # controller, if possible.
+        # This process must not cause lateness: it uses other processors than the controller, if possible.
         realtime = settings.control.realtime
         others = sorted(processors() - set(realtime.affinity)) if realtime.affinity else []
         apply_realtime(RealtimeSettings(affinity=others))
