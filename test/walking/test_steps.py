@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 from wbc_controller.inverse_dynamics.robot.instruction import placement_numbers
 from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
 from wbc_controller.walking.adaptation_kernels import (
-    HORIZONTAL_ACCELERATION,
+    FOOT_ACCELERATION,
+    FOOT_SPEED,
     LONGEST,
     SHORTENING,
     SHORTEST,
-    VERTICAL_ACCELERATION,
     adapt,
     descent_time,
 )
@@ -27,7 +27,6 @@ from wbc_controller.walking.footsteps import Stance, Velocity, nominal_step
 from wbc_controller.walking.pendulum_kernels import before, later
 from wbc_controller.walking.swing_kernels import (
     LATE_SPEED,
-    QUINTIC_PEAK,
     TOUCHDOWN_SPEED,
     Landing,
     at_rest,
@@ -156,9 +155,8 @@ def test_steps_stay_within_reach_and_time(push):
         assert abs(target.time - time) <= SHORTENING * DT + 1e-12
         assert SHORTEST * GAIT.single <= target.time <= LONGEST * GAIT.single
         time = target.time
-        left = target.time - elapsed
-        stop = complex(*foot[0, :2]) + 0.5 * left * complex(*foot[1, :2])
-        reached = abs(target.place - stop) <= HORIZONTAL_ACCELERATION / QUINTIC_PEAK * left**2 + 1e-9
+        present = complex(*foot[0, :2])
+        reached = abs(target.place - present) <= FOOT_SPEED * (target.time - elapsed) + 1e-9
         inside = abs(local.real) <= GAIT.length + 1e-9 and -1e-9 <= local.imag <= GAIT.greatest_width + 1e-9
         assert reached
         assert inside
@@ -167,9 +165,9 @@ def test_steps_stay_within_reach_and_time(push):
 @pytest.mark.parametrize(("height", "speed"), [(0.0, 0.0), (0.05, 0.0), (0.01, 0.4), (0.04, -0.3)])
 def test_the_shortest_descent_brakes_as_fast_as_it_accelerates(height, speed):
     time = descent_time(height, speed)
-    falls = 0.5 * (time + speed / VERTICAL_ACCELERATION)  # until the speed a (t - t_falls) of the rest is reached
+    falls = 0.5 * (time + speed / FOOT_ACCELERATION)  # until the speed a (t - t_falls) of the rest is reached
     z, v = height, speed
-    for begin, end, a in ((0.0, falls, -VERTICAL_ACCELERATION), (falls, time, VERTICAL_ACCELERATION)):
+    for begin, end, a in ((0.0, falls, -FOOT_ACCELERATION), (falls, time, FOOT_ACCELERATION)):
         z, v = z + v * (end - begin) + 0.5 * a * (end - begin) ** 2, v + a * (end - begin)
     assert (z, v) == (pytest.approx(0.0, abs=1e-12), pytest.approx(0.0, abs=1e-12))
 

@@ -9,10 +9,9 @@ which the next step starts. Like Khadiv et al., the walker minimizes
 
     w_u |u - u*|² + w_b |b - b*|² + w_T (e^{ω (T - T*)} - 1)²
 
-with the nominal u*, b* and T*, and u within the reach of the leg and of the foot's acceleration. For a given T, u
-follows in closed form. The cost is convex in e^{ωT}, so one step of T towards lower cost per cycle finds the minimum;
-then T changes continuously. After an outward push, the swing foot lands early and near the stance foot, so that the
-stance leg can step.
+with the nominal u*, b* and T*, and u within the reach of the leg. For a given T, u follows in closed form. The cost is
+convex in e^{ωT}, so one step of T towards lower cost per cycle finds the minimum; then T changes continuously. After an
+outward push, the swing foot lands early and near the stance foot, so that the stance leg can step.
 
 Source: Khadiv, Herzog, Moosavian and Righetti, Walking control based on step timing adaptation, IEEE T-RO 36, 2020.
 """
@@ -25,14 +24,14 @@ import math
 from wbc_controller.compilation import Matrix, compiled, part
 from wbc_controller.walking.footsteps_kernels import StepSizes, periodic_step
 from wbc_controller.walking.pendulum_kernels import before, later
-from wbc_controller.walking.swing_kernels import QUINTIC_PEAK, integrate_foot
+from wbc_controller.walking.swing_kernels import integrate_foot
 
 W_PLACE, W_OFFSET, W_TIME = 1.0, 200.0, 0.02  # weights of place and offset, 1/m², and of time
 #: Shortest and longest single support, as shares of the nominal one; a faster foot would hit the edges of rough ground.
 SHORTEST, SHORTEST_ROUGH, LONGEST = 0.4, 0.65, 1.6
 TIME_RATE, SHORTENING = 1.0, 10.0  # rate of change of the step time, and the one of a large decrease
 _AHEAD = 0.04  # shortest remaining time of an adaptation, s
-HORIZONTAL_ACCELERATION, VERTICAL_ACCELERATION = 75.0, 20.0  # largest ones of the swing foot, m/s²
+FOOT_SPEED, FOOT_ACCELERATION = 3.0, 20.0  # largest mean speed of the swing foot, m/s, and vertical acceleration, m/s²
 #: Distance between soles that pass each other, m, and longest duration of such a step, as a share of the nominal one.
 _APART, _PASSING = 0.01, 0.6
 
@@ -44,7 +43,7 @@ def descent_time(height: float, speed: float) -> float:
     From the height h with the upward speed v: (v + 2 √(v²/2 + a h)) / a.
     """
     h = max(height, 0.0)
-    return (speed + 2.0 * math.sqrt(0.5 * speed * speed + VERTICAL_ACCELERATION * h)) / VERTICAL_ACCELERATION
+    return (speed + 2.0 * math.sqrt(0.5 * speed * speed + FOOT_ACCELERATION * h)) / FOOT_ACCELERATION
 
 
 @part
@@ -119,12 +118,11 @@ def adapt(
         push = reaction / omega * integrate_foot(swing, place, left, omega)
         end = later(dcm, stance, omega, left) + push  # ξ_T
         u = nominal_place + W_OFFSET / (W_PLACE + W_OFFSET) * (end - nominal_offset - nominal_place)
-        foot, speed = complex(swing[0, 0], swing[0, 1]), complex(swing[1, 0], swing[1, 1])
+        foot = complex(swing[0, 0], swing[0, 1])
         u = _within_reach(u, foot, T, stance, axes, side, sizes)
-        stop = foot + 0.5 * left * speed  # the way to rest with the least acceleration
-        far, reachable = abs(u - stop), HORIZONTAL_ACCELERATION / QUINTIC_PEAK * left * left
+        far, reachable = abs(u - foot), FOOT_SPEED * max(left, 0.0)
         if far > reachable:
-            u = stop + (u - stop) * (reachable / far)
+            u = foot + (u - foot) * (reachable / far)
         late = math.exp(omega * (T - single)) - 1.0
         place_error, offset_error = abs(u - nominal_place), abs(end - u - nominal_offset)
         cost = W_PLACE * place_error**2 + W_OFFSET * offset_error**2 + W_TIME * late * late

@@ -21,7 +21,6 @@ _LATE_ACCELERATION, LATE_SPEED = 10.0, 0.5  # downward acceleration and speed of
 #: Time before the apex at which the plan changes from the apex to the ground, s: later, small changes need large
 #: accelerations.
 DESCENT = 0.06
-QUINTIC_PEAK = 5.77  # largest acceleration of a quintic from rest to rest, distance / duration²
 _SHORTEST = 0.0005  # shortest remaining time of a new plan, s
 #: Shares of the step on rough ground in which the foot only rises and only descends, beside the edges of stones, and
 #: shortest remaining time of a plan for the end of the horizontal motion, s.
