@@ -25,14 +25,7 @@ from wbc_controller.walking.adaptation_kernels import (
 from wbc_controller.walking.feet import Foot, Sole, about_z
 from wbc_controller.walking.footsteps import Stance, Velocity, nominal_step
 from wbc_controller.walking.pendulum_kernels import before, later
-from wbc_controller.walking.swing_kernels import (
-    LATE_SPEED,
-    TOUCHDOWN_SPEED,
-    Landing,
-    at_rest,
-    integrate_foot,
-    moved,
-)
+from wbc_controller.walking.swing_kernels import LATE_SPEED, TOUCHDOWN_SPEED, Landing, at_rest, integrate_foot, moved
 from wbc_controller.walking.touchdown import LATEST, SoleTouchdown, lands, rebounds, tips
 
 GAIT = replace(GAIT, braking=4.0)

@@ -50,8 +50,8 @@ def descent_time(height: float, speed: float) -> float:
 def _least_width(x: float, foot_x: float, foot_y: float, sizes: StepSizes) -> float:
     """Return the least distance sideways between the feet for a foot that moves to x ahead of the stance foot, m.
 
-    More than one sole ahead or behind, the feet may be on one line, if the straight way of the foot passes the corner
-    of the stance foot.
+    More than one sole ahead or behind, the feet may be on one line, if the straight way of the foot, now foot_x ahead
+    and foot_y aside, passes the corner of the stance foot.
     """
     length, width = sizes.sole_length + _APART, sizes.sole_width + _APART
     beyond, way = abs(x) - length, length - math.copysign(foot_x, x * foot_x)  # way along x to the corner

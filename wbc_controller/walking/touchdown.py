@@ -9,8 +9,8 @@ from wbc_controller.walking.swing_kernels import Landing
 COUNTS = 0.6  # least share of the planned swing for a touchdown
 _STOPPED = 0.5  # share of the reference's downward speed below which the ground has stopped the foot
 _DESCENDING = 0.07  # least downward speed of the reference for the comparison of the motion, m/s
-#: Largest speed of a foot stopped by the ground, m/s, also as a share of the horizontal speed of its reference, and
-#: after the planned touchdown, m/s: fast steps slide.
+#: Largest speed of a foot stopped by the ground: m/s; share of the horizontal speed of its reference; after the planned
+#: touchdown, m/s. Soles of fast steps slide.
 _SLOW, _SLOWED, _SLIDES = 0.2, 0.3, 1.0
 #: Least horizontal angular velocity of a sole turned by an edge, rad/s, and largest speed and vertical velocity of its
 #: centre, m/s: an obstacle throws a foot up.
@@ -49,9 +49,6 @@ class SoleTouchdown:
             touching: as of `lands`.
         """
         share, late = elapsed / landing.time, elapsed - landing.time
-        if share < COUNTS:
-            self._moved = time
-            return False
         wanted, higher = swing.item(1, 2), sole.height - landing.height
         low = max(swing.item(0, 2) - landing.height, higher) < _LOW * clearance
         slow = _SLIDES if late > 0.0 else max(_SLOW, _SLOWED * math.hypot(swing.item(1, 0), swing.item(1, 1)))

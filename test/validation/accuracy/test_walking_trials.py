@@ -136,4 +136,5 @@ def test_an_unknown_robot_is_refused(run, command):
 
 
 def test_an_unknown_command_beside_a_valid_one_is_refused(run):
-    assert "unknown command 'fly'" in str(run("walking", "go2", "--command", "turn", "--command", "fly").exception)
+    words = ("--command", "turn", "--command", "fly", "--seeds", "1", "--seconds", "6")
+    assert "unknown command 'fly'" in str(run("walking", "go2", *words).exception)
