@@ -1,7 +1,5 @@
 """Absolute poses: alignment, innovation, latency and outliers."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

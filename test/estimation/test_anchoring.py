@@ -1,7 +1,5 @@
 """The frame of references stays on the feet of a drifting filter, without jumps."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 

@@ -1,7 +1,5 @@
 """Base estimate against the true state of standing robots that move, slip, and are pushed."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from functools import cache

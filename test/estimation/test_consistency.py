@@ -1,7 +1,5 @@
 """Velocities of the contacts in the estimate against Pinocchio, and selection of contacts."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

@@ -1,7 +1,5 @@
 """Detection of unloaded contacts from torques and motion."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The filter against the authors' implementation and against its definitions."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

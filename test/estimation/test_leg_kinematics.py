@@ -1,7 +1,5 @@
 """Contact points relative to the IMU, their covariance and velocities."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

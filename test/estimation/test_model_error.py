@@ -1,7 +1,5 @@
 """Disturbance observer and friction compensation, by their equations and on robots."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -12,8 +12,6 @@ such a ξ, so that z of time t corrects the present estimate; n grows by creep a
 follows at a bounded rate.
 """
 
-from __future__ import annotations
-
 import bisect
 import math
 from collections import deque

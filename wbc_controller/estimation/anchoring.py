@@ -9,8 +9,6 @@ about the vertical and a translation t, follows
 with a time constant, without jumps.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 

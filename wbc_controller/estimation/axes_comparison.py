@@ -9,8 +9,6 @@ it, with means ⟨ ⟩ over a second
 Wrong axes of a pose affect rotations and displacements, tipping soles only rotations: C has to explain a weighted sum.
 """
 
-from __future__ import annotations
-
 import math
 from itertools import permutations, product
 

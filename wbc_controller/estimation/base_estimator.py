@@ -1,7 +1,5 @@
 """Estimator of base pose and twist."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 

@@ -9,8 +9,6 @@ rejects the contacts, or explains a slow contradiction by creep. A sole that tip
 corners; its points creep with their vertical speed relative to that place, as it would tilt the estimate.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

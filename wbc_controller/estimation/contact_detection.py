@@ -1,7 +1,5 @@
 """Contact detection from sensors, else planned contacts."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 

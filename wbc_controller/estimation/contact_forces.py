@@ -8,8 +8,6 @@ missing force (De Luca, Mattone, "Sensorless robot collision detection and hybri
 Friction and weak motors have no effect: a contact at rest moves as predicted for any torques.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from wbc_controller.records import Array

@@ -9,8 +9,6 @@ Nᵀ (`projection`) removes forces that move nothing. Against windup, d is store
 part is subtracted from the residual.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -12,8 +12,6 @@ The rate c / (w₀ I) must stay below the loop's bandwidth if c is overestimated
 I = 1 / (M⁻¹ - M⁻¹ Jᵀ (J M⁻¹ Jᵀ)⁻¹ J M⁻¹)ⱼⱼ on the active contacts.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -11,8 +11,6 @@ The error X̂ X⁻¹ = exp(ξ) depends on the state only through the biases: the
 and position remain unobservable.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

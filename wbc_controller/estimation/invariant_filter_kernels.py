@@ -1,7 +1,5 @@
 """Kernels of `estimation.invariant_filter`: propagation and correction."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

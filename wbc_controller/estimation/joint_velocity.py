@@ -8,8 +8,6 @@ has the transfer function s / (1 + T s)² at low frequencies, and for a ramp the
 short periods, dt / 2 for long ones.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

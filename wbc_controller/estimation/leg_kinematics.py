@@ -1,7 +1,5 @@
 """Kinematics of contacts relative to the IMU."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

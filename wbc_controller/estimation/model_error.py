@@ -1,7 +1,5 @@
 """Forces outside the model: friction and disturbance."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

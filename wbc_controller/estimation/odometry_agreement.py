@@ -1,7 +1,5 @@
 """Agreement of odometry with the legs."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection
 

@@ -3,8 +3,6 @@
 Worlds without absolute poses differ by such a transform, as heading and position are unobservable.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

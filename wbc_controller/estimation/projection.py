@@ -4,8 +4,6 @@ With N = I - M⁻¹ Jᵀ (J M⁻¹ Jᵀ)⁻¹ J, a force r accelerates a robot o
 principle, equation (31) of the note; S8).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.linalg.lapack import dposv, dpotrf, dpotri, dpotrs
 

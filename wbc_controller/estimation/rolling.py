@@ -1,7 +1,5 @@
 """Displacement of rolling balls."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

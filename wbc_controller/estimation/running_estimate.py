@@ -1,7 +1,5 @@
 """Started base estimate: propagation by the IMU, and corrections by the active contacts."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -13,8 +13,6 @@ Slip and moving ground also cause differences, which count only if an axis or un
 looked like an inverted axis: a comparison begins only when the landed feet have settled.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 
