@@ -176,12 +176,10 @@ def _interval(metadata: Iterable[Any]) -> str:
 
 
 def _default(field: FieldInfo) -> str:
-    if field.default_factory is not None:
+    if field.default_factory is not None or field.default in (None, "", [], {}):
         return "–"
     if field.default is PydanticUndefined:
         return "required"
-    if field.default is None or field.default == "":
-        return "–"
     if isinstance(field.default, list) and all(value is True for value in field.default):
         return "all"
     return f"`{json.dumps(field.default)}`"

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from wbc_controller.settings.values import Finite, Gain, NonNegative, Positive, Section, Vector3, axes_mask
+from wbc_controller.settings.values import Finite, Gain, NonNegative, Positive, Section, Vector3, axes_mask, key
 
 Length = Annotated[Positive, Field(le=1.0)]  # half side or radius of a contact, m
 Coordinate = Annotated[Finite, Field(ge=-1.0, le=1.0)]  # one coordinate of a corner, m
@@ -17,23 +17,21 @@ class _Contact(Section):
     live = ("enabled", "ramp")
 
     frame: str = Field(description="URDF frame on the link in contact.")
-    translation: Vector3 = Field([0.0, 0.0, 0.0], description="Origin of the contact in `frame`, m.")
-    against: str | None = Field(None, description="URDF frame on the touched link; none for the world.")
-    enabled: bool = Field(True, description="Active when the controller is activated.")
-    damping: Gain = Field(20.0, description="Damping D of the contact velocity, 1/s (docs/contacts.md).")
-    stiffness: Gain = Field(0.0, description="Stiffness towards the pose at activation, 1/s².")
-    ramp: NonNegative = Field(0.2, le=10.0, description="Duration of loading and unloading, s.")
+    translation: Vector3 = key([0.0, 0.0, 0.0], "Origin of the contact in `frame`, m.")
+    against: str | None = key(None, "URDF frame on the touched link; none for the world.")
+    enabled: bool = key(True, "Active when the controller is activated.")
+    damping: Gain = key(20.0, "Damping D of the contact velocity, 1/s (docs/contacts.md).")
+    stiffness: Gain = key(0.0, "Stiffness towards the pose at activation, 1/s².")
+    ramp: NonNegative = key(0.2, "Duration of loading and unloading, s.", le=10.0)
 
 
 class _PushingContact(_Contact):
-    friction: Positive = Field(0.7, le=2.0, description="Assumed Coulomb friction coefficient.")
-    min_normal_force: NonNegative = Field(0.0, le=1.0e4, description="Smallest normal force, N.")
+    friction: Positive = key(0.7, "Assumed Coulomb friction coefficient.", le=2.0)
+    min_normal_force: NonNegative = key(0.0, "Smallest normal force, N.", le=1.0e4)
     max_normal_force: Positive = Field(le=1.0e5, description="Largest normal force, N.")
 
 
-_NORMAL = Field(
-    [0.0, 0.0, 1.0], description="Outward normal of the touched surface, in axes of `against` or the world; any length."
-)
+_NORMAL = key([0.0, 0.0, 1.0], "Outward normal of the touched surface, in axes of `against` or the world; any length.")
 
 
 def _require_nonzero(value: list[float]) -> list[float]:
@@ -49,17 +47,17 @@ class SurfaceContact(_PushingContact):
     """Flat rectangle or convex polygon without slip or rotation: six forces, exact linear wrench cone."""
 
     type: Literal["surface"]
-    rpy: Vector3 = Field(
+    rpy: Vector3 = key(
         [0.0, 0.0, 0.0],
-        description="Orientation in `frame`: roll, pitch, yaw, rad. The z axis points away from the touched surface.",
+        "Orientation in `frame`: roll, pitch, yaw, rad. The z axis points away from the touched surface.",
     )
-    half_length: Length | None = Field(None, description="Half side of the rectangle along x, m.")
-    half_width: Length | None = Field(None, description="Half side of the rectangle along y, m.")
-    vertices: Corners | None = Field(
-        None, description="In place of the rectangle: up to 12 corners [x, y] of a convex polygon, m, in any order."
+    half_length: Length | None = key(None, "Half side of the rectangle along x, m.")
+    half_width: Length | None = key(None, "Half side of the rectangle along y, m.")
+    vertices: Corners | None = key(
+        None, "In place of the rectangle: up to 12 corners [x, y] of a convex polygon, m, in any order."
     )
-    max_yaw_moment: Positive | None = Field(
-        None, le=1.0e4, description="Largest moment about the normal, N·m; by default limited by the wrench cone only."
+    max_yaw_moment: Positive | None = key(
+        None, "Largest moment about the normal, N·m; by default limited by the wrench cone only.", le=1.0e4
     )
 
     @property
@@ -72,12 +70,12 @@ class SurfaceContact(_PushingContact):
 
     @model_validator(mode="after")
     def _one_shape(self) -> "SurfaceContact":
-        given = {key: getattr(self, key) for key in ("half_length", "half_width", "vertices")}
+        given = {name: getattr(self, name) for name in ("half_length", "half_width", "vertices")}
         wanted = {"half_length", "half_width"} if self.vertices is None else {"vertices"}
-        for key, value in given.items():
-            if (value is not None) != (key in wanted):
+        for name, value in given.items():
+            if (value is not None) != (name in wanted):
                 raise ValueError(
-                    f"{key} = {reprlib.repr(value)}: a surface requires either half_length and half_width, or vertices"
+                    f"{name} = {reprlib.repr(value)}: a surface requires either half_length and half_width, or vertices"
                 )
         return self
 
@@ -87,7 +85,7 @@ class PointContact(_PushingContact):
 
     type: Literal["point"]
     normal: Direction = _NORMAL
-    radius: Length = Field(0.02, description="Radius of the ball, m. Its centre is the origin of the contact.")
+    radius: Length = key(0.02, "Radius of the ball, m. Its centre is the origin of the contact.")
 
 
 class RollingContact(_PushingContact):
@@ -113,11 +111,11 @@ class FixedContact(_Contact):
     """Fixed link, such as a bolted foot or a gripping hand: up to six forces of either sign, without a cone."""
 
     type: Literal["fixed"]
-    rpy: Vector3 = Field([0.0, 0.0, 0.0], description="Orientation in `frame`: roll, pitch, yaw, rad.")
+    rpy: Vector3 = key([0.0, 0.0, 0.0], "Orientation in `frame`: roll, pitch, yaw, rad.")
     mask: _Mask = _MASK
     max_force: Positive = Field(le=1.0e5, description="Largest force along each axis, N.")
-    max_moment: Positive | None = Field(
-        None, le=1.0e5, description="Largest moment about each axis, N·m; required if `mask` contains a rotation."
+    max_moment: Positive | None = key(
+        None, "Largest moment about each axis, N·m; required if `mask` contains a rotation.", le=1.0e5
     )
 
     @model_validator(mode="after")
@@ -135,9 +133,9 @@ class LoopSettings(Section):
 
     frame_a: str = Field(description="URDF frame on the first link.")
     frame_b: str = Field(description="URDF frame on the second link.")
-    translation_a: Vector3 = Field([0.0, 0.0, 0.0], description="Origin of the joint in `frame_a`, m.")
-    rpy_a: Vector3 = Field([0.0, 0.0, 0.0], description="Orientation of the joint in `frame_a`: roll, pitch, yaw, rad.")
-    translation_b: Vector3 = Field([0.0, 0.0, 0.0], description="Origin of the joint in `frame_b`, m.")
-    rpy_b: Vector3 = Field([0.0, 0.0, 0.0], description="Orientation of the joint in `frame_b`: roll, pitch, yaw, rad.")
+    translation_a: Vector3 = key([0.0, 0.0, 0.0], "Origin of the joint in `frame_a`, m.")
+    rpy_a: Vector3 = key([0.0, 0.0, 0.0], "Orientation of the joint in `frame_a`: roll, pitch, yaw, rad.")
+    translation_b: Vector3 = key([0.0, 0.0, 0.0], "Origin of the joint in `frame_b`, m.")
+    rpy_b: Vector3 = key([0.0, 0.0, 0.0], "Orientation of the joint in `frame_b`: roll, pitch, yaw, rad.")
     mask: _Mask = _MASK
-    stiffness: Gain = Field(400.0, description="Stiffness of Baumgarte's stabilization, 1/s²; critically damped.")
+    stiffness: Gain = key(400.0, "Stiffness of Baumgarte's stabilization, 1/s²; critically damped.")

@@ -4,7 +4,7 @@ from typing import TypeVar
 
 from pydantic import Field, model_validator
 
-from wbc_controller.settings.values import NonNegative, Positive, Section
+from wbc_controller.settings.values import NonNegative, Positive, Section, key
 
 _Curve = TypeVar("_Curve", bound="ActuatorTorqueSpeed | TorqueSpeedSettings")
 
@@ -27,15 +27,13 @@ class ActuatorTorqueSpeed(Section):
 class TorqueSpeedSettings(Section):
     """Torque-speed curve of the motors: from `corner` to `no_load` the torque in the direction of motion decreases."""
 
-    enabled: bool = Field(False, description="Enforce the torque-speed curve.")
-    corner: Positive = Field(
-        0.5, le=10.0, description="Highest speed with the full effort limit, as a share of the URDF's velocity limit."
+    enabled: bool = key(False, "Enforce the torque-speed curve.")
+    corner: Positive = key(
+        0.5, "Highest speed with the full effort limit, as a share of the URDF's velocity limit.", le=10.0
     )
-    no_load: Positive = Field(
-        1.0, le=10.0, description="Speed of zero torque, as a share of the URDF's velocity limit."
-    )
-    actuators: dict[str, ActuatorTorqueSpeed] = Field(
-        default_factory=dict, description="Curves of single actuators; required for actuators in `robot.transmission`."
+    no_load: Positive = key(1.0, "Speed of zero torque, as a share of the URDF's velocity limit.", le=10.0)
+    actuators: dict[str, ActuatorTorqueSpeed] = key(
+        {}, "Curves of single actuators; required for actuators in `robot.transmission`."
     )
 
     _ordered_speeds = model_validator(mode="after")(_require_falling)
@@ -44,23 +42,19 @@ class TorqueSpeedSettings(Section):
 class SelfCollisionSettings(Section):
     """Self-collision avoidance (docs/limits.md)."""
 
-    enabled: bool = Field(False, description="Keep a distance between links.")
-    margin: Positive = Field(0.02, le=0.5, description="Smallest distance, m.")
-    acceleration: Positive = Field(
-        20.0,
-        le=1.0e3,
-        description="Deceleration of approaching links, m/s². The motors must reach it with a stretched arm.",
+    enabled: bool = key(False, "Keep a distance between links.")
+    margin: Positive = key(0.02, "Smallest distance, m.", le=0.5)
+    acceleration: Positive = key(
+        20.0, "Deceleration of approaching links, m/s². The motors must reach it with a stretched arm.", le=1.0e3
     )
-    horizon: NonNegative = Field(0.02, le=1.0, description="Look-ahead time, s, as `position_horizon`.")
-    max_pairs: int = Field(12, ge=1, le=200, description="Number of constrained pairs per cycle: the most urgent ones.")
-    srdf: str = Field("", description="Path of an SRDF, as `robot.urdf`; its disabled pairs are excluded.")
-    visual: list[str] = Field(
-        default_factory=list, description="Links with visual elements used as collision elements."
-    )
-    pairs: list[str] = Field(
-        default_factory=list,
-        description="Pairs `<link>/<link>`. Empty: all except links connected by one or two joints, disabled pairs "
-        "of the SRDF, and pairs nearer than `margin` in `robot.posture`.",
+    horizon: NonNegative = key(0.02, "Look-ahead time, s, as `position_horizon`.", le=1.0)
+    max_pairs: int = key(12, "Number of constrained pairs per cycle: the most urgent ones.", ge=1, le=200)
+    srdf: str = key("", "Path of an SRDF, as `robot.urdf`; its disabled pairs are excluded.")
+    visual: list[str] = key([], "Links with visual elements used as collision elements.")
+    pairs: list[str] = key(
+        [],
+        "Pairs `<link>/<link>`. Empty: all except links connected by one or two joints, disabled pairs of "
+        "the SRDF, and pairs nearer than `margin` in `robot.posture`.",
     )
 
 
@@ -75,27 +69,26 @@ class LimitSettings(Section):
         "acceleration": (20.0, None),
     }
 
-    position: bool = Field(True, description="Enforce the URDF's joint position limits.")
-    position_margin: NonNegative = Field(0.02, le=1.0, description="Distance to the position limits, rad.")
-    position_horizon: NonNegative = Field(
+    position: bool = key(True, "Enforce the URDF's joint position limits.")
+    position_margin: NonNegative = key(0.02, "Distance to the position limits, rad.", le=1.0)
+    position_horizon: NonNegative = key(
         0.02,
-        le=1.0,
-        description="Look-ahead time of position and velocity limits, s, at least one period. Longer horizons brake "
+        "Look-ahead time of position and velocity limits, s, at least one period. Longer horizons brake "
         "earlier and are less sensitive to noise.",
+        le=1.0,
     )
-    velocity: bool = Field(True, description="Enforce the URDF's joint velocity limits.")
-    velocity_scale: Positive = Field(1.0, le=1.0, description="Usable share of the velocity limits.")
-    acceleration: Positive = Field(
+    velocity: bool = key(True, "Enforce the URDF's joint velocity limits.")
+    velocity_scale: Positive = key(1.0, "Usable share of the velocity limits.", le=1.0)
+    acceleration: Positive = key(
         200.0,
+        "Largest joint acceleration, rad/s², also for braking before position limits: the motors must reach it.",
         le=1.0e5,
-        description="Largest joint acceleration, rad/s², also for braking before position limits: the motors must "
-        "reach it.",
     )
-    torque_rate: Positive = Field(
-        100.0, le=1.0e3, description="Largest torque rate, in effort limits per second; applied per period."
+    torque_rate: Positive = key(
+        100.0, "Largest torque rate, in effort limits per second; applied per period.", le=1.0e3
     )
-    self_collision: SelfCollisionSettings = Field(SelfCollisionSettings(), description="Distances between links.")
-    torque_speed: TorqueSpeedSettings = Field(TorqueSpeedSettings(), description="Torque-speed curve of the motors.")
+    self_collision: SelfCollisionSettings = key(SelfCollisionSettings(), "Distances between links.")
+    torque_speed: TorqueSpeedSettings = key(TorqueSpeedSettings(), "Torque-speed curve of the motors.")
 
     @property
     def margin(self) -> float:

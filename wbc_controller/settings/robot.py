@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from wbc_controller.settings.values import Finite, NonNegative, Positive, Section
+from wbc_controller.settings.values import Finite, NonNegative, Positive, Section, key
 
 
 def _joined(values: Any, is_value: Callable[[Any], bool], above: str = "") -> Any:
@@ -33,9 +33,9 @@ def _by_joint(*keys: str) -> BeforeValidator:
 class PassiveJointSettings(Section):
     """Spring and damper of a joint without a motor: torque = stiffness · (rest - q) - damping · q̇."""
 
-    stiffness: NonNegative = Field(0.0, le=1.0e6, description="Stiffness, N·m/rad.")
-    damping: NonNegative = Field(0.0, le=1.0e5, description="Damping, N·m·s/rad.")
-    rest: Finite = Field(0.0, description="Joint position of zero spring torque, rad.")
+    stiffness: NonNegative = key(0.0, "Stiffness, N·m/rad.", le=1.0e6)
+    damping: NonNegative = key(0.0, "Damping, N·m·s/rad.", le=1.0e5)
+    rest: Finite = key(0.0, "Joint position of zero spring torque, rad.")
 
 
 class TransmissionSettings(Section):
@@ -46,16 +46,16 @@ class TransmissionSettings(Section):
         description="Ratio by joint: actuator speed = Σ ratio · joint speed, joint torque = ratio · actuator torque.",
     )
     effort_limit: Positive = Field(description="Largest torque of the actuator, N·m.")
-    rotor_inertia: NonNegative = Field(0.0, le=10.0, description="Inertia at the speed of the actuator, kg·m².")
+    rotor_inertia: NonNegative = key(0.0, "Inertia at the speed of the actuator, kg·m².", le=10.0)
 
 
 class JointLimitSettings(Section):
     """Limits of one joint that replace the values of the URDF."""
 
-    effort: Positive | None = Field(None, le=1.0e6, description="Largest torque, N·m; of a prismatic joint, N.")
-    velocity: Positive | None = Field(None, le=1.0e4, description="Largest speed, rad/s or m/s.")
-    lower: Finite | None = Field(None, description="Lower position limit, rad or m.")
-    upper: Finite | None = Field(None, description="Upper position limit, rad or m.")
+    effort: Positive | None = key(None, "Largest torque, N·m; of a prismatic joint, N.", le=1.0e6)
+    velocity: Positive | None = key(None, "Largest speed, rad/s or m/s.", le=1.0e4)
+    lower: Finite | None = key(None, "Lower position limit, rad or m.")
+    upper: Finite | None = key(None, "Upper position limit, rad or m.")
 
     @model_validator(mode="after")
     def _some(self) -> "JointLimitSettings":
@@ -69,53 +69,45 @@ class JointLimitSettings(Section):
 class FrictionSettings(Section):
     """Friction of one joint."""
 
-    dry: NonNegative = Field(0.0, le=1.0e4, description="Dry (Coulomb) friction, N·m; of a prismatic joint, N.")
-    viscous: NonNegative = Field(0.0, le=1.0e4, description="Viscous friction, N·m·s/rad or N·s/m.")
+    dry: NonNegative = key(0.0, "Dry (Coulomb) friction, N·m; of a prismatic joint, N.", le=1.0e4)
+    viscous: NonNegative = key(0.0, "Viscous friction, N·m·s/rad or N·s/m.", le=1.0e4)
 
 
 class RobotSettings(Section):
     """Model, joints, actuators and nominal posture."""
 
-    urdf: str = Field(
-        "",
-        description="Path, or `package://<package>/<path in its share folder>`. Empty: from the topic "
-        "`robot_description`.",
+    urdf: str = key(
+        "", "Path, or `package://<package>/<path in its share folder>`. Empty: from the topic `robot_description`."
     )
-    base: Literal["floating", "fixed"] = Field("floating", description="Attachment of the root link to the world.")
+    base: Literal["floating", "fixed"] = key("floating", "Attachment of the root link to the world.")
     joints: list[str] = Field(
         min_length=1, description="Moving, measured joints. Mimic joints follow them; all others are locked."
     )
-    actuators: list[str] = Field(
-        default_factory=list,
-        description="Actuators in the order of the effort command: joints with their own motor, and names in "
+    actuators: list[str] = key(
+        [],
+        "Actuators in the order of the effort command: joints with their own motor, and names in "
         "`transmission`. Empty: the non-passive `joints`.",
     )
-    transmission: dict[str, TransmissionSettings] = Field(
-        default_factory=dict, description="Actuators that drive joints through transmissions, by name."
+    transmission: dict[str, TransmissionSettings] = key(
+        {}, "Actuators that drive joints through transmissions, by name."
     )
-    command: Literal["actuators", "joints"] = Field(
+    command: Literal["actuators", "joints"] = key(
         "actuators",
-        description="Effort command: torques of the actuators, or of the driven `joints`, if the drivers handle the "
-        "transmissions.",
+        "Effort command: torques of the actuators, or of the driven `joints`, if the drivers handle the transmissions.",
     )
-    passive_joints: Annotated[dict[str, PassiveJointSettings], _by_joint(*PassiveJointSettings.model_fields)] = Field(
-        default_factory=dict, description="Joints in `joints` without their own motor."
+    passive_joints: Annotated[dict[str, PassiveJointSettings], _by_joint(*PassiveJointSettings.model_fields)] = key(
+        {}, "Joints in `joints` without their own motor."
     )
-    locked_joints: Annotated[dict[str, Finite], _by_joint()] = Field(
-        default_factory=dict, description="Positions of locked joints, rad; default zero."
+    locked_joints: Annotated[dict[str, Finite], _by_joint()] = key({}, "Positions of locked joints, rad; default zero.")
+    joint_limits: Annotated[dict[str, JointLimitSettings], _by_joint(*JointLimitSettings.model_fields)] = key(
+        {}, "Limits that replace the values of the URDF, by joint: for controller, guard and mock robot."
     )
-    joint_limits: Annotated[dict[str, JointLimitSettings], _by_joint(*JointLimitSettings.model_fields)] = Field(
-        default_factory=dict,
-        description="Limits that replace the values of the URDF, by joint: for controller, guard and mock robot.",
-    )
-    friction: Annotated[dict[str, FrictionSettings], _by_joint(*FrictionSettings.model_fields)] = Field(
-        default_factory=dict, description="Friction to be compensated, by joint; identified by `wbc identify`."
+    friction: Annotated[dict[str, FrictionSettings], _by_joint(*FrictionSettings.model_fields)] = key(
+        {}, "Friction to be compensated, by joint; identified by `wbc identify`."
     )
     posture: list[Finite] = Field(description="Nominal position of each joint, rad.")
-    effort_limit_scale: Positive = Field(1.0, le=1.0, description="Usable share of all effort limits.")
-    armature: NonNegative = Field(
-        0.0, le=10.0, description="Reflected rotor inertia of each joint with its own motor, kg·m²."
-    )
+    effort_limit_scale: Positive = key(1.0, "Usable share of all effort limits.", le=1.0)
+    armature: NonNegative = key(0.0, "Reflected rotor inertia of each joint with its own motor, kg·m².", le=10.0)
 
     @model_validator(mode="after")
     def _consistent(self) -> "RobotSettings":

@@ -5,7 +5,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from wbc_controller.settings.values import Finite, Gains, NonNegative, Section, Vector3, axes_mask
+from wbc_controller.settings.values import Finite, Gains, NonNegative, Section, Vector3, axes_mask, key
 
 
 class _Task(Section):
@@ -13,31 +13,27 @@ class _Task(Section):
 
     live = ("weight", "enabled", "setpoint_duration", "stiffness", "damping", "gain")
 
-    weight: NonNegative = Field(1.0, le=1.0e6, description="Weight in the cost.")
-    enabled: bool = Field(True, description="Enabled when the controller is activated.")
-    level: int = Field(
-        0, ge=0, le=15, description="Strict priority level, 0 is the highest. Weights apply within a level."
-    )
-    tolerance: Gains | None = Field(None, description="Error without cost, in the unit of the error; per axis.")
-    setpoint_duration: NonNegative = Field(
-        1.0, le=600.0, description="Time to reach a new setpoint, s; 0 for streamed setpoints."
-    )
+    weight: NonNegative = key(1.0, "Weight in the cost.", le=1.0e6)
+    enabled: bool = key(True, "Enabled when the controller is activated.")
+    level: int = key(0, "Strict priority level, 0 is the highest. Weights apply within a level.", ge=0, le=15)
+    tolerance: Gains | None = key(None, "Error without cost, in the unit of the error; per axis.")
+    setpoint_duration: NonNegative = key(1.0, "Time to reach a new setpoint, s; 0 for streamed setpoints.", le=600.0)
 
     @model_validator(mode="after")
     def _one_gain_for_each_axis(self) -> "_Task":
-        for key in ("stiffness", "damping", "gain", "tolerance"):
-            value = getattr(self, key, None)
+        for name in ("stiffness", "damping", "gain", "tolerance"):
+            value = getattr(self, name, None)
             if isinstance(value, list) and self.axes and len(value) != self.axes:
                 raise ValueError(
-                    f"{key} = {reprlib.repr(value)}: {len(value)} values; expected one number, or {self.axes} values "
+                    f"{name} = {reprlib.repr(value)}: {len(value)} values; expected one number, or {self.axes} values "
                     "(one per axis)"
                 )
         return self
 
 
 class _MotionTask(_Task):
-    stiffness: Gains = Field(100.0, description="Proportional gain, 1/s²; per axis.")
-    damping: Gains | None = Field(None, description="Derivative gain, 1/s; per axis; default 2·√stiffness (critical).")
+    stiffness: Gains = key(100.0, "Proportional gain, 1/s²; per axis.")
+    damping: Gains | None = key(None, "Derivative gain, 1/s; per axis; default 2·√stiffness (critical).")
 
 
 class PostureTask(_MotionTask):
@@ -46,7 +42,7 @@ class PostureTask(_MotionTask):
     axes: ClassVar[int] = 0  # as many as joints
 
     type: Literal["posture"]
-    joints: list[str] = Field(default_factory=list, description="Joints of the task; empty for all driven ones.")
+    joints: list[str] = key([], "Joints of the task; empty for all driven ones.")
 
 
 class ComTask(_MotionTask):
@@ -112,7 +108,7 @@ class GazeTask(_AlignmentTask):
 
 
 class _MomentumTask(_Task):
-    damping: Gains = Field(10.0, description="Decay rate of the error, 1/s; per axis.")
+    damping: Gains = key(10.0, "Decay rate of the error, 1/s; per axis.")
     mask: list[bool] = axes_mask(3, "World axes of the task.")
 
 
@@ -134,8 +130,8 @@ class CapturePointTask(_Task):
     axes: ClassVar[int] = 2
 
     type: Literal["capture_point"]
-    gain: Gains = Field(4.0, description="Decay rate of the error, 1/s; per axis.")
-    support_height: Finite = Field(0.0, description="Height of the supporting surface in the world, m.")
+    gain: Gains = key(4.0, "Decay rate of the error, 1/s; per axis.")
+    support_height: Finite = key(0.0, "Height of the supporting surface in the world, m.")
     mask: list[bool] = axes_mask(2, "World axes of the task: x, y.")
 
 
@@ -146,9 +142,7 @@ class ContactWrenchTask(_Task):
 
     type: Literal["contact_wrench"]
     contact: str = Field(description="Name of the contact in `contacts`.")
-    target: list[Finite] = Field(
-        [0.0] * 6, min_length=6, max_length=6, description="Initial setpoint: force, then moment."
-    )
+    target: list[Finite] = key([0.0] * 6, "Initial setpoint: force, then moment.", min_length=6, max_length=6)
     mask: list[bool] = axes_mask(6, "Contact axes of the task: force, then moment.")
 
 
@@ -158,10 +152,8 @@ class TorqueTask(_Task):
     axes: ClassVar[int] = 0  # as many as joints
 
     type: Literal["torque"]
-    joints: list[str] = Field(default_factory=list, description="Joints of the task; empty for all driven ones.")
-    target: list[Finite] = Field(
-        default_factory=list, description="Initial setpoint of each joint, N·m; empty for zero."
-    )
+    joints: list[str] = key([], "Joints of the task; empty for all driven ones.")
+    target: list[Finite] = key([], "Initial setpoint of each joint, N·m; empty for zero.")
 
 
 TaskSettings = Annotated[

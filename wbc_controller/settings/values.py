@@ -32,9 +32,14 @@ Gains = Annotated[
 ]
 
 
+def key(default: Any, description: str, **constraints: Any) -> Any:
+    """Define a key with a default; constraints of pydantic's `Field`."""
+    return Field(default, description=description, **constraints)
+
+
 def axes_mask(count: int, description: str) -> Any:
     """Define a list of booleans, one per axis, True by default."""
-    return Field([True] * count, min_length=count, max_length=count, description=description)
+    return key([True] * count, description, min_length=count, max_length=count)
 
 
 class Section(BaseModel):

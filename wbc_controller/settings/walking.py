@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from wbc_controller.settings.values import Positive, Section
+from wbc_controller.settings.values import Positive, Section, key
 
 _Time = Annotated[Positive, Field(le=5.0)]
 _Length = Annotated[Positive, Field(le=5.0)]
@@ -16,45 +16,42 @@ class WalkingSettings(Section):
     Left, right, width, least_width and max_step_width: bipeds only.
     """
 
-    gait: Literal["trot", "walk"] | None = Field(
-        None, description="Of a quadruped: `trot` (default, diagonal feet together) or `walk` (one foot at a time)."
+    gait: Literal["trot", "walk"] | None = key(
+        None, "Of a quadruped: `trot` (default, diagonal feet together) or `walk` (one foot at a time)."
     )
-    left: str | None = Field(None, description="Contact of the left foot; default by position.")
-    right: str | None = Field(None, description="Contact of the right foot; default by position.")
-    single_support: _Time | None = Field(
+    left: str | None = key(None, "Contact of the left foot; default by position.")
+    right: str | None = key(None, "Contact of the right foot; default by position.")
+    single_support: _Time | None = key(
+        None, "Nominal duration of a swing, s; default √(z/g) times 1.5 (bipeds), 1.25 (trot) or 1.8 (walk)."
+    )
+    double_support: _Time | None = key(
+        None, "Duration on all feet between two swings, s; default 0.05, quadrupeds 0.03."
+    )
+    clearance: _Length | None = key(
         None,
-        description="Nominal duration of a swing, s; default √(z/g) times 1.5 (bipeds), 1.25 (trot) or 1.8 (walk).",
-    )
-    double_support: _Time | None = Field(
-        None, description="Duration on all feet between two swings, s; default 0.05, quadrupeds 0.03."
-    )
-    clearance: _Length | None = Field(
-        None,
-        description="Height of the swing foot above the ground, m; default 0.07·z, at most 0.6 of the feasible height; "
+        "Height of the swing foot above the ground, m; default 0.07·z, at most 0.6 of the feasible height; "
         "quadrupeds 0.18·z.",
     )
-    lowering: Annotated[float, Field(ge=0.0, le=1.0)] | None = Field(
+    lowering: Annotated[float, Field(ge=0.0, le=1.0)] | None = key(
         None,
-        description="Lowering of the centre of mass for bent knees, m; default 0.03·z, at most 0.2 of the feasible "
-        "height of a foot; quadrupeds 0.",
+        "Lowering of the centre of mass for bent knees, m; default 0.03·z, at most 0.2 of the feasible height "
+        "of a foot; quadrupeds 0.",
     )
-    width: _Length | None = Field(None, description="Distance between the feet, m; default 0.85 of the nominal one.")
-    least_width: _Length | None = Field(
+    width: _Length | None = key(None, "Distance between the feet, m; default 0.85 of the nominal one.")
+    least_width: _Length | None = key(
+        None, "Smallest distance, m; default 0.4 of that while standing, at least that of a sole and 0.03 m."
+    )
+    max_step_length: _Length | None = key(
+        None, "Longest step, m; default 0.65·z; quadrupeds from below the body, 0.6·z."
+    )
+    max_step_width: _Length | None = key(None, "Largest distance, m; default 0.9·z.")
+    command_timeout: _Time = key(0.5, "Age of the last `cmd_vel` after which the robot stops, s.")
+    max_speed: Positive | None = key(
         None,
-        description="Smallest distance, m; default 0.4 of that while standing, at least that of a sole and 0.03 m.",
+        "Largest speed forward, m/s, half backward; default √(g·z) times 0.12 (bipeds, at most 0.8 of the "
+        "feasible speed), 0.5 (trot) or 0.06 (walk).",
     )
-    max_step_length: _Length | None = Field(
-        None, description="Longest step, m; default 0.65·z; quadrupeds from below the body, 0.6·z."
-    )
-    max_step_width: _Length | None = Field(None, description="Largest distance, m; default 0.9·z.")
-    command_timeout: _Time = Field(0.5, description="Age of the last `cmd_vel` after which the robot stops, s.")
-    max_speed: Positive | None = Field(
-        None,
-        description="Largest speed forward, m/s, half backward; default √(g·z) times 0.12 (bipeds, at most 0.8 of "
-        "the feasible speed), 0.5 (trot) or 0.06 (walk).",
-    )
-    max_side_speed: Positive | None = Field(None, description="The same sideways, m/s; factors 0.08, 0.25 and 0.03.")
-    max_turn_rate: Positive | None = Field(
-        None,
-        description="Largest turning rate, rad/s; default 0.5 (bipeds, at most 0.8 of the feasible rate), 1.5 or 0.2.",
+    max_side_speed: Positive | None = key(None, "The same sideways, m/s; factors 0.08, 0.25 and 0.03.")
+    max_turn_rate: Positive | None = key(
+        None, "Largest turning rate, rad/s; default 0.5 (bipeds, at most 0.8 of the feasible rate), 1.5 or 0.2."
     )
