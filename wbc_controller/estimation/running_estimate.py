@@ -13,7 +13,6 @@ from wbc_controller.estimation.anchoring import Anchoring
 from wbc_controller.estimation.consistency import LIMIT, WALKING_LIMIT, ContactConsistency
 from wbc_controller.estimation.invariant_filter import InvariantFilter
 from wbc_controller.estimation.leg_kinematics import ContactPoints, LegKinematics
-from wbc_controller.estimation.rolling import Rolling
 from wbc_controller.estimation.sensor_agreement import PERIOD, SensorAgreement
 from wbc_controller.inverse_dynamics.arrays import all_true, cross, sum_of_squares
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
@@ -27,6 +26,7 @@ _MOVED, _RESTED = 0.004, 0.04  # largest motion, m, and its duration, s, after w
 _SOLE_STEPS, _BALL_STEPS, _STEPPING_TIME = 2.4e-3, 8.0e-4, 1.0
 #: Creep of a point of a tipping sole per speed above the least one, √s, and this speed, m/s.
 _TIPPING, _LEAST_TIPPING = 0.3, 0.02
+_ZERO = np.zeros(3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,11 +42,7 @@ class RunningEstimate:
     """Started filter with its contacts; `poses` is the correction by absolute poses, or None."""
 
     def __init__(
-        self,
-        filter: InvariantFilter,
-        last: ImuSample,
-        kinematics: LegKinematics,
-        poses: AbsolutePoses | None,
+        self, filter: InvariantFilter, last: ImuSample, kinematics: LegKinematics, poses: AbsolutePoses | None
     ) -> None:
         self.filter = filter
         self.poses = poses
@@ -56,7 +52,7 @@ class RunningEstimate:
         self._interval = np.inf  # between the last two samples, s
         self._kinematics = kinematics
         self._anchoring = Anchoring()
-        self._rolling = Rolling(kinematics.rolling)
+        self._rolled: dict[str, Array] = {}  # displacements of the centres of active balls in the world, (3,) in m
         self._consistency = ContactConsistency(kinematics)
         self._agreement = SensorAgreement(kinematics, "the gyroscope", with_displacements=False)
         self._bias = filter.gyroscope_bias
@@ -182,11 +178,13 @@ class RunningEstimate:
         force = 0.5 * (sample.specific_force + last.specific_force)
         self.filter.propagate(turning, force, dt, self._creep(sample.stamp - self._landed < _STEPPING_TIME))
         self._turned += dt * (turning - self._bias)
-        if self._rolling.names:
+        if self._rolled:
             found, legs = self.filter, self._kinematics
             omega = legs.imu_rotation @ (sample.angular_velocity - found.gyroscope_bias) - legs.imu_motion[3:]
-            of_links = omega + legs.contact_points(self._rolling.names).link_angular_velocities
-            self._rolling.integrate(of_links @ legs.imu_rotation @ found.rotation.T, dt)
+            of_links = omega + legs.contact_points(tuple(self._rolled)).link_angular_velocities
+            in_world = of_links @ legs.imu_rotation @ found.rotation.T
+            for name, turning in zip(self._rolled, in_world, strict=True):
+                self._rolled[name] = self._rolled[name] + dt * cross(turning, legs.rolling[name])
 
     def _creep(self, steps: bool) -> Array:
         """Return the noise density of each contact point of the filter, (N,) in m/s/√Hz."""
@@ -231,10 +229,12 @@ class RunningEstimate:
 
     def _try_correction(self, contacts: tuple[str, ...]) -> np.ndarray:
         """Correct unless a contact contradicts; return a flag per consistent contact, (c,)."""
-        found, contact_points = self.filter, self._kinematics.contact_points(contacts)
+        found, legs = self.filter, self._kinematics
+        contact_points = legs.contact_points(contacts)
         limits, positions = np.array([self._largest_square[name] for name in contacts]), contact_points.positions
-        if self._rolling.names:  # centres of the balls without their rolling
-            positions = positions - self._rolling.displacements(contacts, contact_points.ends) @ found.rotation
+        if self._rolled:  # centres of the balls without their rolling
+            rolled = [self._rolled.get(name, _ZERO) for name in contacts for _ in legs.points[name]]
+            positions = positions - np.array(rolled) @ found.rotation
         covariance, ends = contact_points.covariance, contact_points.ends
         return found.correct(contact_points.names, positions, covariance, ends=ends, limits=limits) <= limits
 
@@ -257,10 +257,11 @@ class RunningEstimate:
             self.filter.add(
                 point, contact_points.positions[i], contact_points.covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3]
             )
-        self._rolling.add(name)
+        if name in self._kinematics.rolling:
+            self._rolled[name] = _ZERO
 
     def _remove_contact(self, name: str) -> None:
         for point in self._kinematics.points[name]:
             self.filter.remove(point)
-        self._rolling.remove(name)
+        self._rolled.pop(name, None)
         self._anchoring.release(name)
