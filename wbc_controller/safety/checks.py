@@ -23,12 +23,7 @@ def stale_inputs(
     return Fault("STALE_INPUT", "; ".join(parts)) if parts else None
 
 
-def unusable_torques(
-    tau: Array,
-    available: tuple[Array, Array],
-    limits: Array,
-    actuators: Sequence[str],
-) -> Fault:
+def unusable_torques(tau: Array, available: tuple[Array, Array], limits: Array, actuators: Sequence[str]) -> Fault:
     """Return the fault of torques that are not finite or exceed the bounds, (na,) in N·m."""
     lower, upper = available
     excess = TORQUE_TOLERANCE * limits

@@ -12,7 +12,7 @@ from wbc_controller.estimation.contact_forces import ContactForces
 from wbc_controller.estimation.disturbance_observer import DisturbanceLimits, DisturbanceObserver
 from wbc_controller.estimation.friction import FrictionCompensation
 from wbc_controller.estimation.invariant_filter import ImuNoise
-from wbc_controller.estimation.joint_velocity import VelocityFilter, delay
+from wbc_controller.estimation.joint_velocity import VelocityFilter
 from wbc_controller.estimation.leg_kinematics import LegKinematics
 from wbc_controller.estimation.model_error import ModelErrorCompensation
 from wbc_controller.estimation.odometry_agreement import OdometryAgreement
@@ -71,12 +71,6 @@ def make_velocity_filter(settings: Settings) -> VelocityFilter | None:
     """Build the filter of differentiated joint velocities; None if they are measured."""
     known = settings.estimation
     return VelocityFilter(known.joint_velocity_time) if known.joint_velocity == "differentiated" else None
-
-
-def velocity_delay(settings: Settings) -> float:
-    """Return the delay of the joint velocities, s; 0 if they are measured."""
-    known = settings.estimation
-    return delay(known.joint_velocity_time, 1.0 / settings.control.rate) if make_velocity_filter(settings) else 0.0
 
 
 def estimates_base(settings: Settings, model: RobotModel) -> bool:

@@ -7,9 +7,14 @@ from wbc_controller.safety.damping import damping_matrix, stable_damping
 from wbc_controller.settings import Settings
 
 
+def velocity_delay(settings: Settings) -> float:
+    """Return the delay of the joint velocities, s; 0 if they are measured."""
+    known = settings.estimation
+    differentiated = known.joint_velocity == "differentiated"
+    return delay(known.joint_velocity_time, 1.0 / settings.control.rate) if differentiated else 0.0
+
+
 def make_guard_damping(settings: Settings, model: RobotModel) -> Array:
     """Return K, (na, nj), of the guard's damping torques -K v, for joint states that are up to one period old."""
-    known, period = settings.estimation, 1.0 / settings.control.rate
-    filtered = delay(known.joint_velocity_time, period) if known.joint_velocity == "differentiated" else 0.0
-    D = stable_damping(model, settings.guard.damping, 2.0 * period + filtered)
+    D = stable_damping(model, settings.guard.damping, 2.0 / settings.control.rate + velocity_delay(settings))
     return damping_matrix(model.actuation, D)

@@ -1,6 +1,7 @@
 """Times and limits of the safety supervisor."""
 
-from wbc_controller.controller.build.estimation import torque_filter, velocity_delay
+from wbc_controller.controller.build.estimation import torque_filter
+from wbc_controller.controller.build.guard import velocity_delay
 from wbc_controller.controller.build.limits import make_torque_speed
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.safety.supervisor import SupervisorLimits
