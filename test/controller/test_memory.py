@@ -10,17 +10,7 @@ import pytest
 import wbc_controller
 from wbc_controller.controller.cycle import ControlCycle
 from wbc_controller.controller.report import CycleInputs
-from wbc_controller.inverse_dynamics.references.changes import (
-    EnableContact,
-    EnableTask,
-    SetExternalWrench,
-    SetSetpoint,
-    SetSlippingContacts,
-    SetWeight,
-    Walk,
-    WalkFootsteps,
-    WalkTo,
-)
+from wbc_controller.inverse_dynamics.references import changes as kinds
 from wbc_controller.recording.json_records import from_json, to_json
 from wbc_controller.records import ChangeSettings, Fault, Mode, RobotState, frozen
 
@@ -88,19 +78,20 @@ class RandomRun:
         position = controller.dynamics.com + 0.02 * rng.normal(size=3)
         force = 1.0e4 if self.chance(0.5) else 0.0  # infeasible at first
         gain = float(rng.uniform(50.0, 150.0))
-        kinds = [
-            SetSetpoint("com", frozen(position), float(rng.choice([0.0, 0.1]))),
-            SetWeight(task, float(rng.uniform(0.0, 20.0))),
-            EnableTask(task, self.chance(0.7)),
-            EnableContact(contact, self.chance(0.8)),
-            SetExternalWrench(controller.model.base_link, frozen([0.0, 0.0, -force, 0.0, 0.0, 0.0])),
-            SetSlippingContacts((contact,) if self.chance(0.5) else ()),
-            Walk(frozen([0.2, 0.0, 0.1]) if self.chance(0.7) else None),
+        made = [
+            kinds.SetSetpoint("com", frozen(position), float(rng.choice([0.0, 0.1]))),
+            kinds.SetWeight(task, float(rng.uniform(0.0, 20.0))),
+            kinds.EnableTask(task, self.chance(0.7)),
+            kinds.EnableContact(contact, self.chance(0.8)),
+            kinds.SetExternalWrench(controller.model.base_link, frozen([0.0, 0.0, -force, 0.0, 0.0, 0.0])),
+            kinds.SetSlippingContacts((contact,) if self.chance(0.5) else ()),
+            kinds.Walk(frozen([0.2, 0.0, 0.1]) if self.chance(0.7) else None),
             ChangeSettings({"tasks": {"com": {"stiffness": gain}}}),
         ]
         if controller.walker is not None:
-            kinds += [WalkTo(frozen([1.0, 0.5, 0.3])), WalkFootsteps(frozen([[0.1, 0.12, 0.0], [0.2, -0.12, 0.0]]))]
-        return kinds[int(rng.integers(len(kinds)))]
+            steps = kinds.WalkFootsteps(frozen([[0.1, 0.12, 0.0], [0.2, -0.12, 0.0]]))
+            made += [kinds.WalkTo(frozen([1.0, 0.5, 0.3])), steps]
+        return made[int(rng.integers(len(made)))]
 
 
 def outputs(controller: ControlCycle, result: object) -> tuple[object, ...]:

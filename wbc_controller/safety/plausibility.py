@@ -9,16 +9,7 @@ import pinocchio as pin
 from wbc_controller.inverse_dynamics.arrays import all_finite, all_true, largest
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array, Fault, RobotState
-from wbc_controller.safety.plausibility_kernels import (
-    BASE_REPEATS,
-    JOINTS_REPEAT,
-    JUMPED,
-    OUT_OF_RANGE,
-    STUCK,
-    STUCK_MOTION,
-    StateMemory,
-    compare,
-)
+from wbc_controller.safety import plausibility_kernels as kernels
 from wbc_controller.safety.plausibility_kernels import MEMORY as MEMORY  # re-exported
 from wbc_controller.settings.service import SafetySettings
 
@@ -64,7 +55,7 @@ class StateWatch:
         self._mismatch = np.zeros(model.nv)  # x
         self._stuck_motion = np.zeros(model.nv)  # u
         self.any_stuck_motion = False
-        self._memory = StateMemory(
+        self._memory = kernels.StateMemory(
             q_index=model.q_index,
             v_index=model.v_index,
             base_q=np.arange(7 if model.floating_base else 0),
@@ -87,12 +78,12 @@ class StateWatch:
         found = 0
         if before is not None:
             elapsed = 1.0e-9 * (state.stamp - before.stamp)
-            found = compare(self._memory, state.q, state.v, elapsed, self.any_stuck_motion)
+            found = kernels.compare(self._memory, state.q, state.v, elapsed, self.any_stuck_motion)
         elif self._out_of_range(state) is None:
             self._before[:], self._v_before[:] = state.q, state.v
         else:
-            found = OUT_OF_RANGE
-        if found & OUT_OF_RANGE:  # not stored
+            found = kernels.OUT_OF_RANGE
+        if found & kernels.OUT_OF_RANGE:  # not stored
             self.fault = self._out_of_range(state)
             return self.fault
         self._state = state
@@ -133,21 +124,21 @@ class StateWatch:
         )
 
     def _to_fault(self, found: int, state: RobotState) -> Fault | None:
-        self.any_stuck_motion = bool(found & STUCK_MOTION)
+        self.any_stuck_motion = bool(found & kernels.STUCK_MOTION)
         fault = None
-        if found & JUMPED:
+        if found & kernels.JUMPED:
             fault = self._limit_fault(_JUMP, self._mismatch, self._memory.tolerance)
-        elif found & STUCK:
+        elif found & kernels.STUCK:
             fault = self._limit_fault(_STUCK, self._stuck_motion, self._memory.stuck_limit)
             self._stuck_motion[:] = 0.0
         if fault is not None:
             self._mismatch[:] = 0.0
-        if not found & JOINTS_REPEAT:
+        if not found & kernels.JOINTS_REPEAT:
             self._joint_values.since = state.stamp
         elif fault is None:
             fault = self._joint_values.frozen_fault(state)
         if self._base_values is not None:
-            if not found & BASE_REPEATS:
+            if not found & kernels.BASE_REPEATS:
                 self._base_values.since = state.stamp
             elif fault is None:
                 fault = self._base_values.frozen_fault(state)

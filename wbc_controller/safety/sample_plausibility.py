@@ -6,14 +6,8 @@ import numpy as np
 
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array, Fault
+from wbc_controller.safety import plausibility_kernels as kernels
 from wbc_controller.safety.plausibility import AXES, joint_speed_limits, wrap_hint
-from wbc_controller.safety.plausibility_kernels import (
-    SAMPLE_FAST,
-    SAMPLE_JUMP,
-    SAMPLE_LARGE,
-    SampleMemory,
-    compare_sample,
-)
 from wbc_controller.settings.service import SafetySettings
 
 #: Setting of the position tolerance, by setting of the speed.
@@ -28,7 +22,7 @@ SEQUENCE = 3  # number of consecutive rejections that is a fault
 class SampleCheck:
     """Comparison of each sample with the last accepted one."""
 
-    def __init__(self, names: tuple[str, ...], keys: tuple[str, ...], memory: SampleMemory) -> None:
+    def __init__(self, names: tuple[str, ...], keys: tuple[str, ...], memory: kernels.SampleMemory) -> None:
         """Start a check; `names` and `keys` (settings of the speeds) appear in messages, (n,)."""
         self.rejected = self.in_row = 0
         self.reason = ""
@@ -53,7 +47,7 @@ class SampleCheck:
     def check(self, stamp: int, position: Array, velocity: Array) -> str:
         """Return the reason to reject a sample, or ""; stamp in ns; velocities are empty if not measured."""
         elapsed = 1.0e-9 * (stamp - self._stamp) if self._stamp else math.nan
-        found = compare_sample(self._memory, position, velocity, elapsed)
+        found = kernels.compare_sample(self._memory, position, velocity, elapsed)
         if found < 0:
             self._stamp, self.in_row = stamp, 0
             return ""
@@ -74,15 +68,15 @@ class SampleCheck:
 
     def _sentence(self, kind: int, i: int, position: Array, velocity: Array, elapsed: float) -> str:
         memory, name = self._memory, self._names[i] if i < len(self._names) else "the base's orientation"
-        if kind == SAMPLE_LARGE:
+        if kind == kernels.SAMPLE_LARGE:
             limit = f"limit {memory.magnitude:g} rad or m, safety.max_magnitude"
             return f"{name} is at {position[i]:.3g} ({limit})"
         unit = "m/s" if self._keys[i] == "max_base_speed" else "rad/s"
-        if kind == SAMPLE_FAST:
+        if kind == kernels.SAMPLE_FAST:
             key = f"limit {memory.fastest[i]:.3g}, safety.{self._keys[i]}"
             return f"{name} has the velocity {velocity[i]:.3g} {unit} ({key})"
         since = f"within {1e3 * elapsed:.3g} ms"
-        if kind != SAMPLE_JUMP:
+        if kind != kernels.SAMPLE_JUMP:
             before = memory.velocity[i]
             return f"the velocity of {name} changes from {before:.3g} to {velocity[i]:.3g} {unit} {since}"
         change = float(memory.change[i])
@@ -96,9 +90,9 @@ class SampleCheck:
 
 def _memory(
     size: int, settings: SafetySettings, fastest: Array, tolerance: Array, velocity_step: float, measured: bool
-) -> SampleMemory:
+) -> kernels.SampleMemory:
     n = len(fastest)
-    return SampleMemory(
+    return kernels.SampleMemory(
         floating=size != n,
         measured=measured,
         magnitude=settings.max_magnitude,

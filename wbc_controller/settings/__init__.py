@@ -5,19 +5,11 @@ The file is a ROS 2 parameter file. Unknown keys are errors.
 
 from pydantic import Field, model_validator
 
+from wbc_controller.settings import service
 from wbc_controller.settings.contacts import ContactSettings, LoopSettings
 from wbc_controller.settings.estimation import EstimationSettings
 from wbc_controller.settings.limits import LimitSettings
 from wbc_controller.settings.robot import RobotSettings
-from wbc_controller.settings.service import (
-    AuditSettings,
-    ControlSettings,
-    GuardSettings,
-    MockSettings,
-    RecorderSettings,
-    SafetySettings,
-    SolverSettings,
-)
 from wbc_controller.settings.tasks import TaskSettings
 from wbc_controller.settings.values import Name, Section
 from wbc_controller.settings.walking import WalkingSettings
@@ -29,19 +21,19 @@ class Settings(Section):
     """Configuration of one robot."""
 
     robot: RobotSettings
-    control: ControlSettings = ControlSettings()
-    solver: SolverSettings = SolverSettings()
+    control: service.ControlSettings = service.ControlSettings()
+    solver: service.SolverSettings = service.SolverSettings()
     limits: LimitSettings = LimitSettings()
-    safety: SafetySettings = SafetySettings()
+    safety: service.SafetySettings = service.SafetySettings()
     estimation: EstimationSettings = EstimationSettings()
-    guard: GuardSettings = GuardSettings()
-    audit: AuditSettings = AuditSettings()
-    recorder: RecorderSettings = RecorderSettings()
+    guard: service.GuardSettings = service.GuardSettings()
+    audit: service.AuditSettings = service.AuditSettings()
+    recorder: service.RecorderSettings = service.RecorderSettings()
     tasks: dict[Name, TaskSettings] = Field(min_length=1)
     contacts: dict[Name, ContactSettings] = Field(default_factory=dict)
     loops: dict[Name, LoopSettings] = Field(default_factory=dict)
     walking: WalkingSettings | None = None
-    mock: MockSettings = MockSettings()
+    mock: service.MockSettings = service.MockSettings()
 
     @model_validator(mode="after")
     def _distinct(self) -> "Settings":

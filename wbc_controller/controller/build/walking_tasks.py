@@ -3,22 +3,16 @@
 from collections.abc import Mapping
 
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.inverse_dynamics.tasks import (
-    CapturePointTask,
-    ComTask,
-    FrameOrientationTask,
-    FramePoseTask,
-    FramePositionTask,
-    Task,
-)
+from wbc_controller.inverse_dynamics import tasks as kinds
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.settings import Settings
 
 HEIGHT, POSTURE = "walking_height", "walking_posture"  # names of the tasks on height and joints
-_IN_THE_WORLD = (ComTask, CapturePointTask, FramePoseTask, FramePositionTask)  # tasks with references in the world
+#: Tasks with references in the world.
+_IN_THE_WORLD = kinds.ComTask, kinds.CapturePointTask, kinds.FramePoseTask, kinds.FramePositionTask
 
 
-def make_disabled(tasks: Mapping[str, tuple[float, Task]], settings: Settings) -> list[Task]:
+def make_disabled(tasks: Mapping[str, tuple[float, kinds.Task]], settings: Settings) -> list[kinds.Task]:
     """Give tasks their weights, off until the robot walks; `tasks` has weights and tasks by name.
 
     Raises:
@@ -36,7 +30,7 @@ def enabled_tasks(settings: Settings, qp: WholeBodyQP) -> tuple[tuple[str, ...],
     """Return the names of the enabled tasks on orientations, and of those with references in the world."""
     configured = {name: qp.tasks[name] for name, task in settings.tasks.items() if task.enabled}
     return (
-        tuple(name for name, task in configured.items() if isinstance(task, FrameOrientationTask)),
+        tuple(name for name, task in configured.items() if isinstance(task, kinds.FrameOrientationTask)),
         tuple(name for name, task in configured.items() if isinstance(task, _IN_THE_WORLD)),
     )
 

@@ -14,13 +14,7 @@ from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.references import make_board
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.build.robot_description import read_urdf
-from wbc_controller.controller.check import model_plausibility
-from wbc_controller.controller.check.contact_shapes import (
-    compare_with_shapes,
-    point_text,
-    upside_down,
-    upside_down_message,
-)
+from wbc_controller.controller.check import contact_shapes, model_plausibility
 from wbc_controller.controller.check.finding import Finding
 from wbc_controller.controller.check.gait_check import check_walking
 from wbc_controller.controller.check.reserves import bearing_contacts, reserves, static_sways
@@ -96,7 +90,7 @@ def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str 
         normal = _floor(settings)
         q = stance(model, qp, active, normal)
         qp.dynamics.update(q, np.zeros(model.nv))
-        shapes = compare_with_shapes(settings, qp, normal)
+        shapes = contact_shapes.compare_with_shapes(settings, qp, normal)
         findings = [*check_qp(settings, qp, make_board(settings, qp)), *shapes]
         qp.dynamics.update(q, np.zeros(model.nv))
         findings += _posture(settings, qp, active, normal)
@@ -152,7 +146,8 @@ def _floor(settings: Settings) -> Array:
 def _posture(settings: Settings, qp: WholeBodyQP, active: Sequence[str], normal: Array) -> list[Finding]:
     dynamics, link = qp.dynamics, qp.model.base_link
     base = dynamics.placement(qp.model.frame_id(link, "base")).translation
-    places = f"base link {link} at {point_text(base)} m, centre of mass at {point_text(dynamics.com)} m"
+    base_at, com_at = map(contact_shapes.point_text, (base, dynamics.com))
+    places = f"base link {link} at {base_at} m, centre of mass at {com_at} m"
     findings = [Finding("posture", f"in the world: {places}")]
     standing = floor_contacts(qp, active, normal)
     tilts = {
@@ -284,10 +279,9 @@ def _static(
     if x is None:
         why = explain(layout, model, qp.formulation.effort_bounds(references), held=("motion",))
         because = f"; {why.sentence}" if why is not None else ""
-        turned = upside_down(qp, active, normal)
-        raise ConfigurationError(
-            upside_down_message(turned[0]) if turned else _standing_failure(qp, tuple(active), normal) + because
-        )
+        if turned := contact_shapes.upside_down(qp, active, normal):
+            raise ConfigurationError(contact_shapes.upside_down_message(turned[0]))
+        raise ConfigurationError(_standing_failure(qp, tuple(active), normal) + because)
     if model.floating_base:
         sways = static_sways(qp, active, hanging)
         least = min(sways, key=lambda name: sways[name].most)

@@ -7,20 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from wbc_controller.inverse_dynamics import tasks as kinds
 from wbc_controller.inverse_dynamics.contacts import Contact, UnilateralContact
 from wbc_controller.inverse_dynamics.contacts.contact import points_of
 from wbc_controller.inverse_dynamics.contacts.support import support_polygon
 from wbc_controller.inverse_dynamics.method_calls import array_from
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
-from wbc_controller.inverse_dynamics.tasks import (
-    CapturePointTask,
-    ComTask,
-    FramePoseTask,
-    FramePositionTask,
-    GazeTask,
-    RelativePoseTask,
-    Task,
-)
 from wbc_controller.records import Array, Reference, References
 from wbc_controller.walking.plan import WalkingPlan
 
@@ -59,7 +51,7 @@ class Shape:
 
 def draw(
     dynamics: Dynamics,
-    tasks: Mapping[str, Task],
+    tasks: Mapping[str, kinds.Task],
     contacts: Mapping[str, Contact],
     references: References | None,
     forces: Mapping[str, Array],
@@ -167,16 +159,16 @@ def _balance(dynamics: Dynamics, ground: float) -> Iterator[Shape]:
         yield from _shape("capture_point", 0, SPHERE_LIST, 0.03, [point])
 
 
-def _point_and_reference(task: Task, dynamics: Dynamics, reference: Reference, ground: float) -> list[Array]:
+def _point_and_reference(task: kinds.Task, dynamics: Dynamics, reference: Reference, ground: float) -> list[Array]:
     wanted = reference.position
-    if isinstance(task, ComTask | FramePositionTask | FramePoseTask):
+    if isinstance(task, kinds.ComTask | kinds.FramePositionTask | kinds.FramePoseTask):
         return [task.position(dynamics)[:3], wanted[:3]]
-    if isinstance(task, CapturePointTask):
+    if isinstance(task, kinds.CapturePointTask):
         return [np.append(task.position(dynamics), ground), np.append(wanted, ground)]
-    if isinstance(task, RelativePoseTask | GazeTask):
+    if isinstance(task, kinds.RelativePoseTask | kinds.GazeTask):
         model = dynamics.model
         at = dynamics.placement(model.frame_id(task.frame, task.name))
-        if isinstance(task, GazeTask):
+        if isinstance(task, kinds.GazeTask):
             return [at.translation, wanted[:3]]
         observer = dynamics.placement(model.frame_id(task.reference_frame, task.name))
         return [at.translation, observer.act(wanted[:3])]
