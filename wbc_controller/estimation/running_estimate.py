@@ -197,11 +197,11 @@ class RunningEstimate:
 
     def _correct_by_contacts(self, active_contacts: Sequence[str]) -> None:
         found, legs = self.filter, self._kinematics
-        for name in [
-            name for name, points in legs.points.items() if points[0] in found.names and name not in active_contacts
-        ]:
-            self._remove_contact(name)
-        known = tuple(name for name in active_contacts if legs.points[name][0] in found.names)
+        held = [name for name, points in legs.points.items() if points[0] in found.names]
+        for name in held:
+            if name not in active_contacts:
+                self._remove_contact(name)
+        known = tuple(name for name in active_contacts if name in held)
         slipping: list[str] = []
         if known:
             good = self._try_correction(known)

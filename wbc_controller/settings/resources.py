@@ -19,17 +19,11 @@ def locate(uri: str, key: str = "robot.urdf") -> Path:
     Raises:
         ConfigurationError: if the file does not exist; the message begins with the configuration key.
     """
-    if not uri.startswith(PACKAGE_SCHEME):
-        try:
-            path = Path(uri).expanduser()
-        except RuntimeError as error:  # unknown user
-            raise ConfigurationError(f"{key} = {shown(uri)}: {error}") from error
-    else:
-        package, _, rest = uri.removeprefix(PACKAGE_SCHEME).partition("/")
-        try:
-            path = share_folder(package) / rest
-        except ConfigurationError as error:
-            raise ConfigurationError(f"{key} = {shown(uri)}: {error}") from error
+    package, _, rest = uri.removeprefix(PACKAGE_SCHEME).partition("/")
+    try:
+        path = share_folder(package) / rest if uri.startswith(PACKAGE_SCHEME) else Path(uri).expanduser()
+    except (ConfigurationError, RuntimeError) as error:  # RuntimeError: unknown user
+        raise ConfigurationError(f"{key} = {shown(uri)}: {error}") from error
     if not is_file(path):
         raise ConfigurationError(f"{key} = {shown(uri)}: file {shown(path)} does not exist")
     return path
