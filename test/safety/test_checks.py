@@ -13,14 +13,10 @@ EFFORT = -LIMITS, LIMITS
 JOINTS = ("hip", "knee")
 
 
-@pytest.mark.parametrize("age", [0.0, 0.049, 0.05])
-def test_inputs_up_to_the_limit_are_fresh(age):
-    assert stale_inputs({"joint_states": age, "odom": 0.0}, 0.05) is None
-
-
 @pytest.mark.parametrize(
     ("age", "said"),
     [
+        *((fresh, None) for fresh in (0.0, 0.049, 0.05)),
         (np.nextafter(0.05, 1.0), "joint_states is 50 ms old (limit 50 ms)"),
         (0.0521, "joint_states is 52 ms old (limit 50 ms)"),
         (float("inf"), "joint_states has not arrived (limit 50 ms)"),
@@ -29,8 +25,7 @@ def test_inputs_up_to_the_limit_are_fresh(age):
 )
 def test_an_input_over_the_limit_is_named_with_its_age(age, said):
     fault = stale_inputs({"joint_states": age, "odom": 0.0}, 0.05)
-    assert fault.code == "STALE_INPUT"
-    assert fault.sentence == said
+    assert (fault and (fault.code, fault.sentence)) == (said and ("STALE_INPUT", said))
 
 
 def test_stale_inputs_are_named_with_what_is_known():

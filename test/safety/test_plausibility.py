@@ -28,11 +28,8 @@ class Body:
     def __init__(self, settings, model, **changes):
         self.model = model
         limits = make_supervisor_limits(settings, model)
-        safety = {
-            "activation_ramp": 0.0,
-            **{key: changes.pop(key) for key in [*changes] if hasattr(limits.safety, key)},
-        }
-        safety = limits.safety.model_copy(update=safety)
+        own = {key: changes.pop(key) for key in [*changes] if hasattr(limits.safety, key)}
+        safety = limits.safety.model_copy(update={"activation_ramp": 0.0, **own})
         self.limits = dataclasses.replace(limits, safety=safety, **changes)
         self.supervisor = Supervisor(model, self.limits)
         self.base = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.3]))
@@ -52,9 +49,7 @@ class Body:
         return self.supervisor.fault
 
     def solution(self):
-        return Solution(
-            v_dot=np.zeros(self.model.nv), tau=self.tau, relaxed=self.relaxed, iterations=1,
-        )  # fmt: skip
+        return Solution(v_dot=np.zeros(self.model.nv), tau=self.tau, relaxed=self.relaxed, iterations=1)
 
     def step(self, count=1, *, outcome=None, sensed=lambda q, v: (q, v), dt=PERIOD, velocity=None):
         for _ in range(count):
@@ -68,7 +63,7 @@ class Body:
             self.commands.append(self.supervisor.step(self.now, state, speeds, None, made))
         return self.commands[-1]
 
-    def says(self, code, *words):
+    def says(self, *words, code="IMPLAUSIBLE_STATE"):
         assert self.mode is Mode.DAMPING
         assert self.fault.code == code
         for word in words:
@@ -90,6 +85,17 @@ def body(robot_of):
 
 def joint(model, i):
     return model.q_index[i], model.v_index[i]
+
+
+def replacing(*, q=None, v=None):
+    """Return a sensor with values replaced by index."""
+
+    def sensed(positions, velocities):
+        for measured, replaced in ((positions, q or {}), (velocities, v or {})):
+            measured[list(replaced)] = list(replaced.values())
+        return positions, velocities
+
+    return sensed
 
 
 def test_the_torque_rate_is_per_second_however_often_the_states_come(body):
@@ -124,7 +130,7 @@ def test_a_base_that_tilts_too_far_has_fallen(body, rate, falls):
     robot.v[3] = 1.0
     robot.step(round(rate / PERIOD))
     if falls:
-        robot.says("FALLEN", "the base has tilted by 1.00 rad", "limit 1.00 rad, safety.max_tilt")
+        robot.says("the base has tilted by 1.00 rad", "limit 1.00 rad, safety.max_tilt", code="FALLEN")
     else:
         assert robot.mode is Mode.ACTIVE
 
@@ -154,7 +160,7 @@ def test_a_base_that_sinks_between_its_limbs_has_fallen(body):
         robot.step()
         if robot.mode is not Mode.ACTIVE:
             break
-    robot.says("FALLEN", "above the lowest limb (limit 0.4 of the ", "safety.min_height")
+    robot.says("above the lowest limb (limit 0.4 of the ", "safety.min_height", code="FALLEN")
     height, at_first = map(float, re.findall(r"(\d\.\d+) m ", robot.fault.sentence))
     assert 0.36 < height / at_first < 0.4  # detected within 10 ms
 
@@ -274,7 +280,9 @@ def test_single_solutions_do_not_renew_the_time_for_holding(body):
         if robot.mode is not Mode.DAMPING:
             robot.step()
     assert held * PERIOD == pytest.approx(0.1, abs=0.02)
-    robot.says("NO_SOLUTION", "held the last torques for 1", "within 1 s (limit 100 ms, safety.hold_time)", "nothing")
+    robot.says(
+        "held the last torques for 1", "within 1 s (limit 100 ms, safety.hold_time)", "nothing", code="NO_SOLUTION"
+    )
 
 
 def test_rare_failures_and_relaxations_do_not_add_up(body):
@@ -302,7 +310,7 @@ def test_relaxed_for_too_long_is_a_fault_that_names_what_was_relaxed(body):
     robot.step(149)
     assert robot.mode is Mode.ACTIVE
     robot.step(4)
-    robot.says("RELAXED", "self_collision, joint_motion, torque_rate: relaxed for 50", "safety.relax_time")
+    robot.says("self_collision, joint_motion, torque_rate: relaxed for 50", "safety.relax_time", code="RELAXED")
 
 
 def test_an_activation_begins_with_whole_budgets(body):
@@ -392,7 +400,7 @@ def test_reach_after_a_gap(body):
     robot.step(500)
     robot.q[place] -= 0.06 * fastest + 0.25
     robot.step(dt=0.06)
-    robot.says("IMPLAUSIBLE_STATE", repr(robot.model.joints[4]), "differs by -0.25 rad", "safety.joint_mismatch")
+    robot.says(repr(robot.model.joints[4]), "differs by -0.25 rad", "safety.joint_mismatch")
 
 
 def test_largest_joint_speeds_and_time_of_frozen_values(robot_of, changed):
@@ -412,11 +420,7 @@ def test_a_joint_that_jumps_is_named(body, jump):
     robot.q[joint(robot.model, 4)[0]] += jump
     robot.step()
     name = robot.model.joints[4]
-    robot.says(
-        "IMPLAUSIBLE_STATE",
-        f"joint {name!r}: the position differs by {jump:.3g} rad",
-        "limit 0.2, safety.joint_mismatch",
-    )
+    robot.says(f"joint {name!r}: the position differs by {jump:.3g} rad", "limit 0.2, safety.joint_mismatch")
 
 
 def test_what_has_led_to_a_fault_is_forgotten(body):
@@ -427,15 +431,10 @@ def test_what_has_led_to_a_fault_is_forgotten(body):
     robot.step(10)
     robot.q[place] += 0.3
     robot.step()
-    robot.says("IMPLAUSIBLE_STATE", "safety.joint_mismatch")
+    robot.says("safety.joint_mismatch")
     robot.step()
     assert robot.supervisor._watch.fault is None
-    robot.v[v], stays = 3.0, robot.q[place]
-
-    def dead(q, speeds):
-        q[place] = stays
-        return q, speeds
-
+    robot.v[v], dead = 3.0, replacing(q={place: robot.q[place]})
     watch, doubts = robot.supervisor._watch, []
     for _ in range(8):
         robot.step(sensed=dead)
@@ -463,17 +462,9 @@ def test_a_fault_of_the_inputs_counts_before_one_of_the_state(body):
 def test_a_joint_whose_velocity_or_position_is_dead_is_named(body, dead, speed, count, said):
     robot = body()
     place, v = joint(robot.model, 4)
-    robot.v[v], start = speed, robot.q[place]
-
-    def sensed(q, speeds):
-        if dead == "velocity":
-            speeds[v] = 0.0
-        else:
-            q[place] = start
-        return q, speeds
-
-    robot.step(count, sensed=sensed)
-    robot.says("IMPLAUSIBLE_STATE", f"joint {robot.model.joints[4]!r}: ", *said)
+    robot.v[v] = speed
+    robot.step(count, sensed=replacing(v={v: 0.0}) if dead == "velocity" else replacing(q={place: robot.q[place]}))
+    robot.says(f"joint {robot.model.joints[4]!r}: ", *said)
 
 
 @pytest.mark.parametrize(
@@ -496,7 +487,7 @@ def test_values_that_are_frozen_under_fresh_stamps_are_named(body, what, places,
     for _ in range(10):
         robot.v = rng.normal(0.0, 1e-3, robot.model.nv)
         robot.step(sensed=frozen)
-    robot.says("IMPLAUSIBLE_STATE", f"{what} have repeated for 102 ms", "limit 100 ms, safety.frozen_time")
+    robot.says(f"{what} have repeated for 102 ms", "limit 100 ms, safety.frozen_time")
 
 
 @pytest.mark.parametrize(("axis", "jump"), [(0, 1.0), (1, -0.15), (2, 0.12), (3, 0.4)])
@@ -509,7 +500,7 @@ def test_odometry_that_jumps_is_a_fault(body, axis, jump):
         robot.q[3:7] = [np.sin(jump / 2.0), 0.0, 0.0, np.cos(jump / 2.0)]
         said = "base rotation about x", "0.4 rad", "limit 0.2, safety.base_turn_mismatch"
     robot.step()
-    robot.says("IMPLAUSIBLE_STATE", *said)
+    robot.says(*said)
     assert (np.abs(robot.commands[-1].tau - robot.commands[-2].tau) <= 0.2 * robot.model.effort_limits + 1e-9).all()
 
 
@@ -525,13 +516,8 @@ def test_odometry_that_jumps_is_a_fault(body, axis, jump):
 )
 def test_velocities_out_of_range(body, place, value, key, sign):
     robot = body(steps=10)
-
-    def absurd(q, v):
-        v[place] = sign * value
-        return q, v
-
-    command = robot.step(sensed=absurd)
-    robot.says("IMPLAUSIBLE_STATE", f"{sign * value:.3g}", f"safety.{key}")
+    command = robot.step(sensed=replacing(v={place: sign * value}))
+    robot.says(f"{sign * value:.3g}", f"safety.{key}")
     assert np.isfinite(command.tau).all()
 
 
@@ -539,13 +525,8 @@ def test_velocities_out_of_range(body, place, value, key, sign):
 @pytest.mark.parametrize("place", [0, 9])
 def test_positions_out_of_range(body, place, value):
     robot = body(steps=10)
-
-    def absurd(q, v):
-        q[place] = value
-        return q, v
-
-    robot.step(sensed=absurd)
-    robot.says("IMPLAUSIBLE_STATE", f"value {place} is {value:.3g}", "safety.max_magnitude")
+    robot.step(sensed=replacing(q={place: value}))
+    robot.says(f"value {place} is {value:.3g}", "safety.max_magnitude")
     robot.step()
     robot.supervisor.request("reset", robot.now, None)
     assert robot.supervisor.request("activate", robot.now, None)

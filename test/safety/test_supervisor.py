@@ -22,22 +22,14 @@ PERIOD = 0.002
 
 
 def limits(**changes):
-    values = {
-        "activation_ramp": 0.1,
-        "hold_time": 0.02,
-        "hold_window": 0.0,
-        "damping_time": 0.05,
-        "relax_time": math.inf,
-    }
+    values = dict(activation_ramp=0.1, hold_time=0.02, hold_window=0.0, damping_time=0.05, relax_time=math.inf)
     safety = {**UNCHECKED, **values, **{key: changes.pop(key) for key in [*changes] if key in values}}
     safety = SafetySettings().model_copy(update=safety)  # without validation
     return SupervisorLimits(safety=safety, **{"torque_rate": 100.0, "period": PERIOD, **changes})
 
 
 def solution(model, tau):
-    return Solution(
-        v_dot=np.zeros(model.nv), tau=np.asarray(tau, dtype=float), iterations=1,
-    )  # fmt: skip
+    return Solution(v_dot=np.zeros(model.nv), tau=np.asarray(tau, dtype=float), iterations=1)
 
 
 class Rig:
@@ -59,10 +51,10 @@ class Rig:
     def request(self, word, problem=None):
         return self.supervisor.request(word, self.now, problem)
 
-    def step(self, outcome="solution", count=1, problem=None, velocity=0.0):
+    def step(self, outcome="solution", count=1, problem=None, velocity=0.0, dt=PERIOD):
         """Step with the joint velocity, or None if stale."""
         for _ in range(count):
-            self.now += PERIOD
+            self.now += dt
             speeds = None if velocity is None else np.full(self.model.na, velocity)
             made = solution(self.model, self.tau) if isinstance(outcome, str) else outcome
             given_outcome = made if self.supervisor.solving and problem is None else None
@@ -90,10 +82,14 @@ class Rig:
         return self
 
 
+@pytest.fixture(scope="module")
+def rig_model(robot_of):
+    return robot_of("go2")[1]
+
+
 @pytest.fixture
-def rig(robot_of):
-    _, model = robot_of("go2")
-    return lambda **changes: Rig(model, **changes)
+def rig(rig_model):
+    return lambda **changes: Rig(rig_model, **changes)
 
 
 RESET_FIRST = "send 'reset' first"
@@ -163,9 +159,7 @@ def shares(bench):
 def test_torques_ramp_in_from_zero_in_the_activation_ramp(rig):
     bench = rig(torque_rate=1e5)
     bench.request("activate")
-    bench.commands.append(
-        bench.supervisor.step(bench.now, bench.state, np.zeros(bench.model.na), None, solution(bench.model, bench.tau))
-    )
+    bench.step(dt=0.0)
     bench.step(count=60)
     share = shares(bench)
     assert not share[0].any()
@@ -251,8 +245,7 @@ def test_filtered_torques_follow_the_solutions_and_delay_no_stop(rig):
         sent = bench.step().tau
         np.testing.assert_allclose(sent, bench.tau + np.exp(-count * PERIOD / 0.006) * (before - bench.tau), rtol=1e-6)
         np.testing.assert_array_equal(bench.supervisor.torques_before(bench.now), sent)
-    bench.now += 0.006 - PERIOD  # late states: elapsed time counts
-    late = bench.step().tau
+    late = bench.step(dt=0.006).tau  # late states: elapsed time counts
     np.testing.assert_allclose(late, bench.tau + np.exp(-1.0) * (sent - bench.tau), rtol=1e-6)
     for word in ("estop", "damp"):
         bench = rig(torque_filter=0.05, torque_rate=1e5).bring("active")
@@ -262,10 +255,8 @@ def test_filtered_torques_follow_the_solutions_and_delay_no_stop(rig):
 
 def test_a_command_carries_the_stamp_it_answers_and_where_its_torques_lead(rig):
     bench = rig().bring("active")
-    answer = solution(bench.model, bench.tau)
     v_dot = np.arange(bench.model.nv, dtype=float)
-    answer = replace(answer, v_dot=v_dot)
-    command = bench.step(answer)
+    command = bench.step(replace(solution(bench.model, bench.tau), v_dot=v_dot))
     joints = v_dot[bench.model.v_index]
     assert command.stamp == 7
     np.testing.assert_allclose(command.v_desired, PERIOD * joints)
@@ -424,13 +415,8 @@ def test_commands_are_bounded_and_modes_follow_the_diagram(rig_model, cycles, ra
                 assert after == before or after in EDGES[before] or (word, after) == ("estop", "fault")
                 if word == "estop":
                     last = np.zeros(model.na)
-        outcome = {
-            "solution": solution(model, share * model.effort_limits),
-            "none": None,
-            "nothing": NOTHING,
-            "fault": Fault("INTERNAL_ERROR", "x"),
-            "stale": None,
-        }[kind]
+        made = solution(model, share * model.effort_limits)
+        outcome = {"solution": made, "nothing": NOTHING, "fault": Fault("INTERNAL_ERROR", "x")}.get(kind)
         before = supervisor.mode.value
         velocity = None if speed is None else np.full(model.na, speed)
         command = supervisor.step(bench.now, bench.state, velocity, problem, outcome if supervisor.solving else None)
@@ -453,15 +439,9 @@ def test_commands_are_bounded_and_modes_follow_the_diagram(rig_model, cycles, ra
     assert ended is None or not ended.tau.any()
 
 
-@pytest.fixture(scope="module")
-def rig_model(robot_of):
-    return robot_of("go2")[1]
-
-
-def test_torques_of_the_motors_at_known_and_unknown_speeds(robot_of):
-    na = robot_of("go2")[1].na
-    rig = Rig(robot_of("go2")[1], torque_speed=TorqueSpeedCurve(np.full(na, 5.0), np.full(na, 15.0)), torque_rate=5.0)
-    rig.bring("active")
+def test_torques_of_the_motors_at_known_and_unknown_speeds(rig_model):
+    curve = TorqueSpeedCurve(np.full(rig_model.na, 5.0), np.full(rig_model.na, 15.0))
+    rig = Rig(rig_model, torque_speed=curve, torque_rate=5.0).bring("active")
     assert rig.commands[-1].tau == pytest.approx(rig.tau)
     rig.step(velocity=9.0)  # 60 % available, 50 % wanted
     assert rig.mode is Mode.ACTIVE
@@ -471,7 +451,7 @@ def test_torques_of_the_motors_at_known_and_unknown_speeds(robot_of):
     assert (rig.commands[-1].tau <= 0.3 * rig.model.effort_limits + 1e-9).all()
     rig.step(velocity=-12.0)  # braking
     assert rig.mode is Mode.ACTIVE
-    rig = Rig(robot_of("go2")[1], torque_speed=TorqueSpeedCurve(np.full(na, 5.0), np.full(na, 15.0))).bring("active")
+    rig = Rig(rig_model, torque_speed=curve).bring("active")
     for velocity in (None, np.nan, np.inf):
         rig.step(velocity=velocity)
         assert rig.mode is Mode.ACTIVE
