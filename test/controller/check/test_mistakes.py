@@ -4,42 +4,29 @@ import copy
 
 import pytest
 from refusals import refusal
+from robot_cases import BOX, joint, link, robot
 
 import wbc_controller as wbc
 
-INERTIA = '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
+INERTIA = '<inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/>'
+MOTOR = 'effort="60" velocity="10" lower="-1" upper="1"'
 
 
-def link(name, mass, middle, box):
-    shape = f'<origin xyz="0 0 {middle}"/><geometry><box size="{box}"/></geometry>'
-    inertial = f'<inertial><origin xyz="0 0 {middle}"/><mass value="{mass}"/>{INERTIA}</inertial>'
-    return f'<link name="{name}">{inertial}<collision>{shape}</collision></link>\n'
-
-
-def joint(name, parent, child, below, axis):
-    return (
-        f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
-        f'<origin xyz="0 0 {-below}"/><axis xyz="{axis}"/>'
-        '<limit effort="60" velocity="10" lower="-1" upper="1"/></joint>\n'
-    )
+def part(name, mass, middle, size):
+    at = f"0 0 {middle}"
+    return link(name, mass, at, 0.01, BOX.format(at=at, size=size))
 
 
 #: A body of 5 kg on one leg, with a sole of 200 × 100 mm, 60 mm below the ankle.
-URDF = (
-    '<robot name="hopper">\n'
-    + link("body", 5, 0.1, "0.2 0.2 0.2")
-    + link("thigh", 1, -0.1, "0.05 0.05 0.2")
-    + link("shank", 1, -0.1, "0.05 0.05 0.2")
-    + link("ankle", 0.2, 0, "0.02 0.02 0.02")
-    + link("foot", 0.5, -0.04, "0.2 0.1 0.04")
-    + '<link name="sole"/>\n'
-    + joint("hip", "body", "thigh", 0, "0 1 0")
-    + joint("knee", "thigh", "shank", 0.2, "0 1 0")
-    + joint("ankle_pitch", "shank", "ankle", 0.2, "0 1 0")
-    + joint("ankle_roll", "ankle", "foot", 0, "1 0 0")
-    + '<joint name="sole_joint" type="fixed"><parent link="foot"/><child link="sole"/>'
-    '<origin xyz="0 0 -0.06"/></joint>\n' + "</robot>"
-)
+URDF = robot(
+    part("body", 5, 0.1, "0.2 0.2 0.2"), part("thigh", 1, -0.1, "0.05 0.05 0.2"),
+    part("shank", 1, -0.1, "0.05 0.05 0.2"), part("ankle", 0.2, 0, "0.02 0.02 0.02"),
+    part("foot", 0.5, -0.04, "0.2 0.1 0.04"), link("sole"),
+    joint("hip", "body", "thigh", limit=MOTOR), joint("knee", "thigh", "shank", at="0 0 -0.2", limit=MOTOR),
+    joint("ankle_pitch", "shank", "ankle", at="0 0 -0.2", limit=MOTOR),
+    joint("ankle_roll", "ankle", "foot", "1 0 0", limit=MOTOR),
+    joint("sole_joint", "foot", "sole", at="0 0 -0.06", kind="fixed", limit=""),
+)  # fmt: skip
 VALUES = {
     "robot": {"joints": ["hip", "knee", "ankle_pitch", "ankle_roll"], "posture": [0.0, 0.0, 0.0, 0.0]},
     "contacts": {
@@ -122,7 +109,7 @@ def test_a_mistake_in_the_configuration(mistake):
     assert [part for part in said if part not in sentence] == [], sentence
 
 
-MASS, LIMIT = '<mass value="1"/>', '<limit effort="60" velocity="10" lower="-1" upper="1"/>'
+MASS, LIMIT = '<mass value="1"/>', f"<limit {MOTOR}/>"
 IN_THE_URDF = {
     "mass without inertia": (f"{MASS}{INERTIA}", MASS + INERTIA.replace("0.01", "0"),
         ["link 'thigh', moved by joint 'hip', has 1 kg", "requires a mass", "three positive moments"]),
@@ -169,7 +156,7 @@ def test_uncontrolled_locked_and_floating_joints_are_reported():
     changes = {"robot.joints": ["hip", "knee", "ankle_pitch"], "robot.posture": [0.0, 0.0, 0.0]}
     assert checked(changes)["locked joints"] == "ankle_roll (at 0 by default)"
     aside = '<joint name="ball" type="floating"><parent link="PARENT"/><child link="load"/></joint></robot>'
-    load = URDF.replace("</robot>", link("load", 1, 0, "0.1 0.1 0.1") + aside)
+    load = URDF.replace("</robot>", part("load", 1, 0, "0.1 0.1 0.1") + aside)
     assert checked({"contacts.foot.half_length": 0.1}, load.replace("PARENT", "foot"))["locked joints"] == (
         "ball (floating in the URDF; only the root link can float)"
     )
@@ -182,9 +169,7 @@ def test_unusual_joints_and_links_are_right_and_reported():
     assert checked({}, URDF.replace(inertial, ""))["mass"].startswith("7.50 kg")
     endless = URDF.replace('name="hip" type="revolute"', 'name="hip" type="continuous"')
     assert checked({}, endless)["no position limits"] == "hip"
-    bare = URDF.replace(
-        '<collision><origin xyz="0 0 -0.04"/><geometry><box size="0.2 0.1 0.04"/></geometry></collision>', ""
-    )
+    bare = URDF.replace(BOX.format(at="0 0 -0.04", size="0.2 0.1 0.04"), "")
     assert bare != URDF
     assert checked({}, bare)["not compared"].startswith("foot with the URDF: no readable <collision> on their")
 
