@@ -136,10 +136,7 @@ def test_a_call_works_or_raises_an_error_of_the_package(name):
         (lambda c: c.set("com", [0, 0, np.nan]), "the position of task 'com' is not finite"),
         (lambda c: c.set("com", "up"), "the position of task 'com' is not an array of numbers"),
         (lambda c: c.set("com", [0, 0, 0], velocity=[1.0]), r"the velocity of task 'com' has shape \(1,\)"),
-        (
-            lambda c: c.set("base", [0, 0, 0, 2]),
-            r"the position of task 'base': \[0, 0, 0, 2\] is not a unit quaternion",
-        ),
+        (lambda c: c.set("base", [0, 0, 0, 2]), r"the position of task 'base': \[0, 0, 0, 2] is not a unit quaternion"),
         (lambda c: c.set("com", {"FL_hip_joint": 0.0}), "task 'com' has no joints"),
         (lambda c: c.set("posture", {"FL_hip": 0.0}), "'FL_hip' is not a joint of task 'posture'; did you mean"),
         (lambda c: c.follow("com", [0.5, 0.2], np.zeros((2, 3))), "times of task 'com' must increase from at least 0"),
@@ -183,12 +180,8 @@ def test_an_error_names_the_value_and_its_range_and_has_no_effect(call, sentence
 
 
 def test_a_state_with_absurd_values_leads_to_damping_with_a_reason():
-    absurd = [(Q, np.full(MODEL.nv, 1e308), "above 1e+09"), (np.zeros(MODEL.nq), V, "not a unit quaternion")]
-    absurd += [
-        (np.full(MODEL.nq, np.nan), V, "q is not finite: ["),
-        (Q, np.full(MODEL.nv, np.nan), "v is not finite: ["),
-    ]
-    for q, v, word in absurd:
+    absurd = [(Q, V + 1e308, "above 1e+09"), (np.zeros(MODEL.nq), V, "not a unit quaternion")]
+    for q, v, word in (*absurd, (Q + np.nan, V, "q is not finite: ["), (Q, V + np.nan, "v is not finite: [")):
         CONTROLLER.reset(Q, V)
         result = CONTROLLER.step(q, v, 0.0)
         assert (result.mode, result.fault.code) == (wbc.Mode.DAMPING, "BAD_STATE")

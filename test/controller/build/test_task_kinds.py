@@ -17,16 +17,10 @@ TASKS = types_of(TaskSettings)
 
 PAGE = (Path(__file__).parents[3] / "docs" / "tasks.md").read_text(encoding="utf-8")
 #: Tasks of the page, and its updates by task.
-SHOWN = {
-    name: task
-    for block in re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
-    for name, task in yaml.safe_load(block).items()
-}
-UPDATES = {
-    name: text
-    for text in re.findall(r"`(\{tasks: \{.*?\}\}\})`", PAGE)
-    for name in yaml.safe_load(text)["tasks"]
-}  # fmt: skip
+BLOCKS = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
+SHOWN = {name: task for block in BLOCKS for name, task in yaml.safe_load(block).items()}
+TEXTS = re.findall(r"`(\{tasks: \{.*?\}\}\})`", PAGE)
+UPDATES = {name: text for text in TEXTS for name in yaml.safe_load(text)["tasks"]}
 #: Tasks in one snippet.
 TOGETHER = {"inside", "reach", "rest"}
 
@@ -98,19 +92,15 @@ def test_a_setpoint_and_a_trajectory_by_topic_move_the_reference_there(bench, ma
 
 @pytest.mark.parametrize("kind", ["contact_wrench", "torque"])
 def test_effort_setpoint_by_topic(bench, make, kind):
-    keys, goal = {
-        "contact_wrench": (
-            {"contact": "left_foot", "mask": [False, False, True, False, False, False]},
-            [0, 0, 120.0, 0, 0, 0],
-        ),
-        "torque": ({"joints": ["left_elbow_joint"]}, [1.5]),
-    }[kind]
+    if kind == "torque":
+        keys, goal = {"joints": ["left_elbow_joint"]}, [1.5]
+        setpoint = make.joint_state(["left_elbow_joint"], (), effort=goal)
+    else:
+        keys, goal = {"contact": "left_foot", "mask": [i == 2 for i in range(6)]}, [0, 0, 120.0, 0, 0, 0]
+        setpoint = make.wrench(goal, "left_ankle_roll_link")
     robot = bench("g1", {"tasks": {"task": {"type": kind, "weight": 100.0, "setpoint_duration": 0.1} | keys}})
     robot.activate()
-    if kind == "torque":
-        robot.send("setpoint", make.joint_state(["left_elbow_joint"], (), effort=goal), "task")
-    else:
-        robot.send("setpoint", make.wrench(goal, "left_ankle_roll_link"), "task")
+    robot.send("setpoint", setpoint, "task")
     report = robot.cycle(100)
     assert not any(report.refused for report in robot.reports)
     solution = report.solution

@@ -5,6 +5,7 @@ from collections import Counter
 import numpy as np
 import pinocchio as pin
 import pytest
+import robot_cases as cases
 from scipy.spatial import ConvexHull
 from synthetic_run import robot
 from urdf_models import build_model
@@ -13,27 +14,18 @@ from wbc_controller.controller.visualization.geometry import TRIANGLES, build_pa
 from wbc_controller.settings.resources import share_folder
 
 ROBOTS = ("g1", "go2")
-PRIMITIVES = """
-<robot name="r">
-  <material name="red"><color rgba="1 0 0 1"/></material>
-  <link name="base">
-    <inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
-    <visual><origin xyz="1 0 0"/><geometry><box size="0.2 0.4 0.6"/></geometry><material name="red"/></visual>
-    <visual><geometry><sphere radius="0.1"/></geometry></visual>
-  </link>
-  <link name="locked">
-    <visual><origin xyz="0 0 1"/><geometry><cylinder radius="0.1" length="0.5"/></geometry></visual>
-  </link>
-  <link name="arm">
-    <inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
-    <visual><geometry><mesh filename="package://nowhere/arm.stl"/></geometry></visual>
-  </link>
-  <joint name="lock" type="revolute"><parent link="base"/><child link="locked"/><origin xyz="0 2 0"/>
-    <axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
-  <joint name="move" type="revolute"><parent link="locked"/><child link="arm"/><origin xyz="0 0 0.3"/>
-    <axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
-</robot>
-"""
+BOX = '<origin xyz="1 0 0"/><geometry><box size="0.2 0.4 0.6"/></geometry><material name="red"/>'
+BALL = '<geometry><sphere radius="0.1"/></geometry>'
+ROD = '<origin xyz="0 0 1"/><geometry><cylinder radius="0.1" length="0.5"/></geometry>'
+MISSING = '<geometry><mesh filename="package://nowhere/arm.stl"/></geometry>'
+PRIMITIVES = cases.robot(
+    '<material name="red"><color rgba="1 0 0 1"/></material>',
+    cases.link("base", 1.0, more=f"<visual>{BOX}</visual><visual>{BALL}</visual>"),
+    cases.link("locked", more=f"<visual>{ROD}</visual>"),
+    cases.link("arm", 1.0, more=f"<visual>{MISSING}</visual>"),
+    cases.joint("lock", "base", "locked", "1 0 0", "0 2 0"),
+    cases.joint("move", "locked", "arm", "0 0 1", "0 0 0.3"),
+)
 
 
 def moved(placement, points):
