@@ -15,6 +15,7 @@ from wbc_controller.inverse_dynamics.contacts import PointContact, SurfaceContac
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings
+from wbc_controller.settings.contacts import ContactSettings
 from wbc_controller.settings.contacts import SurfaceContact as SurfaceSettings
 
 _HEIGHT = 0.02  # largest distance of a contact from the lowest point of its shapes, m
@@ -66,7 +67,7 @@ def compare_with_shapes(settings: Settings, qp: WholeBodyQP, normal: Array) -> l
         return [Finding("not compared", f"contacts with the URDF: {error}")]
     found, without = [], []
     for name, contact in contacts.items():
-        text = _compare_contact(settings, qp, elements, name, contact, normal)
+        text = _compare_contact(qp, elements, contact, settings.contacts[name], normal)
         if text is None:
             without.append(name)
         else:
@@ -94,7 +95,8 @@ def undersides(settings: Settings, qp: WholeBodyQP) -> dict[str, Array]:
         plane = pin.SE3(np.eye(3), contact.points(qp.dynamics)[0])
         if isinstance(contact, SurfaceContact):
             plane = contact.placement(qp.dynamics)
-        region = _footprint_of_link(settings, qp, elements, name, plane, _TREAD)
+        index = qp.model.frame_id(settings.contacts[name].frame, f"contacts.{name}.frame")
+        region = _footprint_of_link(qp, elements, index, plane, _TREAD)
         if region is not None:
             corners = np.column_stack([region.polygon, np.full(len(region.polygon), region.height)])
             found[name] = np.asarray(corners @ plane.rotation.T + plane.translation)
@@ -102,14 +104,8 @@ def undersides(settings: Settings, qp: WholeBodyQP) -> dict[str, Array]:
 
 
 def _footprint_of_link(
-    settings: Settings,
-    qp: WholeBodyQP,
-    elements: Sequence[pin.GeometryObject],
-    name: str,
-    plane: pin.SE3,
-    layer: float = LAYER,
+    qp: WholeBodyQP, elements: Sequence[pin.GeometryObject], index: int, plane: pin.SE3, layer: float = LAYER
 ) -> Footprint | None:
-    index = qp.model.frame_id(settings.contacts[name].frame, f"contacts.{name}.frame")
     frame = qp.model.pinocchio.frames[index]
     link = qp.dynamics.placement(index) * frame.placement.inverse()
     own = [element for element in elements if element.parentJoint == frame.parentJoint]
@@ -117,14 +113,14 @@ def _footprint_of_link(
 
 
 def _compare_contact(
-    settings: Settings,
     qp: WholeBodyQP,
     elements: Sequence[pin.GeometryObject],
-    name: str,
     contact: UnilateralContact,
+    spec: ContactSettings,
     normal: Array,
 ) -> str | None:
-    spec, on = settings.contacts[name], partial(_footprint_of_link, settings, qp, elements, name)
+    name, index = contact.name, qp.model.frame_id(spec.frame, f"contacts.{contact.name}.frame")
+    on = partial(_footprint_of_link, qp, elements, index)
     if isinstance(contact, SurfaceContact) and isinstance(spec, SurfaceSettings):
         plane = contact.placement(qp.dynamics)
         region = on(plane)
@@ -161,8 +157,7 @@ def _compare_contact(
         return None
     radius = f"radius = {contact.radius:g}"
     kind = f"lowest point ({radius})"
-    frame = qp.dynamics.placement(qp.model.frame_id(spec.frame, f"contacts.{name}.frame"))
-    shift = frame.rotation.T @ (region.height * contact.axes(qp.dynamics)[:, 2])
+    shift = qp.dynamics.placement(index).rotation.T @ (region.height * contact.axes(qp.dynamics)[:, 2])
     _require_height(name, kind, region.height, np.array(spec.translation) + shift)
     side_offset = float(region.outside(np.zeros((1, 2)))[0])
     if not (side_offset <= _SIDE_OFFSET):
