@@ -6,10 +6,10 @@ from functools import partial
 from typing import Any
 
 from wbc_controller.errors import ConfigurationError, NoSolution
-from wbc_controller.inverse_dynamics.formulation.answer import NOT_FINITE, Answer
 from wbc_controller.inverse_dynamics.formulation.formulation import Formulation
 from wbc_controller.inverse_dynamics.formulation.infeasibility import explain
 from wbc_controller.inverse_dynamics.formulation.layout import Layout
+from wbc_controller.inverse_dynamics.formulation.problem import NOT_FINITE, Answer
 from wbc_controller.inverse_dynamics.formulation.relaxation import (
     contacts_preventing_stop,
     relaxations,

@@ -45,7 +45,13 @@ class LevelCost:
         problem, base = layout.problem, 6 if dynamics.model.floating_base else 0
         n = problem.n
         self._tasks, self._layout, self._dynamics, self._regularization = tasks, layout, dynamics, regularization
-        posture = _on_diagonal(tasks) if last else []
+        posture = [
+            (task, instruction)
+            for task in (tasks if last else ())
+            if isinstance(task, PostureTask)
+            and task.tolerance is None
+            and (instruction := task.instruction()) is not None
+        ]
         self._posture = [task for task, _ in posture]
         with_rows = [task for task in tasks if task.tolerance is None and task not in self._posture]
         self._with_tolerance = [task for task in tasks if task.tolerance is not None]
@@ -158,15 +164,6 @@ class LevelCost:
         cost = self.level.cost
         cost.update(self._with_redundant, cost.squares_constant)
         self.level.kept = self._kept[1]
-
-
-def _on_diagonal(tasks: Sequence[Task]) -> list[tuple[PostureTask, Instruction]]:
-    found = []
-    for task in tasks:
-        instruction = task.instruction() if isinstance(task, PostureTask) and task.tolerance is None else None
-        if isinstance(task, PostureTask) and instruction is not None:
-            found.append((task, instruction))
-    return found
 
 
 def _places(tasks: Sequence[Task]) -> tuple[dict[str, slice], int]:

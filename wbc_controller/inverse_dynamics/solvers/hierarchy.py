@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import qr
 
-from wbc_controller.inverse_dynamics.formulation.answer import NOT_FINITE, Answer
-from wbc_controller.inverse_dynamics.formulation.problem import Level, QuadraticProgram
+from wbc_controller.inverse_dynamics.formulation.problem import NOT_FINITE, Answer, Level, QuadraticProgram
 from wbc_controller.inverse_dynamics.formulation.problem_kernels import LeastSquares
 from wbc_controller.inverse_dynamics.solvers import Solver
 from wbc_controller.inverse_dynamics.solvers import active_set_kernels as kernel
