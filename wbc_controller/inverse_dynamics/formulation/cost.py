@@ -1,6 +1,7 @@
 """Cost of one priority level."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -85,22 +86,14 @@ class LevelCost:
             (rows, places[task.name]) for task, rows in self._python_rows if isinstance(task, EffortTask)
         ]
         weights = np.ones(soft + count)
-        self.squares = LeastSquares(
-            rows=block[:count],
-            weights=weights[soft:],
-            base=base,
-            diagonal=np.zeros(n),
-            target=np.zeros(n),
-            constraints=problem.constraints,
-        )
-        self._with_redundant = LeastSquares(
-            rows=whole[: soft + count],
-            weights=weights,
-            base=base,
-            diagonal=self.squares.diagonal,
-            target=self.squares.target,
-            constraints=problem.constraints,
-        )
+        shared: dict[str, Any] = {
+            "base": base,
+            "diagonal": np.zeros(n),
+            "target": np.zeros(n),
+            "constraints": problem.constraints,
+        }
+        self.squares = LeastSquares(rows=block[:count], weights=weights[soft:], **shared)
+        self._with_redundant = LeastSquares(rows=whole[: soft + count], weights=weights, **shared)
         self.rows = CompiledRows(dynamics, block, self.squares.target, entries)
         self._kept = [block[: 0 if last else end, :n], whole[: 0 if last else soft + end, :n]]
         self.level = Level(

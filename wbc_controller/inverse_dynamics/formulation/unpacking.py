@@ -56,7 +56,7 @@ class _LazySolution(Solution):
     def forces(self) -> Mapping[str, Array]:
         forces = FORCE_UNIT * self._residuals.value[self._layout.forces]
         forces.setflags(write=False)
-        return MappingProxyType({name: forces[own] for name, own in self._layout.forces_of})
+        return MappingProxyType({place.contact.name: forces[place.motion] for place in self._layout.places})
 
     @cached_property
     def residuals(self) -> Mapping[str, float]:

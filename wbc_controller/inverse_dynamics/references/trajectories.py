@@ -107,10 +107,9 @@ def _jacobian_dot(turn: Array, rate: Array) -> Array:
     return np.asarray((pin.Jexp3(turn + step * rate) - pin.Jexp3(turn - step * rate)) / (2.0 * step))
 
 
-def _quintic(ends: tuple[Array, Array, Array, Array, Array, Array], duration: float) -> Array:
-    """Return the coefficients, (6, k) by increasing power, of the quintic between given ends."""
+def _quintic(ends: tuple[Array, Array, Array, Array, Array, Array], T: float) -> Array:
+    """Return the coefficients, (6, k) by increasing power, of the quintic of duration T between given ends."""
     x0, v0, a0, x1, v1, a1 = ends
-    T = duration
     d = x1 - x0 - v0 * T - 0.5 * a0 * T**2
     e = (v1 - v0 - a0 * T) * T
     f = (a1 - a0) * T**2

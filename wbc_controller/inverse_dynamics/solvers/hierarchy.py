@@ -121,8 +121,7 @@ class Hierarchy:
         if not (np.max(np.abs(problem.A @ x - problem.b), initial=0.0) <= _CONSISTENT):
             return Answer(None, "the equalities contradict each other", 0)
         rows = np.vstack([np.eye(n), problem.C])
-        lower = np.concatenate([problem.x_lower, problem.lower])
-        upper = np.concatenate([problem.x_upper, problem.upper])
+        lower, upper = problem.bounds
         multipliers = np.zeros(len(rows))
         iterations = 0
         reports: tuple[LevelReport, ...] = ()
