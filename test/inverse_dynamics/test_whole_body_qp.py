@@ -341,10 +341,8 @@ def test_residuals_of_an_inaccurate_and_of_no_answer(bench):
     found = unpack(g1.controller.formulation, layout, answer, references)
     assert found.residuals["equations_of_motion"] == pytest.approx(1.0e-4 * g1.model.mass, rel=0.01)
     assert found.residuals["contact_motion"] == pytest.approx(1.0e-4, rel=0.2)
-    g1 = bench("g1")
-    layout = g1.controller.formulation.build(g1.state(), g1.references())
     with pytest.raises(ValueError, match="'infeasible' has no residuals"):
-        unpack(g1.controller.formulation, layout, Answer(None, "infeasible", 3), g1.references())
+        unpack(g1.controller.formulation, layout, Answer(None, "infeasible", 3), references)
 
 
 def test_binding_constraints_hold_with_equality(robots):
