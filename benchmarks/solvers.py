@@ -16,7 +16,7 @@ import pinocchio as pin
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.references import make_board
 from wbc_controller.controller.build.robot import make_model
-from wbc_controller.inverse_dynamics.formulation.answer import Answer
+from wbc_controller.inverse_dynamics.formulation.problem import Answer
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.solvers import make_solver
 from wbc_controller.records import RobotState, frozen

@@ -10,23 +10,16 @@ import pytest
 from mechanisms import ball, box, four_bar, move, random_state
 
 from wbc_controller import mechanics as wbm
-from wbc_controller.controller.build.robot import make_model
-from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.simulation.plant import Plant
 
 STIFF = 'solref="0.01 1" solimp="0.9999 0.9999 0.001"'
 
 
-def shipped(name):
-    settings = load_settings(find_configuration(name))
-    model = make_model(settings)
-    return settings, model, Plant(model, settings)
-
-
 @pytest.mark.parametrize("name", ["go2", "g1", "talos"])
-def test_free_flight_agrees_to_rounding(name):
+def test_free_flight_agrees_to_rounding(robot_of, name):
     """Without constraints: accelerations to 1e-8 of the largest, for random torques."""
-    _, model, plant = shipped(name)
+    settings, model = robot_of(name)
+    plant = Plant(model, settings)
     plant.hold(False, 0.0)
     rng = np.random.default_rng(0)
     S = wbm.actuation_matrix(model.pinocchio, model.joints)
@@ -44,9 +37,11 @@ def test_free_flight_agrees_to_rounding(name):
         assert np.abs(plant.acceleration() - expected).max() < 1e-8 * np.abs(expected).max()
 
 
-def standing():
+@pytest.fixture
+def standing(robot_of):
     """Go2 at rest on its feet, with springs at its joints."""
-    settings, model, plant = shipped("go2")
+    settings, model = robot_of("go2")
+    plant = Plant(model, settings)
     inertia = pin.crba(model.pinocchio, model.pinocchio.createData(), plant.state()[0]).diagonal()[model.v_index]
     gain = 12.0 * model.mass * np.clip(inertia / inertia.max(), 0.05, 1.0)
     plant.hold(False, 0.0)
@@ -66,9 +61,9 @@ def contact_forces(settings, model, plant):
     return motion, motion.multipliers.reshape(4, 3), np.array(list(plant.contact_wrenches().values()))
 
 
-def test_a_standing_quadruped_has_the_same_contact_forces():
+def test_a_standing_quadruped_has_the_same_contact_forces(standing):
     """At rest: force of each foot to 0.1 % of its load."""
-    settings, model, plant = standing()
+    settings, model, plant = standing
     assert np.abs(plant.state()[1]).max() < 0.05
     _, ours, theirs = contact_forces(settings, model, plant)
     weight = model.mass * model.gravity
@@ -77,12 +72,12 @@ def test_a_standing_quadruped_has_the_same_contact_forces():
 
 
 @pytest.mark.parametrize("torque", [-1.0, 1.0])
-def test_a_jolt_of_torque_changes_the_contact_forces_alike(torque):
+def test_a_jolt_of_torque_changes_the_contact_forces_alike(standing, torque):
     """The same robot at a torque step: forces to 0.5 % of the weight.
 
     Accelerations to 10 % of the largest: 2 % of the feet's motion, left by the impedance, moves the light calves.
     """
-    settings, model, plant = standing()
+    settings, model, plant = standing
     plant.apply(plant.applied_torques + torque * np.tile([0.0, 1.0, -1.0], 4))
     plant.forward()
     motion, ours, theirs = contact_forces(settings, model, plant)
@@ -176,12 +171,11 @@ def test_box_at_rest_and_tipping(moment):
     Four corners are redundant: the sums of both sides are compared.
     """
     size, mass = (0.4, 0.3, 0.5), 10.0
-    corners = [np.array([sx * size[0] / 2, sy * size[1] / 2, -size[2] / 2]) for sx in (1, -1) for sy in (1, -1)]
-    balls = "".join(
-        f'<geom type="sphere" size="0.001" pos="{c[0]} {c[1]} {c[2] + 0.001}" mass="0" condim="1" {STIFF}/>'
-        for c in corners
-    )
     model, floor = box(size, mass)
+    balls = "".join(
+        f'<geom type="sphere" size="0.001" pos="{x} {y} {z + 0.001}" mass="0" condim="1" {STIFF}/>'
+        for x, y, z in (contact.offset for contact in floor)
+    )
     diagonal = " ".join(f"{x:.17g}" for x in np.diag(model.inertias[1].inertia))
     xml = f"""
     <mujoco><option timestep="0.0005" tolerance="1e-14"/><worldbody><geom type="plane" size="0 0 1" condim="1" {STIFF}/>

@@ -1,15 +1,11 @@
 """Energy and momentum balances between two states of a simulated robot, with correct and wrong models."""
 
-from functools import cache
-
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from wbc_controller import mechanics as wbm
-from wbc_controller.controller.build.robot import make_model
 from wbc_controller.records import RobotState
-from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.simulation.plant import Plant
 
 #: Averaged steps: 0.1 s.
@@ -17,11 +13,10 @@ WINDOW = 100
 PUSH = np.array([0.0, 25.0, 0.0, 0.0, 0.0, 0.0])
 
 
-@cache
-def squatting():
+@pytest.fixture(scope="module")
+def squatting(robot_of):
     """Model and steps of Go2 squatting for two seconds, with a push in the last half second."""
-    settings = load_settings(find_configuration("go2"))
-    model = make_model(settings)
+    settings, model = robot_of("go2")
     plant = Plant(model, settings)
     plant.hold(False, 0.0)
     S = wbm.actuation_matrix(model.pinocchio, model.joints)
@@ -60,11 +55,8 @@ def windows(values):
     return array[: len(array) // WINDOW * WINDOW].reshape(-1, WINDOW, array.shape[1]).mean(axis=1)
 
 
-@cache
-def energy(scale=1.0, flip=None):
-    """Residuals and throughput with the mass of the base scaled, and the torque of a joint reversed."""
-    model, steps = squatting()
-    model = model if scale == 1.0 else heavier(model, scale)
+def energy(model, steps, flip=None):
+    """Residuals and throughput, with the torque of a joint reversed."""
     data, rows = model.createData(), []
     for before, after, force, wrenches in steps[400:1500]:
         applied = force if flip is None else np.where(np.arange(len(force)) == flip, -force, force)
@@ -78,17 +70,18 @@ def momentum(model, steps):
     return windows([wbm.momentum_residual(model, b, a, wrenches, data=data).residual for b, a, _, wrenches in steps])
 
 
-def test_energy_is_accounted_for_and_shows_a_wrong_mass_and_a_wrong_torque_sign():
-    model, _ = squatting()
-    right = energy()
+def test_energy_is_accounted_for_and_shows_a_wrong_mass_and_a_wrong_torque_sign(squatting):
+    model, steps = squatting
+    right = energy(model, steps)
     throughput = right[:, 1].mean()
     assert np.abs(right[:, 0]).max() < 0.02 * throughput
-    for wrong in (energy(scale=1.2), energy(flip=model.joints[model.getJointId("FL_calf_joint")].idx_v)):
+    calf = model.joints[model.getJointId("FL_calf_joint")].idx_v
+    for wrong in (energy(heavier(model, 1.2), steps), energy(model, steps, flip=calf)):
         assert np.abs(wrong[:, 0]).max() > max(0.05 * throughput, 4.0 * np.abs(right[:, 0]).max())
 
 
-def test_momentum_shows_a_wrong_mass_and_an_unknown_push():
-    model, steps = squatting()
+def test_momentum_shows_a_wrong_mass_and_an_unknown_push(squatting):
+    model, steps = squatting
     weight = pin.computeTotalMass(model) * 9.81
     assert np.abs(momentum(model, steps[400:1500])).max() < 0.005 * weight
     wrong_mass = momentum(heavier(model, 1.2), steps[400:1500])

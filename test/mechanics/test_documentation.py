@@ -27,13 +27,6 @@ functions = sorted(name for name in mechanics.__all__ if inspect.isfunction(geta
 classes = sorted(name for name in mechanics.__all__ if inspect.isclass(getattr(mechanics, name)))
 
 
-def the(name):
-    item = mechanics
-    for part in name.split("."):
-        item = getattr(item, part)
-    return item
-
-
 def raises_itself(function):
     """Return True if the body raises, or calls one of `RAISING`."""
     nodes = list(ast.walk(ast.parse(textwrap.dedent(inspect.getsource(function)))))
@@ -45,17 +38,19 @@ def raises_itself(function):
 def test_exported_names():
     assert mechanics.__all__ == sorted(mechanics.__all__)
     assert len(functions) > 40
-    public = {name for name in vars(mechanics) if not name.startswith("_") and not inspect.ismodule(the(name))}
+    public = {
+        name for name in vars(mechanics) if not name.startswith("_") and not inspect.ismodule(getattr(mechanics, name))
+    }
     assert public == set(mechanics.__all__)
 
 
 @pytest.mark.parametrize("name", functions)
 def test_functions_name_the_equation_shapes_units_and_errors(name):
-    function, text = the(name), inspect.getdoc(the(name))
+    function = getattr(mechanics, name)
+    signature, text = inspect.signature(function), inspect.getdoc(function)
     assert REFERENCE.search(text), "no equation of the note"
     documented = set(re.findall(r"^    (\w+): ", text, re.MULTILINE)) | COMMON
-    assert set(inspect.signature(function).parameters) <= documented, "an argument is not described"
-    signature = inspect.signature(function)
+    assert set(signature.parameters) <= documented, "an argument is not described"
     described = [p.annotation for name, p in signature.parameters.items() if name not in COMMON]
     if any("array" in str(annotation).lower() for annotation in [*described, signature.return_annotation]):
         assert SHAPE.search(text), "no shape"
@@ -65,8 +60,8 @@ def test_functions_name_the_equation_shapes_units_and_errors(name):
 
 @pytest.mark.parametrize("name", classes)
 def test_classes_describe_their_fields(name):
-    item, text = the(name), inspect.getdoc(the(name))
-    lines = inspect.getsource(item).splitlines()
+    item = getattr(mechanics, name)
+    text, lines = inspect.getdoc(item), inspect.getsource(item).splitlines()
     for field in vars(item).get("__annotations__", {}) if dataclasses.is_dataclass(item) else ():
         (at,) = (i for i, line in enumerate(lines) if line.startswith(f"    {field}: "))
         assert "  # " in lines[at] or lines[at - 1].startswith("    #: "), f"{field} is not described"
@@ -74,14 +69,10 @@ def test_classes_describe_their_fields(name):
         assert "Raises:" in text
 
 
-def snippets():
-    return re.findall(r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
-
-
 def test_the_page_runs():
     """Run all snippets in one namespace."""
     namespace = {}
-    found = snippets()
+    found = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
     assert len(found) >= 10
     for number, snippet in enumerate(found):
         exec(compile(snippet, f"{PAGE.name}, snippet {number}", "exec"), namespace)  # noqa: S102  # our own page

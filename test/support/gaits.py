@@ -16,6 +16,14 @@ def simulated(robot, changes=None):
     return simulation, simulation.controller, simulation.controller.walker
 
 
+def walking(robot, *velocity, seconds, changes=None):
+    """Return `simulated` after a walk by a velocity for some seconds."""
+    simulation, controller, walker = simulated(robot, changes)
+    controller.walk(*velocity)
+    simulation.run(seconds)
+    return simulation, controller, walker
+
+
 def run_to(simulation, phase, step=0.002):
     """Run until the walker is in a phase."""
     while simulation.controller.walker.phase is not phase:

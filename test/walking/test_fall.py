@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gaits import GAIT, simulated
+from gaits import GAIT, simulated, walking
 from stepping import simulate
 
 from wbc_controller.errors import NoSolution
@@ -91,9 +91,7 @@ def test_a_fall_while_walking_is_predicted_before_the_base_tilts():
 
 def test_a_damped_robot_does_not_walk():
     """Its estimate is then checked as that of a standing robot, although the walker was interrupted in a step."""
-    simulation, controller, walker = simulated("g1")
-    controller.walk(0.0)
-    simulation.run(1.0)
+    simulation, controller, walker = walking("g1", 0.0, seconds=1.0)
     assert controller.is_walking
     controller.supervisor.request("damp", simulation.time, None)
     assert walker.moves

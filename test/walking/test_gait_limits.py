@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pinocchio as pin
 import pytest
-from gaits import simulated
+from gaits import simulated, walking
 
 import wbc_controller as wbc
 from wbc_controller.apps.new.draft import new_configuration
@@ -122,9 +122,7 @@ def test_the_gait_of_romeo_keeps_its_ankles_in_range():
     assert lift == pytest.approx(0.037, abs=0.003)
     assert gait.lowering + gait.clearance == pytest.approx(0.8 * lift, rel=0.02)
     assert gait.lowering + gait.rough_clearance == pytest.approx(0.9 * lift, rel=0.02)
-    simulation, controller, walker = simulated(draft.settings)
-    controller.walk(0.0, gait.speed[1])
-    simulation.run(3.2)
+    simulation, _, walker = walking(draft.settings, 0.0, gait.speed[1], seconds=3.2)
     assert walker.steps >= 3
     assert simulation.plant.state()[0][1] > 0.12
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from gaits import simulated
+from gaits import simulated, walking
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -134,9 +134,7 @@ def test_the_stance_foot_does_not_turn_on_slippery_ground(short_rest):
 
 def test_a_robot_walks_on_soft_ground():
     mat = {"position": [-1.0, 0.0, 0.1], "size": [10.0, 4.0, 0.1], "stiffness": 2.0e4}
-    simulation, controller, walker = simulated("g1", {"mock.terrain": {"mat": mat}})
-    controller.walk(0.3)
-    simulation.run(4.2)
+    simulation, _, walker = walking("g1", 0.3, seconds=4.2, changes={"mock.terrain": {"mat": mat}})
     assert walker.steps >= 5
     assert simulation.plant.state()[0][0] > 0.6
 
@@ -167,15 +165,13 @@ def test_the_base_estimator_knows_whether_the_robot_walks(monkeypatch):
 
 
 def test_after_a_foothold_at_an_unexpected_height_the_feet_land_faster():
-    simulation, controller, walker = simulated("g1")
+    simulation, _, walker = walking("g1", 0.0, seconds=1.0)
     speeds = []
 
     def look(robot):
         if walker.phase is Phase.SINGLE:
             speeds.append((walker.steps, walker._step.landing.speed, walker._step.swing[1, 2]))
 
-    controller.walk(0.0)
-    simulation.run(1.0)
     walker._roughness.unevenness = 0.015
     simulation.run(1.8, look)
     last = {step: (planned, -speed) for step, planned, speed in speeds}  # the reference at touchdown
@@ -212,9 +208,7 @@ def test_rough_ground_is_remembered():
 @pytest.mark.parametrize(("roughness", "share"), [(0.0, 0.4), (1.0, 0.65)])
 def test_steps_on_rough_ground_are_slower(roughness, share):
     """The fastest step of a biped that is pushed outwards."""
-    simulation, controller, walker = simulated("g1")
-    controller.walk(0.0)
-    simulation.run(1.0)
+    _, _, walker = walking("g1", 0.0, seconds=1.0)
     step, cycle = walker._step, walker._latest[0]
     walker._step = replace(step, landing=replace(step.landing, roughness=roughness))
     outside = cycle._replace(dcm=cycle.dcm - 0.2j * step.stance.side, time=walker._since + 0.002, dt=0.1)
@@ -224,9 +218,7 @@ def test_steps_on_rough_ground_are_slower(roughness, share):
 
 def test_fast_steps_do_not_measure_the_roughness():
     """After a push, a fast foot of G1 landed tilted, 7 mm too high; with high steps on even ground the robot fell."""
-    simulation, controller, walker = simulated("g1")
-    controller.walk(0.0)
-    simulation.run(1.0)
+    _, _, walker = walking("g1", 0.0, seconds=1.0)
     assert walker.phase is Phase.SINGLE
     step, cycle = walker._step, walker._latest[0]
     height = cycle.soles[-walker._stance].height - 0.01

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from gaits import simulated
+from gaits import simulated, walking
 
 import wbc_controller as wbc
 from wbc_controller.errors import InputRefused
@@ -86,10 +86,8 @@ def test_a_quadruped_walks_in_groups_as_commanded_and_stops_within_three_steps(c
 
 
 def test_a_command_in_several_directions_is_scaled_together():
-    simulation, controller, walker = simulated("go2", {"walking.max_speed": 0.8, "walking.max_side_speed": 0.4})
-    controller.walk(0.8, 0.4, 1.5)
-    simulation.run(1.8)
-    velocity = walker.velocity
+    changes = {"walking.max_speed": 0.8, "walking.max_side_speed": 0.4}
+    velocity = walking("go2", 0.8, 0.4, 1.5, seconds=1.8, changes=changes)[2].velocity
     assert velocity.linear == pytest.approx((0.8 + 0.4j) / math.sqrt(3.0))
     assert velocity.turning == pytest.approx(1.5 / math.sqrt(3.0))
 

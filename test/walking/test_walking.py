@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from gaits import run_to, simulated
+from gaits import run_to, simulated, walking
 from stepping import simulate
 
 import wbc_controller as wbc
@@ -88,9 +88,7 @@ def test_a_second_walk_is_as_high_as_the_first(robot, lowering):
 @pytest.mark.parametrize(("robot", "forward", "kick", "most"), [("g1", 0.0, 0.5, 0.012), ("go2", 0.8, 0.0, 0.004)])
 def test_the_height_remains_during_fast_motion(robot, forward, kick, most):
     """Of the centre of mass. G1 rises by 8.7 mm, Go2 sinks by 2.9 mm; with half the weight by 18 and 5.1 mm."""
-    simulation = wbc.Simulation(robot)
-    simulation.controller.walk(forward)
-    simulation.run(1.2)
+    simulation, _, _ = walking(robot, forward, seconds=1.2)
     q, v = simulation.plant.state()
     simulation.plant.set_state(q, np.concatenate([[v[0] + kick], v[1:]]))
     before, heights = simulation.controller.dynamics.com[2], []
@@ -100,10 +98,8 @@ def test_the_height_remains_during_fast_motion(robot, forward, kick, most):
 
 def test_a_fast_robot_stops_within_three_steps_before_it_is_deactivated():
     """Asked just before a touchdown, which counts as the first step. Meanwhile it refuses commands to walk."""
-    simulation, controller, walker = simulated("g1", {"walking.max_speed": 0.8})
+    simulation, controller, walker = walking("g1", 0.8, seconds=3.8, changes={"walking.max_speed": 0.8})
     phases = []
-    controller.walk(0.8)
-    simulation.run(3.8)
     while walker.phase is not Phase.SINGLE or simulation.time - walker._since < walker._step.landing.time - 0.06:
         simulation.run(0.002)
     before = walker.steps
@@ -361,10 +357,8 @@ def test_force_sensors_of_the_robot_reach_the_walker(short_rest):
 
 def test_a_walk_survives_short_holding_in_single_support():
     """Cycles without a solution repeat the last torques, with damping."""
-    simulation, controller, walker = simulated("g1")
+    simulation, controller, walker = walking("g1", 0.3, seconds=1.6)
     plant, solve = simulation.plant, controller.qp.solve
-    controller.walk(0.3)
-    simulation.run(1.6)
     while walker.phase is not Phase.SINGLE or simulation.time - walker._since < 0.2:
         simulation.run(0.002)
 
@@ -437,8 +431,8 @@ def test_a_velocity_by_topic_starts_the_walk_and_ends_the_watch_of_the_bring_up(
 
 def test_only_robots_that_walk_have_the_topic_of_the_velocity(robot_of):
     settings, model = robot_of("go2")
-    for walking, keys in ((settings.walking, set(WALKING_KEYS)), (None, set())):
-        endpoints = controller_endpoints(settings.model_copy(update={"walking": walking}), model)
+    for section, keys in ((settings.walking, set(WALKING_KEYS)), (None, set())):
+        endpoints = controller_endpoints(settings.model_copy(update={"walking": section}), model)
         assert {endpoint.key for endpoint in endpoints} & set(WALKING_KEYS) == keys
 
 

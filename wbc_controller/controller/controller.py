@@ -133,7 +133,7 @@ class Controller(ControlCycle):
             for subject, given in (("velocity", velocity), ("acceleration", acceleration))
         ]
         reference = Reference(frozen(values), *map(frozen, rates))
-        check_rates(self.qp.tasks[task], reference, self.model)
+        check_rates(self.qp.tasks[task], self.model, reference.velocity, reference.acceleration)
         self._command(changes.SetSetpoint(task, values, 0.0))
         self._streamed[task] = reference
 

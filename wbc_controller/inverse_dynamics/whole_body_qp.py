@@ -6,10 +6,10 @@ from functools import partial
 from typing import Any
 
 from wbc_controller.errors import ConfigurationError, NoSolution
-from wbc_controller.inverse_dynamics.formulation.answer import NOT_FINITE, Answer
 from wbc_controller.inverse_dynamics.formulation.formulation import Formulation
 from wbc_controller.inverse_dynamics.formulation.infeasibility import explain
 from wbc_controller.inverse_dynamics.formulation.layout import Layout
+from wbc_controller.inverse_dynamics.formulation.problem import NOT_FINITE, Answer
 from wbc_controller.inverse_dynamics.formulation.relaxation import (
     contacts_preventing_stop,
     relaxations,
@@ -55,7 +55,7 @@ class WholeBodyQP:
         self.formulation = formulation
         self.model, self.dynamics = formulation.model, formulation.dynamics
         self.tasks, self.contacts = formulation.tasks, formulation.contacts
-        self._solver_name = solver
+        self._solver_name, self._make_solver = solver, partial(make_solver, solver)
         self._timer = timer
         self._solvers: dict[tuple[str, ...], Solver] = {}
         self._current: tuple[Layout, Solver] | None = None  # of the last cycle
@@ -81,13 +81,11 @@ class WholeBodyQP:
         layout = self.formulation.build(state, references)
         self.formulation.redundancy = None  # to be examined at the state of the first cycle
         if layout.key not in self._solvers:
-            self._solvers[layout.key] = make_solver(self._solver_name, layout.problem)
+            self._solvers[layout.key] = self._make_solver(layout.problem)
 
     def forget(self) -> None:
         """Discard all warm starts."""
-        self._solvers = {
-            key: make_solver(self._solver_name, self.formulation.layout(key).problem) for key in self._solvers
-        }
+        self._solvers = {key: self._make_solver(self.formulation.layout(key).problem) for key in self._solvers}
         self._hierarchies.clear()
         self._current = self._change = None
         self._first_sets.clear()
@@ -117,15 +115,14 @@ class WholeBodyQP:
         self.formulation.redundancy = None if found is None else (tuple(found[0]), bool(found[1]), found[2])
         self._solvers.clear()
         for key, remembered in memory["solvers"]:
-            problem = self.formulation.layout(tuple(key)).problem
-            solver = self._solvers[tuple(key)] = make_solver(self._solver_name, problem)
+            solver = self._solvers[tuple(key)] = self._make_solver(self.formulation.layout(tuple(key)).problem)
             solver.recall(remembered)
         if memory.get("current") is not None:
             layout = self.formulation.layout(tuple(memory["current"]))
             self._current = layout, self._solvers[layout.key]
         self._first_sets = {(tuple(a), tuple(b)): side for a, b, side in memory.get("first_sets", ())}
         for key, remembered in memory["hierarchies"]:
-            hierarchy = self._hierarchies[tuple(key)] = Hierarchy(partial(make_solver, self._solver_name), self._timer)
+            hierarchy = self._hierarchies[tuple(key)] = Hierarchy(self._make_solver, self._timer)
             hierarchy.recall(remembered)
 
     def _solver_of(self, layout: Layout) -> Solver:
@@ -134,7 +131,7 @@ class WholeBodyQP:
         After a change of the set, it starts with the active set that it found at the last such change.
         """
         if layout.key not in self._solvers:
-            self._solvers[layout.key] = make_solver(self._solver_name, layout.problem)
+            self._solvers[layout.key] = self._make_solver(layout.problem)
         solver, before = self._solvers[layout.key], () if self._current is None else self._current[0].key
         if solver.active_set is not None:
             self._change = before, layout.key
@@ -144,7 +141,7 @@ class WholeBodyQP:
 
     def _solve_levels(self, layout: Layout) -> Answer:
         if layout.key not in self._hierarchies:
-            self._hierarchies[layout.key] = Hierarchy(partial(make_solver, self._solver_name), self._timer)
+            self._hierarchies[layout.key] = Hierarchy(self._make_solver, self._timer)
         return self._hierarchies[layout.key].solve(layout.problem, layout.levels)
 
     def solve(

@@ -366,16 +366,13 @@ class ConstraintEquation:
 
 def constraint_equation(constraints: Sequence[Constraint], kinematics: Kinematics) -> ConstraintEquation:
     """Return stacked constraints A v̇ = b (30), (k, nv) and (k,) in m/s² and rad/s²."""
-    A, b = [np.zeros((0, kinematics.model.nv))], [np.zeros(0)]
-    position, velocity, rows, start = [np.zeros(0)], [np.zeros(0)], [], 0
-    for constraint in constraints:
-        terms = constraint.terms(kinematics)
-        A.append(terms.jacobian)
-        b.append(constraint.right_side(terms))
-        position.append(terms.position)
-        velocity.append(terms.velocity)
-        rows.append(slice(start, start + len(terms.drift)))
-        start += len(terms.drift)
+    terms = [constraint.terms(kinematics) for constraint in constraints]
+    b = [constraint.right_side(own) for constraint, own in zip(constraints, terms, strict=True)]
+    ends = np.cumsum([0, *(len(own.drift) for own in terms)]).tolist()
     return ConstraintEquation(
-        np.vstack(A), np.concatenate(b), np.concatenate(position), np.concatenate(velocity), tuple(rows)
+        A=np.vstack([np.zeros((0, kinematics.model.nv)), *(own.jacobian for own in terms)]),
+        b=np.concatenate([np.zeros(0), *b]),
+        position=np.concatenate([np.zeros(0), *(own.position for own in terms)]),
+        velocity=np.concatenate([np.zeros(0), *(own.velocity for own in terms)]),
+        rows=tuple(map(slice, ends[:-1], ends[1:])),
     )

@@ -101,13 +101,11 @@ def change_coordinates(
     moved = pin.Model()
     moved.gravity = model.gravity
     moved.name = model.name
-    base = 0
+    # New joint of each link, and old frame in the new joint's frame.
+    links: dict[int, tuple[int, pin.SE3]] = {0: (0, pin.SE3.Identity())}
     if floating:
         base = moved.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), names[1])
-    # New joint of each link, and old frame in the new joint's frame.
-    links: dict[int, tuple[int, pin.SE3]] = {new_root: (base, pin.SE3.Identity())}
-    if floating:
-        links[0] = (0, pin.SE3.Identity())
+        links[new_root] = (base, pin.SE3.Identity())
 
     def attach(link: int) -> None:
         """Add the joints of a link, away from the root."""

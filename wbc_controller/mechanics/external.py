@@ -55,10 +55,8 @@ def generalized_force(
     """
     data = data if data is not None else model.createData()
     total = np.zeros(model.nv)
-    wrenches = tuple(wrenches)
-    if wrenches:
-        pin.computeJointJacobians(model, data, q)
-        pin.updateFramePlacements(model, data)
+    pin.computeJointJacobians(model, data, q)
+    pin.updateFramePlacements(model, data)
     for external in wrenches:
         J = pin.getFrameJacobian(model, data, frame_index(model, external.frame), _AXES[external.axes])
         total += J.T @ external.at_origin

@@ -36,10 +36,6 @@ class _Decomposition:
     V: Array
     N: Array
 
-    @property
-    def condition(self) -> float:
-        return float(self.s[0] / self.s[-1]) if len(self.s) else 1.0
-
 
 def _decompose(A: Array) -> _Decomposition:
     n = A.shape[1]
@@ -111,7 +107,7 @@ def gauss(M: Array, v_dot_u: Array, A: Array, b: Array) -> ConstrainedMotion:
         push=np.zeros(0),
         push_force=np.zeros(len(v_dot)),
         rank=len(split.s),
-        condition=split.condition,
+        condition=float(split.s[0] / split.s[-1]) if len(split.s) else 1.0,
     )
 
 
@@ -169,7 +165,8 @@ def gauss_unilateral(M: Array, v_dot_u: Array, A: Array, b: Array, C: Array, d: 
     M, v_dot_u, A, b = _check(M, v_dot_u, A, b)
     rows = np.asarray(d, dtype=np.float64).size
     C, d = as_array("C", C, (rows, len(v_dot_u))), as_array("d", d, (rows,))
-    N = admissible_directions(A)
+    split = _decompose(A)
+    N = split.N
     # v̇ = base + W z: the functional is ½‖z‖² + constant.
     W = scipy.linalg.solve_triangular(np.linalg.cholesky(N.T @ M @ N), N.T, lower=True).T
     G, h = C @ W, d - C @ base.v_dot
@@ -178,7 +175,6 @@ def gauss_unilateral(M: Array, v_dot_u: Array, A: Array, b: Array, C: Array, d: 
     mu = _least_distance(G, h, (C, d))
     v_dot = base.v_dot + W @ (G.T @ mu)
     push = mu / sizes
-    split = _decompose(A)
     multipliers, constraint_force = _multipliers(split, M @ (v_dot - v_dot_u) - C.T @ push)
     return replace(
         base, v_dot=v_dot, multipliers=multipliers, constraint_force=constraint_force, push=push, push_force=C.T @ push

@@ -162,29 +162,21 @@ def test_a_sole_without_anchor_is_damped_more_in_rotation(g1, stiffness, rotatio
     np.testing.assert_array_equal(a_point(g1, np.random.default_rng(0)).row_damping(), np.full(3, 20.0))
 
 
-@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind.startswith(("point", "wheel"))])
-@few
-@given(seed=seeds)
-def test_jacobian_is_the_contact_velocity(g1, random_state, kind, seed):
-    """Other kinds: `test_anchors` (displacements) and `test_open_loop_closes_with_its_stiffness`."""
-    rng = np.random.default_rng(seed)
-    contact = KINDS[kind](g1, rng)
-    q, v = random_state(g1, rng)
-    J = contact.jacobian(dynamics_at(g1, q, v))
-    assert J.shape == (contact.size, g1.nv)
-    expected = velocity_by_differences(contact, g1, q, v)
-    assert np.abs(J @ v - expected).max() < 1.0e-6 * max(1.0, np.abs(expected).max())
-
-
 @pytest.mark.parametrize("kind", KINDS)
 @few
 @given(seed=seeds)
-def test_drift_is_the_velocity_rate_at_constant_v(g1, random_state, kind, seed):
+def test_jacobian_and_drift_are_the_contact_velocity_and_its_rate(g1, random_state, kind, seed):
+    """Velocities of other kinds: `test_anchors` (displacements) and `test_open_loop_closes_with_its_stiffness`."""
     rng = np.random.default_rng(seed)
     contact = KINDS[kind](g1, rng)
     q, v = random_state(g1, rng)
+    dynamics = dynamics_at(g1, q, v)
+    J, drift = contact.jacobian(dynamics), contact.drift(dynamics)
+    assert J.shape == (contact.size, g1.nv)
+    if kind.startswith(("point", "wheel")):
+        expected = velocity_by_differences(contact, g1, q, v)
+        assert np.abs(J @ v - expected).max() < 1.0e-6 * max(1.0, np.abs(expected).max())
     expected = rate_along(lambda dynamics: contact.jacobian(dynamics) @ v, g1, q, v, 1.0e-5)
-    drift = contact.drift(dynamics_at(g1, q, v))
     assert np.linalg.norm(drift - expected) < 2.0e-6 * max(1.0, np.linalg.norm(expected))
 
 

@@ -17,8 +17,8 @@ from wbc_controller.controller.build.references import make_board
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts import FixedContact
 from wbc_controller.inverse_dynamics.references.changes import EnableContact, SetSlippingContacts
-from wbc_controller.records import RobotState, frozen
-from wbc_controller.settings.files import parse_settings
+from wbc_controller.records import frozen
+from wbc_controller.settings import contacts as settings
 
 STIFFNESS, DAMPING = 100.0, 20.0
 seeds = st.integers(0, 2**32 - 1)
@@ -99,40 +99,35 @@ def test_nonholonomic_masks_refuse_a_stiffness(g1, mask, said):
         FixedContact(*place, stiffness=30.0)
 
 
-GRIP = {"type": "fixed", "frame": "left_rubber_hand", "against": "right_rubber_hand", "max_force": 300.0,
-        "max_moment": 50.0, "stiffness": STIFFNESS, "damping": DAMPING, "enabled": False}  # fmt: skip
+GRIP = settings.FixedContact(
+    type="fixed", frame="left_rubber_hand", against="right_rubber_hand", max_force=300.0, max_moment=50.0,
+    stiffness=STIFFNESS, damping=DAMPING,
+)  # fmt: skip
 
 
-class Standing:
-    """G1 in its stance, with stiff contacts, and references of a board."""
+@pytest.fixture
+def standing(bench):
+    """Return a function that makes G1 in its stance with stiff contacts, its dynamics, and a board."""
 
-    def __init__(self, robot_of, bench, stiffness, **contacts):
-        settings, self.model = robot_of("g1")
-        content = settings.model_dump()
-        for contact in content["contacts"].values():
-            contact |= {"stiffness": stiffness, "damping": DAMPING}
-        content["contacts"] |= contacts
-        self.settings = parse_settings(content, "test_anchors.py")
-        self.controller = make_qp(self.settings, self.model, lambda: 0.0)
-        self.board = make_board(self.settings, self.controller)
-        self.q = bench("g1").stance
-        self.dynamics = dynamics_at(self.model, self.q)
-        self.board.reset(self.dynamics, 0.0)
+    def make(**contacts):
+        robot = bench("g1").on_soles(stiffness=STIFFNESS, damping=DAMPING)
+        robot = robot.rebuilt(contacts={**robot.settings.contacts, **contacts})
+        dynamics, board = dynamics_at(robot.model, robot.stance), make_board(robot.settings, robot.controller)
+        board.reset(dynamics, 0.0)
+        return robot, dynamics, board
 
-    def state(self, q=None, v=None):
-        v = np.zeros(self.model.nv) if v is None else v
-        return RobotState(0, frozen(self.q if q is None else q), frozen(v))
+    return make
 
 
 @pytest.mark.parametrize("name", ["left_foot", "grip"])
-def test_displacement_decays_with_k_and_d(robot_of, bench, name):
-    robot = Standing(robot_of, bench, STIFFNESS, **({"grip": GRIP | {"enabled": True}} if name == "grip" else {}))
+def test_displacement_decays_with_k_and_d(standing, name):
+    robot, dynamics, board = standing(**({"grip": GRIP} if name == "grip" else {}))
     contact = robot.controller.contacts[name]
     off = pin.exp6(np.array([3e-3, -2e-3, 1e-3, 0.01, -0.02, 0.015]))
-    references = robot.board.sample(0.0)
+    references = board.sample(0.0)
     anchor = frozen(pin.SE3ToXYZQUAT(pin.XYZQUATToSE3(references.anchors[name]) * off))
     references = replace(references, anchors={**references.anchors, name: anchor})
-    first = contact.displacement(robot.dynamics, anchor)
+    first = contact.displacement(dynamics, anchor)
     assert np.abs(first[:3]).min() > 5e-4
     state, step, rate, cycles = robot.state(), 2.0e-3, math.sqrt(STIFFNESS), []
     for i in range(1, 151):
@@ -160,60 +155,60 @@ def test_displacement_decays_with_k_and_d(robot_of, bench, name):
             np.testing.assert_allclose(again.tau, solution.tau, atol=1e-6)
 
 
-def test_anchors_are_set_at_each_activation(robot_of, bench):
-    robot = Standing(robot_of, bench, STIFFNESS)
+def test_anchors_are_set_at_each_activation(standing):
+    robot, dynamics, board = standing()
     foot, ramp = robot.controller.contacts["left_foot"], robot.settings.contacts["left_foot"].ramp
 
     def elsewhere(size):
-        q = np.array(robot.q)
+        q = np.array(robot.stance)
         q[:3] += size
         return dynamics_at(robot.model, q)
 
     def displacement(dynamics, time):
-        return foot.displacement(dynamics, robot.board.sample(time).anchors["left_foot"])
+        return foot.displacement(dynamics, board.sample(time).anchors["left_foot"])
 
     def switch(enabled, dynamics, time):
-        robot.board.apply([EnableContact("left_foot", enabled)], dynamics, time)
+        board.apply([EnableContact("left_foot", enabled)], dynamics, time)
 
-    early = robot.board.sample(0.0)
+    early = board.sample(0.0)
     assert set(early.anchors) == {"left_foot", "right_foot"}
     a, b, c = elsewhere(0.01), elsewhere(0.02), elsewhere(0.03)
     np.testing.assert_allclose(np.linalg.norm(displacement(a, 0.0)[:3]), math.sqrt(3.0) * 0.01)
     switch(True, a, 1.0)  # active already
     switch(False, a, 2.0)
     switch(True, b, 2.0 + 0.5 * ramp)  # still active: keeps its anchor
-    np.testing.assert_allclose(displacement(robot.dynamics, 3.0), 0.0, atol=1e-12)
+    np.testing.assert_allclose(displacement(dynamics, 3.0), 0.0, atol=1e-12)
     switch(False, b, 4.0)
-    np.testing.assert_allclose(displacement(robot.dynamics, 4.0 + 0.5 * ramp), 0.0, atol=1e-12)
+    np.testing.assert_allclose(displacement(dynamics, 4.0 + 0.5 * ramp), 0.0, atol=1e-12)
     switch(True, c, 6.0)
     np.testing.assert_allclose(displacement(c, 6.0 + 0.01 * ramp), 0.0, atol=1e-12)
-    other = robot.board.sample(7.0).anchors["right_foot"]
+    other = board.sample(7.0).anchors["right_foot"]
     np.testing.assert_array_equal(other, early.anchors["right_foot"])
-    robot.board.reset(b, 8.0)
+    board.reset(b, 8.0)
     np.testing.assert_allclose(displacement(b, 8.0), 0.0, atol=1e-12)
     # Earlier samples do not change.
-    np.testing.assert_allclose(foot.displacement(robot.dynamics, early.anchors["left_foot"]), 0.0, atol=1e-12)
+    np.testing.assert_allclose(foot.displacement(dynamics, early.anchors["left_foot"]), 0.0, atol=1e-12)
     with pytest.raises(ValueError, match="read-only"):
         early.anchors["left_foot"][0] = 1.0
 
 
-def test_anchor_of_a_slipping_contact_moves_with_it(robot_of, bench):
-    robot = Standing(robot_of, bench, STIFFNESS)
-    foot, q = robot.controller.contacts["left_foot"], np.array(robot.q)
+def test_anchor_of_a_slipping_contact_moves_with_it(standing):
+    robot, _, board = standing()
+    foot, q = robot.controller.contacts["left_foot"], np.array(robot.stance)
     q[:3] += 0.01
-    moved, before = dynamics_at(robot.model, q), robot.board.sample(0.0).anchors
-    robot.board.anchor_slipping_contacts(moved)
-    assert robot.board.sample(0.0).anchors is before
-    robot.board.apply([SetSlippingContacts(("left_foot",))], moved, 1.0)
-    robot.board.anchor_slipping_contacts(moved)
-    anchors = robot.board.sample(1.0).anchors
+    moved, before = dynamics_at(robot.model, q), board.sample(0.0).anchors
+    board.anchor_slipping_contacts(moved)
+    assert board.sample(0.0).anchors is before
+    board.apply([SetSlippingContacts(("left_foot",))], moved, 1.0)
+    board.anchor_slipping_contacts(moved)
+    anchors = board.sample(1.0).anchors
     np.testing.assert_allclose(foot.displacement(moved, anchors["left_foot"]), 0.0, atol=1e-12)
     np.testing.assert_array_equal(anchors["right_foot"], before["right_foot"])
 
 
-def test_missing_anchor_is_named(robot_of, bench):
-    robot = Standing(robot_of, bench, STIFFNESS)
-    references = robot.board.sample(0.0)
+def test_missing_anchor_is_named(standing):
+    robot, _, board = standing()
+    references = board.sample(0.0)
     only_right = replace(references, anchors={"right_foot": references.anchors["right_foot"]})
     with pytest.raises(ConfigurationError, match=r"'left_foot' has stiffness = 100 1/s².*anchors: right_foot"):
         robot.controller.solve(robot.state(), only_right)

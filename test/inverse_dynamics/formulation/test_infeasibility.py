@@ -11,8 +11,8 @@ from wbc_controller.errors import NoSolution
 from wbc_controller.inverse_dynamics import whole_body_qp
 from wbc_controller.inverse_dynamics.contacts.support import friction_pyramid
 from wbc_controller.inverse_dynamics.formulation import infeasibility
-from wbc_controller.inverse_dynamics.formulation.answer import Answer
 from wbc_controller.inverse_dynamics.formulation.infeasibility import MAX_PROGRAMS, named_constraints
+from wbc_controller.inverse_dynamics.formulation.problem import Answer
 
 KNEE = {"g1": "left_knee_joint", "talos": "leg_left_4_joint", "go2": "FL_calf_joint"}
 OTHER_KNEE = {"g1": "right_knee_joint", "talos": "leg_right_4_joint"}

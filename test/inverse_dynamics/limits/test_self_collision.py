@@ -99,9 +99,9 @@ BALL = '<collision><origin xyz="0 0 -0.3"/><geometry><sphere radius="0.05"/></ge
 BASE = link("base", 5.0, inertia=1.0)
 
 
-def ball_link(name, parent, at, axis, kind="revolute", effort=100):
+def ball_link(name, parent, at, axis, kind="revolute"):
     """Return a link with a sphere at its end, and its joint."""
-    limit = f'lower="-3" upper="3" effort="{effort}" velocity="10"'
+    limit = 'lower="-3" upper="3" effort="100" velocity="10"'
     own = link(name, 1.0, inertia=0.1, more=BALL)
     return own + joint(f"{name}_joint", parent, name, axis, at, kind=kind, limit=limit)
 
@@ -385,44 +385,33 @@ def test_nan_states_are_refused_without_side_effects(bench, where):
 PAIR = "self_collision:l0/r0"
 
 
-class TwoArms:
-    """Two arms of one joint each on a fixed base, with closing spheres that must brake with 16 m/s²."""
+def two_arms(torque):
+    """Return a program, a state with closing spheres that must brake with 16 m/s², and references of rest.
 
-    def __init__(self):
-        arms = (ball_link(name, "base", f"0 {y} 0", "1 0 0", effort=20) for name, y in (("l0", 0.1), ("r0", -0.1)))
-        joints = ["l0_joint", "r0_joint"]
-        self.model = build_model(robot(BASE, *arms), joints, [0.0, 0.0], floating_base=False)
-        geometry = build_collision_model(self.model, margin=MARGIN).geometry
-        limit = SelfCollisionLimit(self.model, geometry, margin=MARGIN, acceleration=10.0, horizon=0.02, max_pairs=4)
-        task = PostureTask("posture", self.model, (), stiffness=0.0, damping=0.0)
-        self.formulation = Formulation(
-            self.model, [task], [], TorqueLimit(self.model.effort_limits, 1.0e4),
-            JointMotionLimit(None, None, acceleration=500.0), [limit],
-            period=0.002, regularization_acceleration=1e-5, regularization_force=1e-6,
-        )  # fmt: skip
-        self.controller = WholeBodyQP(self.formulation)
-        self.state = RobotState(0, np.zeros(2), np.array([-2.0, 2.0]))
-        self.references = References(
-            {"posture": Reference(np.zeros(2), np.zeros(2), np.zeros(2))}, {"posture": 1.0}, {}
-        )
-
-    def weaken(self, joint, torque):
-        limits = np.array(self.formulation.torque_limit.effort_limits)
-        limits[joint] = torque
-        self.formulation.torque_limit = TorqueLimit(limits, 1.0e4)
+    The robot has two arms of one joint each on a fixed base.
+    """
+    arms = (ball_link(name, "base", f"0 {y} 0", "1 0 0") for name, y in (("l0", 0.1), ("r0", -0.1)))
+    model = build_model(robot(BASE, *arms), ["l0_joint", "r0_joint"], [0.0, 0.0], floating_base=False)
+    geometry = build_collision_model(model, margin=MARGIN).geometry
+    limit = SelfCollisionLimit(model, geometry, margin=MARGIN, acceleration=10.0, horizon=0.02, max_pairs=4)
+    task = PostureTask("posture", model, (), stiffness=0.0, damping=0.0)
+    formulation = Formulation(
+        model, [task], [], TorqueLimit(np.full(2, torque), 1.0e4), JointMotionLimit(None, None, acceleration=500.0),
+        [limit], period=0.002,
+    )  # fmt: skip
+    references = References({"posture": Reference(np.zeros(2), np.zeros(2), np.zeros(2))}, {"posture": 1.0}, {})
+    return WholeBodyQP(formulation), RobotState(0, np.zeros(2), np.array([-2.0, 2.0])), references
 
 
 def test_two_arms_brake_as_far_as_they_can():
-    arms = TwoArms()
-    assert conflict_of(arms.controller, arms.state, arms.references, None) is None
-    solution = arms.controller.solve(arms.state, arms.references)
+    strong, *at = two_arms(20.0)
+    assert conflict_of(strong, *at) is None
+    solution = strong.solve(*at)
     assert list(solution.binding) == [PAIR]
     assert solution.v_dot[0] > 10.0
     assert not solution.relaxed
-    arms = TwoArms()
-    arms.weaken(0, 0.5)
-    arms.weaken(1, 0.5)
-    solution = arms.controller.solve(arms.state, arms.references)
+    weak, *at = two_arms(0.5)
+    solution = weak.solve(*at)
     assert solution.relaxed == ("self_collision",)
     np.testing.assert_allclose(np.abs(solution.tau), 0.5, atol=1e-4)
     assert solution.v_dot[0] > 0.5

@@ -36,8 +36,9 @@ def board(go2, dynamics):
         "foot": TaskPlan(FramePoseTask("foot", go2, "FL_foot"), 5.0, False, DURATION),
         "posture": TaskPlan(PostureTask("posture", go2), 0.1, True, 0.0),
     }
-    contacts = {"left": ContactPlan(True, CONTACT_RAMP), "right": ContactPlan(False, CONTACT_RAMP)}
-    contacts |= {"stiff": ContactPlan(True, 0.0)}
+    foot = PointContact("foot", go2, "FL_foot", np.zeros(3), 0.0)
+    contacts = {"left": (True, CONTACT_RAMP), "right": (False, CONTACT_RAMP), "stiff": (True, 0.0)}
+    contacts = {name: ContactPlan(*plan, foot) for name, plan in contacts.items()}
     tuning = Tuning({name: plan.task.gains for name, plan in plans.items()}, 0.02, 0.02, 1.0, 200.0, 100.0)
     result = ReferenceBoard(BoardPlan(plans, contacts, WEIGHT_RAMP, tuning))
     result.reset(dynamics, START)

@@ -13,6 +13,13 @@ from wbc_controller.inverse_dynamics.solvers import active_set_kernels as kernel
 from wbc_controller.inverse_dynamics.solvers.active_set import ActiveSet, LevelWorkspace
 
 
+def unbounded_problem(**sizes):
+    """Return a problem without inequality constraints, and no active bound."""
+    problem = squares_problem(np.random.default_rng(3), **sizes)
+    problem.bounds[:] = [[-np.inf], [np.inf]]
+    return problem, np.zeros(problem.bounds.shape[1], dtype=np.int8)
+
+
 def solve_condensed(problem, sides):
     """Return True for the right active set, cost, residuals and multipliers."""
     memory = LevelWorkspace(problem, problem.cost.squares.base)
@@ -73,9 +80,7 @@ def test_kernel_equals_numpy(seed, base, rows, equalities, bound):
 
 
 def test_nearly_singular_system_is_refused():
-    problem = squares_problem(np.random.default_rng(3))
-    problem.bounds[:] = [[-np.inf], [np.inf]]
-    sides = np.zeros(problem.bounds.shape[1], dtype=np.int8)
+    problem, sides = unbounded_problem()
     assert solve_condensed(problem, sides)[0]
     problem.A[0] = 0.0
     problem.A[0, 4] = 1.0e-9  # x₄ = 1e9, with a multiplier beyond the largest
@@ -84,9 +89,7 @@ def test_nearly_singular_system_is_refused():
 
 
 def test_refinement_with_different_weights():
-    problem = squares_problem(np.random.default_rng(3))
-    sides = np.zeros(problem.bounds.shape[1], dtype=np.int8)
-    problem.bounds[0], problem.bounds[1] = -np.inf, np.inf
+    problem, sides = unbounded_problem()
     squares = problem.cost.squares
     squares.diagonal[squares.base :][:3] *= 1.0e-9
     solved, cost, refined, _ = solve_condensed(problem, sides)
@@ -143,18 +146,15 @@ def test_levels_equal_numpy(seed, count, base, bound, dependent):
 
 
 def test_levels_below_determined_or_kept_rows():
-    rng = np.random.default_rng(3)
-    problem = squares_problem(rng, rows=30)
-    problem.bounds[:] = [[-np.inf], [np.inf]]
-    squares, sides = problem.cost.squares, np.zeros(problem.bounds.shape[1], dtype=np.int8)
+    problem, sides = unbounded_problem(rows=30)
+    squares = problem.cost.squares
     left = problem.n - len(problem.b)
     for kept, expected in ((left - 1, kernel.SOLVED), (left, kernel.NOTHING_FREE), (left + 5, kernel.NOTHING_FREE)):
         memory = LevelWorkspace(problem, squares.base, kept)
         assert solve_level(problem, squares, sides, memory, kept)[0] == kernel.SOLVED
         assert solve_level(problem, squares, sides, memory)[0] == expected
-    problem = squares_problem(np.random.default_rng(3))
-    problem.bounds[:] = [[-np.inf], [np.inf]]
-    squares, sides = problem.cost.squares, np.zeros(problem.bounds.shape[1], dtype=np.int8)
+    problem, sides = unbounded_problem()
+    squares = problem.cost.squares
     squares.rows[1] = squares.rows[0]
     memory = LevelWorkspace(problem, squares.base, 2)
     assert solve_level(problem, squares, sides, memory, 2)[0] == kernel.SOLVED
@@ -165,9 +165,9 @@ def test_levels_below_determined_or_kept_rows():
 
 @pytest.mark.parametrize("place", ["rows", "target", "weights", "diagonal"])
 def test_nan_is_never_a_solution(place):
-    problem = squares_problem(np.random.default_rng(3))
+    problem, sides = unbounded_problem()
     getattr(problem.cost.squares, place).reshape(-1)[-3] = math.nan
-    assert not solve_condensed(problem, np.zeros(problem.bounds.shape[1], dtype=np.int8))[0]
+    assert not solve_condensed(problem, sides)[0]
 
 
 def test_residuals():

@@ -33,10 +33,8 @@ def test_wrench_task_of_an_inactive_contact(bench):
 
 def test_wrench_task_with_tolerance(bench):
     """The left foot's load may be 100 to 140 N; balance has priority."""
-    made = bench("g1")
-    keys = {"type": "contact_wrench", "contact": "left_foot", "mask": VERTICAL, "target": [0, 0, 120, 0, 0, 0]}
-    task = ContactWrenchTask.model_validate(keys | {"weight": 1.0, "tolerance": 20.0, "level": 1})
-    made = made.rebuilt(tasks=dict(made.settings.tasks) | {"effort": task})
+    loaded = {"contact": "left_foot", "mask": VERTICAL, "target": [0, 0, 120, 0, 0, 0], "weight": 1.0, "level": 1}
+    made = with_task(bench, type="contact_wrench", tolerance=20.0, **loaded)
     solution = solve(made)
     plain = solve(made, made.references(effort=0.0))
     load = solution.forces["left_foot"][2]

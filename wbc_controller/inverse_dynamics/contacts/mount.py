@@ -67,8 +67,6 @@ class Mount:
     def __init__(
         self, model: RobotModel, name: str, frame: str, placement: pin.SE3, against: str | None = None
     ) -> None:
-        self.frame = frame  # URDF frame of the link
-        self.against = against  # URDF frame of B; None for the world
         self._id = model.frame_id(frame, f"contacts.{name}.frame")
         self._other = support_link(model, name, frame, against)
         self._placement = placement

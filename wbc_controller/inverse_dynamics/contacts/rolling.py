@@ -27,14 +27,7 @@ class RollingContact(PointContact):
     ball = False
 
     def __init__(
-        self,
-        name: str,
-        model: RobotModel,
-        frame: str,
-        translation: Array,
-        radius: float,
-        axis: Array,
-        **options: Any,
+        self, name: str, model: RobotModel, frame: str, translation: Array, radius: float, axis: Array, **options: Any
     ) -> None:
         """Make a `PointContact`, with its options and the axle `axis` in the frame, (3,)."""
         super().__init__(name, model, frame, translation, radius, **options)

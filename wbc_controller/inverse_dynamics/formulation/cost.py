@@ -1,6 +1,7 @@
 """Cost of one priority level."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -45,7 +46,13 @@ class LevelCost:
         problem, base = layout.problem, 6 if dynamics.model.floating_base else 0
         n = problem.n
         self._tasks, self._layout, self._dynamics, self._regularization = tasks, layout, dynamics, regularization
-        posture = _on_diagonal(tasks) if last else []
+        posture = [
+            (task, instruction)
+            for task in (tasks if last else ())
+            if isinstance(task, PostureTask)
+            and task.tolerance is None
+            and (instruction := task.instruction()) is not None
+        ]
         self._posture = [task for task, _ in posture]
         with_rows = [task for task in tasks if task.tolerance is None and task not in self._posture]
         self._with_tolerance = [task for task in tasks if task.tolerance is not None]
@@ -79,22 +86,14 @@ class LevelCost:
             (rows, places[task.name]) for task, rows in self._python_rows if isinstance(task, EffortTask)
         ]
         weights = np.ones(soft + count)
-        self.squares = LeastSquares(
-            rows=block[:count],
-            weights=weights[soft:],
-            base=base,
-            diagonal=np.zeros(n),
-            target=np.zeros(n),
-            constraints=problem.constraints,
-        )
-        self._with_redundant = LeastSquares(
-            rows=whole[: soft + count],
-            weights=weights,
-            base=base,
-            diagonal=self.squares.diagonal,
-            target=self.squares.target,
-            constraints=problem.constraints,
-        )
+        shared: dict[str, Any] = {
+            "base": base,
+            "diagonal": np.zeros(n),
+            "target": np.zeros(n),
+            "constraints": problem.constraints,
+        }
+        self.squares = LeastSquares(rows=block[:count], weights=weights[soft:], **shared)
+        self._with_redundant = LeastSquares(rows=whole[: soft + count], weights=weights, **shared)
         self.rows = CompiledRows(dynamics, block, self.squares.target, entries)
         self._kept = [block[: 0 if last else end, :n], whole[: 0 if last else soft + end, :n]]
         self.level = Level(
@@ -158,15 +157,6 @@ class LevelCost:
         cost = self.level.cost
         cost.update(self._with_redundant, cost.squares_constant)
         self.level.kept = self._kept[1]
-
-
-def _on_diagonal(tasks: Sequence[Task]) -> list[tuple[PostureTask, Instruction]]:
-    found = []
-    for task in tasks:
-        instruction = task.instruction() if isinstance(task, PostureTask) and task.tolerance is None else None
-        if isinstance(task, PostureTask) and instruction is not None:
-            found.append((task, instruction))
-    return found
 
 
 def _places(tasks: Sequence[Task]) -> tuple[dict[str, slice], int]:

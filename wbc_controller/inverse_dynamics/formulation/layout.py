@@ -38,7 +38,6 @@ class Layout:
     Attributes:
         places: of each active contact.
         forces: columns of all contact forces in x.
-        forces_of: name of each contact, and indices in f.
         contact_rows: [J, b] of the contacts before `formulation.redundancy`, (nf, nv + 1), or None.
         contact_motion: right-hand sides of the contacts in b, (nf,).
         damping: D of each row of J, (nf,) in 1/s.
@@ -98,7 +97,6 @@ class Layout:
             row, first = motion.stop, rows.stop
         self._friction: Mapping[str, float] = {}
         self.forces = slice(nv, nv + nf)
-        self.forces_of = [(place.contact.name, place.motion) for place in self.places]
         #: Compiled rows of contacts with their first row; other contacts.
         self.instructions = [
             (instruction, place.motion.start)

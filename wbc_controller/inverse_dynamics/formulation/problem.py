@@ -7,9 +7,10 @@ import numpy as np
 
 from wbc_controller.inverse_dynamics.arrays import sum_of_squares
 from wbc_controller.inverse_dynamics.formulation.problem_kernels import Constraints, LeastSquares, residuals
-from wbc_controller.records import Array
+from wbc_controller.records import Array, LevelReport
 
 FORCE_UNIT = 100.0  # N and N·m, for similar magnitudes of all variables; first-order solvers need it
+NOT_FINITE = "not finite"  # also for NaN
 
 
 class QuadraticCost:
@@ -216,3 +217,18 @@ class Level:
     G: Array  # weighted rows of tasks with a tolerance, (k, n)
     lower: Array  # of G x + s, (k,)
     upper: Array  # of G x + s, (k,)
+
+
+@dataclass(slots=True)
+class Answer:
+    """Result of a solver."""
+
+    x: Array | None  # (n,)
+    status: str  # by the solver
+    iterations: int  # by the solver
+    # of [x; C x], (n + m_in,), positive at an upper bound; Hx + g + Aᵀy + [I; C]ᵀ multipliers = 0
+    multipliers: Array = field(default_factory=lambda: np.zeros(0))
+    residuals: Residuals | None = None  # at x
+    cost: float | None = None  # at x
+    levels: tuple[LevelReport, ...] = ()  # one per priority level
+    relaxed: tuple[str, ...] = ()  # groups with violated bounds, and failed lower levels

@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from wbc_controller.inverse_dynamics.formulation.answer import Answer
 from wbc_controller.inverse_dynamics.formulation.cost import Errors
 from wbc_controller.inverse_dynamics.formulation.formulation import Formulation
 from wbc_controller.inverse_dynamics.formulation.layout import Layout
-from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT, Level, Residuals
+from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT, Answer, Level, Residuals
 from wbc_controller.records import Array, LevelReport, References, Solution, frozen_mapping
 
 _BINDING = 1.0e-5  # relative distance from a bound
@@ -57,7 +56,7 @@ class _LazySolution(Solution):
     def forces(self) -> Mapping[str, Array]:
         forces = FORCE_UNIT * self._residuals.value[self._layout.forces]
         forces.setflags(write=False)
-        return MappingProxyType({name: forces[own] for name, own in self._layout.forces_of})
+        return MappingProxyType({place.contact.name: forces[place.motion] for place in self._layout.places})
 
     @cached_property
     def residuals(self) -> Mapping[str, float]:

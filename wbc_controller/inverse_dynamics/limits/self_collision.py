@@ -88,11 +88,8 @@ class SelfCollisionLimit(RowLimit):
         count = len(self._pairs)
         self._distances, self._normals = np.full(count, np.nan), np.zeros((count, 3))
         self._nearest = np.zeros((2, count, 3))  # on the first and the second shape of each pair
-        self._near, self._reach, self._distance_bounds = (
-            np.zeros(count, dtype=np.int64),
-            np.zeros(count),
-            np.full(count, np.nan),
-        )
+        self._near, self._reach = np.zeros(count, dtype=np.int64), np.zeros(count)
+        self._distance_bounds = np.full(count, np.nan)
         self._fields = {
             "shape_links": links,
             "mounts": np.column_stack([[shape.placement.translation for shape in shapes], radii]),

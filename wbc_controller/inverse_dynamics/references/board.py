@@ -22,8 +22,7 @@ from wbc_controller.inverse_dynamics.references.changes import (
 )
 from wbc_controller.inverse_dynamics.references.ranges import PositionRange
 from wbc_controller.inverse_dynamics.references.relative import in_world
-from wbc_controller.inverse_dynamics.references.trajectories import Knot, SoftRamp, Trajectory
-from wbc_controller.inverse_dynamics.references.tuning import TuningRamp
+from wbc_controller.inverse_dynamics.references.trajectories import Knot, SoftRamp, Trajectory, TuningRamp
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.tasks.task import Task, rest_of
 from wbc_controller.records import Array, Reference, References, Tuning, frozen_mapping
@@ -51,12 +50,12 @@ class ContactPlan:
 
     enabled: bool  # at activation
     ramp: float  # duration of loading or unloading, s
-    contact: Contact | None = None  # None: unloading begins at the largest force
+    contact: Contact
 
     @property
     def capacity(self) -> float:
         """Largest normal force on the robot, N."""
-        if self.contact is not None and self.contact.internal:
+        if self.contact.internal:
             return 0.0
         return self.contact.max_normal_force if isinstance(self.contact, UnilateralContact) else math.inf
 
@@ -200,7 +199,7 @@ class ReferenceBoard:
             if change.enabled and before <= 0.0:
                 self._anchor(name, dynamics)
             duration = plan.ramp if change.ramp is None else change.ramp
-            if not change.enabled and duration > 0.0 and plan.contact is not None and name in self.forces:
+            if not change.enabled and duration > 0.0 and name in self.forces:
                 before = min(before, needed_activation(plan.contact, self.forces[name]))
             self._contact_ramps[name] = SoftRamp(time, duration, before, goal)
         elif isinstance(change, SetSlippingContacts):

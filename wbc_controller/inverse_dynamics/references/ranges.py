@@ -16,7 +16,7 @@ from wbc_controller.inverse_dynamics.references.trajectories import Knot
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import GazeTask, PostureTask, RelativePoseTask, Task, TorqueTask
-from wbc_controller.records import Array, Reference
+from wbc_controller.records import Array
 
 #: Longest duration of a setpoint or trajectory, and shortest time between points, s.
 LONGEST, SHORTEST = 86_400.0, 1.0e-4
@@ -63,11 +63,6 @@ def check_change(change: Change, tasks: Mapping[str, Task], model: RobotModel) -
         _check_points(tasks[change.task], change.points, model)
 
 
-def check_rates(task: Task, reference: Reference, model: RobotModel) -> None:
-    """Check velocity and acceleration of a reference; raises `InputRefused`."""
-    _require_rates(task, model, reference.velocity, reference.acceleration)
-
-
 def _check_points(task: Task, points: Sequence[Knot], model: RobotModel) -> None:
     what, n = f"{task.full_name}: a reference", task.form.vector
     times = np.array([point.time for point in points])
@@ -82,13 +77,14 @@ def _check_points(task: Task, points: Sequence[Knot], model: RobotModel) -> None
     if middle is None:  # a walking robot moves far
         middle, reach = vectors[0], reach * (1.0 + times - times[0])[:, None]
     _require_within(vectors, middle, reach, what, task.unit)
-    _require_rates(
+    check_rates(
         task, model, np.array([point.velocity for point in points]), np.array([point.acceleration for point in points])
     )
-    _require_rates(task, model, np.diff(vectors, axis=0) / gaps[:, None])
+    check_rates(task, model, np.diff(vectors, axis=0) / gaps[:, None])
 
 
-def _require_rates(task: Task, model: RobotModel, *rates: Array) -> None:
+def check_rates(task: Task, model: RobotModel, *rates: Array) -> None:
+    """Check velocity and acceleration of a reference; raises `InputRefused`."""
     largest = np.full(task.form.rate_size, _LARGEST_ANGULAR_VELOCITY)
     if not (isinstance(task, PostureTask) or task.form.direction):
         largest[: task.form.vector] = _middle_and_reach(task, model)[1] / _SHORTEST_TIME

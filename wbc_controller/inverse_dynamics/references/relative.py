@@ -44,9 +44,7 @@ def _assembled(vector: Array, rotation: Array, form: ReferenceForm) -> Array:
 
 
 def _rotation(quaternion: Array) -> Array:
-    if not len(quaternion):
-        return np.eye(3)
-    return rotation_of(quaternion)
+    return rotation_of(quaternion) if len(quaternion) else np.eye(3)
 
 
 def _heading(dynamics: Dynamics) -> Array:

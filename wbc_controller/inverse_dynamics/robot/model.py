@@ -94,8 +94,12 @@ class RobotModel:
 
     @cached_property
     def base_link(self) -> str:
-        """Name of the root link."""
-        return root_link(self.pinocchio)
+        """Name of the floating base's link, or of the link fixed to the world."""
+        wanted = 1 if self.floating_base else 0
+        for frame in self.pinocchio.frames:
+            if frame.type == pin.BODY and frame.parentJoint == wanted and frame.name != "universe":
+                return str(frame.name)
+        return "universe"
 
     @property
     def name(self) -> str:
@@ -195,12 +199,3 @@ class RobotModel:
             force = np.array(force)
             self.followers.carry(force)
         return np.asarray(force[self.v_index])
-
-
-def root_link(model: pin.Model) -> str:
-    """Return the name of the floating base's link, or of the link fixed to the world."""
-    wanted = 1 if model.njoints > 1 and model.joints[1].nq == 7 else 0
-    for frame in model.frames:
-        if frame.type == pin.BODY and frame.parentJoint == wanted and frame.name != "universe":
-            return str(frame.name)
-    return "universe"

@@ -85,13 +85,13 @@ def make_drive(robot: RobotSettings, joint_efforts: Array) -> Drive:
         ConfigurationError: for an unknown name, a joint neither driven nor passive, or dependent actuators.
     """
     joints, passive, transmission = robot.joints, robot.passive_joints, robot.transmission
+    motors = [name for name in joints if name not in passive]
     if transmission and not robot.actuators:
-        motors = [name for name in joints if name not in passive]
         raise ConfigurationError(
             f"robot.actuators: required with robot.transmission, for the order of the command; valid: "
             f"{', '.join(dict.fromkeys([*motors, *transmission]))}"
         )
-    names = robot.actuators or [name for name in joints if name not in passive]
+    names = robot.actuators or motors
     missing = [name for name in transmission if name not in names]
     if missing:
         raise ConfigurationError(f"robot.actuators: {missing[0]!r} of robot.transmission is missing")
@@ -99,9 +99,8 @@ def make_drive(robot: RobotSettings, joint_efforts: Array) -> Drive:
     for row, name in enumerate(names):
         given = transmission.get(name)
         if given is None:
-            known = [*transmission, *(joint for joint in joints if joint not in passive)]
             invalid = " is neither in robot.transmission nor a joint of robot.joints that can have a motor"
-            require_known(name, known, "robot.actuators:", invalid)
+            require_known(name, [*transmission, *motors], "robot.actuators:", invalid)
             ratios[row, joints.index(name)] = 1.0
             limits[row] = joint_efforts[joints.index(name)]
             if not (0.0 < limits[row] < np.inf):

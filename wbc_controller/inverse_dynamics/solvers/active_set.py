@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg.lapack import dgesv
 
-from wbc_controller.inverse_dynamics.formulation.answer import Answer
-from wbc_controller.inverse_dynamics.formulation.problem import QuadraticProgram, Residuals
+from wbc_controller.inverse_dynamics.formulation.problem import Answer, QuadraticProgram, Residuals
 from wbc_controller.inverse_dynamics.formulation.problem_kernels import LeastSquares
 from wbc_controller.inverse_dynamics.solvers import active_set_kernels as kernel
 from wbc_controller.records import Array

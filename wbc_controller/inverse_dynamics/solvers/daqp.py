@@ -5,8 +5,7 @@ from collections.abc import Mapping
 import daqp
 import numpy as np
 
-from wbc_controller.inverse_dynamics.formulation.answer import Answer
-from wbc_controller.inverse_dynamics.formulation.problem import QuadraticProgram, Residuals, SoftConstraints
+from wbc_controller.inverse_dynamics.formulation.problem import Answer, QuadraticProgram, Residuals, SoftConstraints
 from wbc_controller.inverse_dynamics.solvers.active_set import ActiveSet
 from wbc_controller.inverse_dynamics.solvers.solver import Solver
 from wbc_controller.records import Array

@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import qr
 
-from wbc_controller.inverse_dynamics.formulation.answer import NOT_FINITE, Answer
-from wbc_controller.inverse_dynamics.formulation.problem import Level, QuadraticProgram
+from wbc_controller.inverse_dynamics.formulation.problem import NOT_FINITE, Answer, Level, QuadraticProgram
 from wbc_controller.inverse_dynamics.formulation.problem_kernels import LeastSquares
 from wbc_controller.inverse_dynamics.solvers import Solver
 from wbc_controller.inverse_dynamics.solvers import active_set_kernels as kernel
@@ -122,8 +121,7 @@ class Hierarchy:
         if not (np.max(np.abs(problem.A @ x - problem.b), initial=0.0) <= _CONSISTENT):
             return Answer(None, "the equalities contradict each other", 0)
         rows = np.vstack([np.eye(n), problem.C])
-        lower = np.concatenate([problem.x_lower, problem.lower])
-        upper = np.concatenate([problem.x_upper, problem.upper])
+        lower, upper = problem.bounds
         multipliers = np.zeros(len(rows))
         iterations = 0
         reports: tuple[LevelReport, ...] = ()

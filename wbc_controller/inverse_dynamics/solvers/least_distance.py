@@ -4,8 +4,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, solve_triangular
 from scipy.optimize import nnls
 
-from wbc_controller.inverse_dynamics.formulation.answer import Answer
-from wbc_controller.inverse_dynamics.formulation.problem import QuadraticProgram
+from wbc_controller.inverse_dynamics.formulation.problem import Answer, QuadraticProgram
 from wbc_controller.records import Array
 
 _NO_ROW = 1.0e-12  # norm of a row independent of x

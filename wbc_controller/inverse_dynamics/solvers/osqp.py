@@ -6,8 +6,7 @@ import numpy as np
 import osqp
 from scipy import sparse
 
-from wbc_controller.inverse_dynamics.formulation.answer import Answer
-from wbc_controller.inverse_dynamics.formulation.problem import QuadraticProgram
+from wbc_controller.inverse_dynamics.formulation.problem import Answer, QuadraticProgram
 from wbc_controller.inverse_dynamics.solvers.solver import Solver
 
 
@@ -24,8 +23,6 @@ class OsqpSolver(Solver):
         rows = equalities + inequalities
         self._rows = np.zeros((n + rows, n))
         self._rows[rows:] = np.eye(n)  # bounds of x
-        self._lower = np.zeros(n + rows)
-        self._upper = np.zeros(n + rows)
         self._equalities = equalities
         self._solver: osqp.OSQP | None = None
         # Upper triangle of H, and rows above the identity, by columns (CSC).
@@ -38,13 +35,6 @@ class OsqpSolver(Solver):
         m, rows = self._equalities, len(problem.b) + len(problem.upper)
         self._rows[:m] = problem.A
         self._rows[m:rows] = problem.C
-        for out, b, bound, x_bound in (
-            (self._lower, problem.b, problem.lower, problem.x_lower),
-            (self._upper, problem.b, problem.upper, problem.x_upper),
-        ):
-            out[:m] = b
-            out[m:rows] = bound
-            out[rows:] = x_bound
         try:
             result = self._run(problem)
         except osqp.OSQPException as error:  # singular matrices
@@ -61,14 +51,16 @@ class OsqpSolver(Solver):
         n, rows = problem.n, len(self._rows)
         h_values = problem.H[self._h_rows, self._h_columns]
         a_values = self._rows[self._a_rows, self._a_columns]
+        lower = np.concatenate([problem.b, problem.lower, problem.x_lower])
+        upper = np.concatenate([problem.b, problem.upper, problem.x_upper])
         if self._solver is None:
             self._solver = osqp.OSQP()
             self._solver.setup(
                 P=sparse.csc_matrix((h_values, self._h_rows, self._h_starts), shape=(n, n)),
                 q=problem.g,
                 A=sparse.csc_matrix((a_values, self._a_rows, self._a_starts), shape=(rows, n)),
-                l=self._lower,
-                u=self._upper,
+                l=lower,
+                u=upper,
                 verbose=False,
                 eps_abs=1.0e-5,
                 eps_rel=1.0e-5,
@@ -77,5 +69,5 @@ class OsqpSolver(Solver):
                 check_termination=5,
             )
         else:
-            self._solver.update(q=problem.g, l=self._lower, u=self._upper, Px=h_values, Ax=a_values)
+            self._solver.update(q=problem.g, l=lower, u=upper, Px=h_values, Ax=a_values)
         return self._solver.solve(raise_error=False)

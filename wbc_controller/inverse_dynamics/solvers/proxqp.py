@@ -5,8 +5,7 @@ from typing import Any
 import numpy as np
 import proxsuite
 
-from wbc_controller.inverse_dynamics.formulation.answer import Answer
-from wbc_controller.inverse_dynamics.formulation.problem import QuadraticProgram
+from wbc_controller.inverse_dynamics.formulation.problem import Answer, QuadraticProgram
 from wbc_controller.inverse_dynamics.solvers.solver import Solver
 
 _proxqp = proxsuite.proxqp

@@ -4,8 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Any
 
-from wbc_controller.inverse_dynamics.formulation.answer import NOT_FINITE, Answer
-from wbc_controller.inverse_dynamics.formulation.problem import QuadraticProgram
+from wbc_controller.inverse_dynamics.formulation.problem import NOT_FINITE, Answer, QuadraticProgram
 from wbc_controller.inverse_dynamics.solvers.active_set import ActiveSet
 
 
