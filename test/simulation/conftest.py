@@ -1,35 +1,23 @@
 """Shipped robots and a standing controller."""
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
+from wbc_controller.controller.build.program import make_qp
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.records import RobotState, frozen
 from wbc_controller.settings import Settings
-from wbc_controller.settings.contacts import SurfaceContact
-from wbc_controller.simulation.mechanism import contact_frame
 from wbc_controller.simulation.plant import Plant
+from wbc_controller.validation.fuzz.problems import rest
 
 
 class Standing:
     """Gravity compensation with a spring and damper at each joint."""
 
     def __init__(self, model: RobotModel, settings: Settings, q: np.ndarray) -> None:
-        data = model.pinocchio.createData()
-        pin.computeJointJacobians(model.pinocchio, data, q)
-        blocks = []
-        for name, contact in settings.contacts.items():
-            joint, placement = contact_frame(model, name, contact)
-            jacobian = pin.getJointJacobian(model.pinocchio, data, joint, pin.LOCAL)
-            jacobian = placement.inverse().action @ jacobian
-            rotation = (data.oMi[joint] * placement).rotation
-            size = 6 if isinstance(contact, SurfaceContact) else 3
-            blocks.append((np.kron(np.eye(2), rotation) @ jacobian)[:size])
-        jacobian = np.vstack(blocks)
-        gravity = pin.computeGeneralizedGravity(model.pinocchio, data, q)
-        forces = np.linalg.lstsq(jacobian[:, :6].T, gravity[:6], rcond=None)[0]
-        inertia = pin.crba(model.pinocchio, data, q).diagonal()[model.v_index]
-        self.tau = (gravity - jacobian.T @ forces)[model.v_index]
+        qp, state = make_qp(settings, model), RobotState(0, frozen(q), frozen(np.zeros(model.nv)))
+        self.tau = qp.solve(state, rest(qp, settings, state)).tau
+        inertia = qp.dynamics.M.diagonal()[model.v_index]
         legs = np.array(
             [any(part in name for part in ("leg", "hip", "thigh", "calf", "knee", "ankle")) for name in model.joints]
         )
