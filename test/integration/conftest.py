@@ -44,11 +44,14 @@ class User:
     """Opens the peer of every topic of both nodes; stores messages with arrival times."""
 
     def __init__(
-        self, transport: Any, advance: Callable[[], None], omits: Callable[[Endpoint], bool] = lambda topic: False
+        self,
+        transport: Any,
+        advance: Callable[[], None] | None = None,
+        omits: Callable[[Endpoint], bool] = lambda topic: False,
     ) -> None:
         self.settings = load_settings(find_configuration(ROBOT))
         self.model = make_model(self.settings)
-        self.advance = advance
+        self.advance = advance or self._wait_for_state
         self.transport = transport
         self.arrivals: dict[tuple[str, str, str], list[tuple[float, bytes]]] = {}
         self._types: dict[tuple[str, str, str], str] = {}
@@ -81,6 +84,10 @@ class User:
                 self.state_came.set()
 
         transport.subscribe(deep, receive)
+
+    def _wait_for_state(self) -> None:
+        self.state_came.wait(0.02)
+        self.state_came.clear()
 
     def send(self, owner: str, key: str, content: Any, subject: str = "") -> None:
         place = owner, key, subject
@@ -125,20 +132,6 @@ class User:
 
     def activate(self) -> None:
         self.until(lambda: self.mode == "active", "activation", lambda: self.command("activate"))
-
-    def activate_again(self) -> None:
-        """Activate from any mode until torques carry the robot, also after faults of a busy machine."""
-
-        def again() -> None:
-            if self.mode.partition(" ")[0] not in ("active", "holding", "inactive"):
-                self.command("reset")
-            self.command("activate")
-
-        self.until(lambda: self.mode == "active" and self.carries(), "torques of an active controller", again)
-
-    def carries(self) -> bool:
-        """Return True if the newest torques are non-zero."""
-        return bool(self.arrivals["controller", "effort", ""]) and bool(np.any(self.last("controller", "effort").data))
 
     def com(self) -> np.ndarray:
         q = np.zeros(self.model.nq)
@@ -225,15 +218,8 @@ def dds_user() -> Iterator[User]:
     from wbc_controller.middleware.transports.dds import DdsTransport
 
     transport = DdsTransport("test_user", domain_id=DOMAIN, discovery_range="LOCALHOST")
-    user = User(transport, lambda: None)
-    user.advance = lambda: _wait(user)
-    yield user
+    yield User(transport)
     transport.close()
-
-
-def _wait(user: User) -> None:
-    user.state_came.wait(0.02)
-    user.state_came.clear()
 
 
 @contextlib.contextmanager
@@ -258,8 +244,7 @@ def _on_ros2(request: pytest.FixtureRequest) -> Iterator[User]:
     """The two executables of ROS 2, and this process as the user, on rclpy too."""
     request.getfixturevalue("monkeypatch").setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     participants = Ros2Participants(DOMAIN)
-    user = User(participants.transport("test_user"), lambda: None, is_omitted)
-    user.advance = lambda: _wait(user)
+    user = User(participants.transport("test_user"), omits=is_omitted)
     processes, robot = request.getfixturevalue("processes"), request.getfixturevalue("patient_robot")
     for main, parameter in (("mock_main", "patient:=true"), ("main", "use_sim_time:=true")):
         processes.start_node(main, f"robot:={robot}", parameter)
