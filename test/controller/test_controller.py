@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from own_classes import Ceiling, Height
 
 import wbc_controller as wbc
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.records import Mode
+from wbc_controller.validation.fuzz.hostile_classes import Ceiling, Height
 
 PERIOD = 0.002
 
@@ -226,7 +226,9 @@ class Heavy(Height):
 
 
 def test_own_tasks_and_limits_take_part():
-    controller = wbc.Controller(wbc.load("go2").replace({"tasks.com": None}), tasks=[Heavy], limits=[Ceiling])
+    controller = wbc.Controller(
+        wbc.load("go2").replace({"tasks.com": None}), tasks=[Heavy], limits=[lambda model: Ceiling(model, 0.05)]
+    )
     controller.reset(controller.stance(), np.zeros(controller.model.nv))
     run(controller, 0.3)
     assert controller.board.plans["height"].weight == 7.0

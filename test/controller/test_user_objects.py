@@ -4,7 +4,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from own_classes import Ceiling, Grip, Height
 from refusals import refusal
 
 import wbc_controller as wbc
@@ -18,6 +17,7 @@ from wbc_controller.nodes.clock import ManualClock
 from wbc_controller.nodes.controller_service import make_loop
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.records import Mode
+from wbc_controller.validation.fuzz.hostile_classes import Ceiling, Grip, Height
 
 PERIOD = 0.002
 

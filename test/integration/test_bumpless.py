@@ -3,8 +3,7 @@
 import numpy as np
 import yaml
 
-from wbc_controller.settings import Settings
-from wbc_controller.settings.files import find_configuration, load_settings
+from wbc_controller.settings.config import load
 from wbc_controller.validation.lockstep import Lockstep
 
 SWITCHES = 60
@@ -18,13 +17,9 @@ STANDS = 2.0e-3
 
 def swaying_settings():
     """G1 with a task for each unloaded sole."""
-    content = load_settings(find_configuration("g1")).model_dump()
-    content["tasks"]["com"]["setpoint_duration"] = WAY
-    for side in ("left", "right"):
-        content["tasks"][f"{side}_sole"] = {
-            "type": "frame_pose", "frame": f"{side}_ankle_roll_link", "weight": 100.0, "enabled": False,
-        }  # fmt: skip
-    return Settings.model_validate(content)
+    sole = {"type": "frame_pose", "weight": 100.0, "enabled": False}
+    soles = {f"tasks.{side}_sole": sole | {"frame": f"{side}_ankle_roll_link"} for side in ("left", "right")}
+    return load("g1").replace({"tasks.com.setpoint_duration": WAY, **soles}).settings
 
 
 class Robot(Lockstep):
@@ -36,11 +31,10 @@ class Robot(Lockstep):
 
     @property
     def dynamics(self):
-        return self.loop.controller.qp.dynamics
+        return self.controller.qp.dynamics
 
     def soles(self):
-        contacts = self.loop.controller.qp.contacts
-        return {name: contact.points(self.dynamics).mean(axis=0) for name, contact in contacts.items()}
+        return {name: each.points(self.dynamics).mean(axis=0) for name, each in self.controller.qp.contacts.items()}
 
 
 def random_task_switch(rng, enabled, weights):

@@ -10,7 +10,6 @@ import pytest
 from snapshots import dynamics_at
 
 import wbc_controller as wbc
-from wbc_controller.simulation.plant import Plant
 
 A1 = Path(__file__).parents[2] / "examples" / "a1.yaml"
 
@@ -120,18 +119,6 @@ def test_torques_go_to_their_joints(scene):
     for name, torque in zip(scene.model.actuators, tau, strict=True):
         assert scene.data.qfrc_applied[scene.mujoco.joint(name).dofadr[0]] == torque
     assert np.count_nonzero(scene.data.qfrc_applied) == scene.model.na
-
-
-def test_it_reads_what_the_mock_robot_reads(robot_of):
-    settings, model = robot_of("g1")
-    plant = Plant(model, settings)
-    rng = np.random.default_rng(0)
-    for _ in range(50):
-        plant.apply(rng.normal(size=model.na))
-        plant.step()
-    interface = wbc.MujocoInterface(model, plant.model)
-    for ours, theirs in zip(interface.state(plant.data), plant.state(), strict=True):
-        np.testing.assert_allclose(ours, theirs, atol=1e-12)
 
 
 def test_missing_joints_and_values_of_other_types_are_refused(scene):

@@ -31,7 +31,7 @@ KNOB = {"type": "point", "frame": "right_rubber_hand", "against": "left_rubber_h
         "radius": 0.03, "min_normal_force": 5.0, "max_normal_force": 60.0}  # fmt: skip
 
 
-def g1_with(name, contact, **others):
+def g1_with(name, contact):
     values = load("g1").settings.model_dump()
     if name == "left_foot":
         values["contacts"].pop(name)
@@ -39,7 +39,7 @@ def g1_with(name, contact, **others):
     if contact["type"] == "fixed":  # zero between two links
         target = [10.0, -8.0, 6.0, 0.5, -0.4, 0.3]
         values["tasks"]["pull"] = {"type": "contact_wrench", "contact": name, "target": target, "weight": 0.01}
-    return Settings.model_validate(values | others)
+    return Settings.model_validate(values)
 
 
 def masked(*held):
@@ -222,8 +222,7 @@ def test_grips_and_palms_are_made_and_broken_while_the_robot_sways_without_a_jum
     """Repeated switches in both directions, several per cycle."""
     pinned = {"translation": [0.0] * 3, "mask": masked(0, 1, 2), "max_force": 100.0, "enabled": False}
     contacts = {"grip": GRIP | pinned, "palm": PALM | {"enabled": False}}
-    values = load("g1").settings.model_dump()
-    robot = Simulation(Settings.model_validate(values | {"contacts": values["contacts"] | contacts}))
+    robot = Simulation(load("g1").replace({"contacts": contacts}))
     rng, made, torques = np.random.default_rng(4), dict.fromkeys(contacts, False), []
     start = np.array(robot.controller.dynamics.com)
 

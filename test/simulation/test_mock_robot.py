@@ -16,10 +16,11 @@ from wbc_controller.middleware import codec as messages
 from wbc_controller.middleware.setpoints import setpoint_message, wrench_stamped
 from wbc_controller.middleware.topics import MOCK_TOPICS, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
-from wbc_controller.settings import Settings
+from wbc_controller.settings.config import load
 from wbc_controller.simulation import mock_robot as module
 from wbc_controller.simulation import speed
 from wbc_controller.simulation.mock_robot import MockRobot
+from wbc_controller.simulation.mock_service import run_mock
 
 
 class Controller(MockPeer):
@@ -45,10 +46,7 @@ def make(go2):
     model, shipped = go2
 
     def build(contacts=None, transport=MemoryTransport, **options):
-        settings = shipped
-        if contacts:
-            values = shipped.model_dump()
-            settings = Settings.model_validate(values | {"contacts": values["contacts"] | contacts})
+        settings = load(shipped).replace({"contacts": contacts}).settings if contacts else shipped
         bus = MemoryBus()
         peer = Controller(bus, settings)
         return MockRobot(model, settings, transport(bus), **options), peer
@@ -375,6 +373,15 @@ def test_torques_are_taken_though_the_transport_s_thread_is_starved(make, go2):
         peer.effort(tau)
         step(robot)
         assert robot.plant.applied_torques == pytest.approx(tau)
+
+
+def test_a_second_robot_on_its_topics_is_logged(go2, caplog):
+    model, settings = go2
+    bus, stop = MemoryBus(), threading.Event()
+    MockRobot(model, settings, MemoryTransport(bus, "mock_robot"))
+    stop.set()
+    run_mock(settings, MemoryTransport(bus, "mock_robot"), stop)
+    assert "/joint_states has another publisher, /mock_robot: two robots on one topic" in caplog.messages
 
 
 def test_absolute_poses_come_at_their_rate_and_late(robot_of, changed):

@@ -7,7 +7,6 @@ import os
 from functools import cache
 
 import numpy as np
-import own_classes
 import pinocchio as pin
 import pytest
 from chains import MENAGERIE, menagerie
@@ -28,6 +27,7 @@ from wbc_controller.inverse_dynamics.tasks import (
 )
 from wbc_controller.records import Disturbance, Reference, References, RobotState, frozen
 from wbc_controller.settings.files import find_configuration, load_settings
+from wbc_controller.validation.fuzz import hostile_classes
 
 PROBLEMS = int(os.environ.get("PLAIN_QP_PROBLEMS", "200"))
 #: Legs without hip abduction: at least one row of four feet depends on the others.
@@ -35,7 +35,7 @@ SOLO_8 = "package://example-robot-data/robots/solo_description/robots/solo.urdf"
 PANDA = "package://example-robot-data/robots/panda_description/urdf/panda.urdf"
 
 
-class Height(own_classes.Height):
+class Height(hostile_classes.Height):
     """User-defined task with a priority level and a tolerance."""
 
     def __init__(self, model, name="height", level=0, tolerance=None):
@@ -49,11 +49,11 @@ class OwnPosture(PostureTask):
 
 def grip(model):
     """Return a held point of the last link."""
-    return own_classes.Grip(model, model.pinocchio.frames[-1].name, np.array([[1.0, 0.5, -1.0]]), 3.0)
+    return hostile_classes.Grip(model, model.pinocchio.frames[-1].name, np.array([[1.0, 0.5, -1.0]]), 3.0)
 
 
 def ceiling(model):
-    return own_classes.Ceiling(model, 5.0)
+    return hostile_classes.Ceiling(model, 5.0)
 
 
 @cache

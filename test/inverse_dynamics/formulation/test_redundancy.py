@@ -6,7 +6,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from own_classes import Grip
 from scipy.linalg import null_space
 
 from wbc_controller import Simulation
@@ -23,6 +22,7 @@ from wbc_controller.inverse_dynamics.formulation.redundancy import (
 from wbc_controller.mechanics import change_coordinates
 from wbc_controller.records import RobotState, frozen
 from wbc_controller.settings.config import load
+from wbc_controller.validation.fuzz.hostile_classes import Grip
 from wbc_controller.validation.fuzz.problems import rest
 
 PANDA = "package://example-robot-data/robots/panda_description/urdf/panda.urdf"

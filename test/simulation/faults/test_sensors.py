@@ -10,7 +10,8 @@ from wbc_controller.simulation.measurement import STREAMS
 
 JOINT = "FL_calf_joint"
 VALUES = (
-    "position", "velocity", "effort", "pose", "twist", "orientation", "angular_velocity", "specific_force",
+    "position", "velocity", "effort", "pose", "twist", "orientation", "angular_velocity", "specific_force", "base",
+    "silent", "absent",
 )  # fmt: skip
 
 
@@ -28,14 +29,12 @@ def changed(found) -> set[str]:
         for name in VALUES
         if not np.array_equal(getattr(each.measured, name), getattr(each.true, name))
     }
-    for each in found:
-        names |= {
-            f"stamp of {stream}" for stream in STREAMS if each.measured.stamps[stream] != each.true.stamps[stream]
-        }
-        names |= {
-            name for name in ("base", "silent", "absent") if getattr(each.measured, name) != getattr(each.true, name)
-        }
-    return names
+    return names | {
+        f"stamp of {stream}"
+        for each in found
+        for stream in STREAMS
+        if each.measured.stamps[stream] != each.true.stamps[stream]
+    }
 
 
 #: Measurements changed by each kind.

@@ -46,7 +46,7 @@ def test_nodes_survive_hostile_messages(monkeypatch):
 
 
 def test_valid_requests_are_accepted_by_tasks_of_every_type():
-    assert {task.type for task in fuzzed_robot("g1").settings.tasks.values()} == set(topics.TASK_TYPES)
+    assert {task.type for task in fuzzed_robot("g1")[0].tasks.values()} == set(topics.TASK_TYPES)
     target = ControllerTarget("g1")
     for topic in target.topics.values():
         if topic.key not in ("joint_states", "odom", "clock", "command", "update"):

@@ -1,29 +1,17 @@
 """Fuzzer of quadratic programs: relaxation is minimal; unnecessary relaxation is detected."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from wbc_controller.cli import main
-from wbc_controller.controller.build.program import make_qp
-from wbc_controller.controller.build.robot import make_model
-from wbc_controller.controller.check.preflight import stance
-from wbc_controller.records import RobotState, frozen
-from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.validation.fuzz import problems
 from wbc_controller.validation.fuzz.problems import NO_SOLUTION, feasibility_margin, relaxation_error
 
 
 @pytest.fixture(scope="module")
 def qp_and_draw():
-    """Return the quadratic program of Go2, and the function that draws its problems."""
-    settings = load_settings(find_configuration("go2"))
-    qp = make_qp(settings, make_model(settings))
-    standing = stance(qp.model, qp, list(qp.contacts))
-    references = problems.rest(qp, settings, RobotState(0, frozen(standing), frozen(np.zeros(qp.model.nv))))
-    return qp, partial(problems.random_problem, qp.model, standing, references)
+    return problems.problems_of("go2")
 
 
 def test_no_unnecessary_relaxation():

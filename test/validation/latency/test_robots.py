@@ -8,18 +8,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from wbc_controller.controller.controller import Controller
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.middleware.codec import decode, encode, message, nanoseconds
+from wbc_controller.middleware.codec import decode, nanoseconds
 from wbc_controller.middleware.topics import counterpart
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
-from wbc_controller.nodes.clock import ManualClock
-from wbc_controller.nodes.controller_service import make_loop
-from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.records import Mode
 from wbc_controller.settings.service import RealtimeSettings
 from wbc_controller.validation.latency import robots
 from wbc_controller.validation.latency.robots import StandingRobot, echo, open_transport
+from wbc_controller.validation.user import User
 
 
 class Time:
@@ -45,24 +42,21 @@ class Time:
     ("name", "base_state", "inactive"),
     [("go2", "odom", 1), ("g1", "imu", 60)],  # with an IMU the robot rests for 0.1 s
 )
-def test_controller_stays_active(robot_of, changed, monkeypatch, name, base_state, inactive):
-    settings, model = robot_of(name)
-    settings = changed(settings, {"estimation": {"base_state": base_state, "settling": 0.1}})
-    topics, bus, manual, reports = controller_endpoints(settings, model), MemoryBus(), ManualClock(), []
-    controller = Controller(settings, preflight=False, model=model)
-    loop = make_loop(controller, MemoryTransport(bus), manual, topics, observers=[reports.append])
-    (command,) = (topic for topic in topics if topic.key == "command")
-    send = MemoryTransport(bus).advertise(counterpart(command))
+def test_controller_stays_active(bench, monkeypatch, name, base_state, inactive):
+    controller = bench(name, {"estimation": {"base_state": base_state, "settling": 0.1}})
+    reports, transport = controller.reports, MemoryTransport(controller.bus)
+    controller.user.close()  # a second publisher of the states
+    user = User(controller.settings, controller.model, controller.topics, transport)
 
     def cycle():
-        manual.time = clock.now
+        controller.clock.time = clock.now
         if len(reports) == inactive:
-            send(encode(message("std_msgs/msg/String", data="activate")))
-        loop.cycle()
+            user.send_text("command", "activate")
+        controller.loop.cycle()
 
     clock = Time(0.6, cycle)
     monkeypatch.setattr(robots, "time", clock)
-    StandingRobot(model, settings, MemoryTransport(bus), topics).run(clock.stop)
+    StandingRobot(controller.model, controller.settings, transport, controller.topics).run(clock.stop)
     modes = [report.mode for report in reports]
     assert modes == [Mode.INACTIVE] * inactive + [Mode.ACTIVE] * (301 - inactive)
     assert not any(report.refused for report in reports)

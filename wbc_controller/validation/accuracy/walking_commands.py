@@ -149,16 +149,10 @@ def walking_starts(robots: tuple[str, ...], sensors: SensorQuality, jobs: int, s
 @common_options
 @click.option("--directions", default=8, show_default=True, type=click.IntRange(1), help="Directions of the pushes.")
 @click.option("--phases", default=8, show_default=True, type=click.IntRange(1), help="Phases of the stride.")
-@click.option(
-    "--changes",
-    default=25,
-    show_default=True,
-    type=click.IntRange(0),
-    help="Robots with random changes of their velocity.",
-)
-@click.option(
-    "--seconds", default=20.0, show_default=True, type=click.FloatRange(1.0), help="Duration of the changes, s."
-)
+@click.option("--changes", default=25, show_default=True, type=click.IntRange(0),
+              help="Robots with random changes of their velocity.")  # fmt: skip
+@click.option("--seconds", default=20.0, show_default=True, type=click.FloatRange(1.0),
+              help="Duration of the changes, s.")  # fmt: skip
 @click.option("--plot", type=click.Path(dir_okay=False, path_type=Path), help="HTML page with a polar plot.")
 def walking_pushes(
     robots: tuple[str, ...], sensors: SensorQuality, jobs: int, directions: int, phases: int, changes: int,

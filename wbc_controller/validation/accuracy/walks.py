@@ -174,11 +174,9 @@ def walk(
             ended = "the robot did not stop"
     except WbcError as error:
         ended, lead = trial.when(error), trial.lead_time()
-    if not ways:
-        return Walk(seed, np.full(3, np.nan), 0.0, np.nan, relaxed, ended, trial.meter.figures(), lead)
-    way = np.array(ways)
+    way = np.array(ways).reshape(-1, 4)
     base = None if trial.estimator is None else trial.estimator.base
-    drift = np.nan if base is None else float(np.linalg.norm(base[0][:2] - trial.shift[:2] - way[-1, 1:3]))
+    drift = np.nan if base is None or not ways else float(np.linalg.norm(base[0][:2] - trial.shift[:2] - way[-1, 1:3]))
     speed = np.full(3, np.nan) if ended or command == RANDOM else mean_velocity(way, _REACHED, seconds)
     distance = float(np.linalg.norm(np.diff(way[:, 1:3], axis=0), axis=1).sum())
     return Walk(seed, speed, distance, drift, relaxed, ended, trial.meter.figures(), lead)

@@ -229,39 +229,27 @@ def _page(rows: Sequence[Row], outcomes: Sequence[Outcome]) -> PageReport:
 
 
 def _plots(rows: Sequence[Row], outcomes: Sequence[Outcome]) -> list[Plot]:
-    detected = [each for each in outcomes if each.deadline is not None and each.after is not None]
+    shares = by_category(_shares(rows), axis="share of the trials [%]", range=(0.0, 104.0))
+    ratios = _by_robot(
+        [each for each in outcomes if each.deadline is not None and each.after is not None],
+        lambda each: (each.after or 0.0) / (each.deadline or 1.0),
+        lambda each: f"{_milliseconds(each.after)} of {_milliseconds(each.deadline)} ms",
+    )
+    delays = by_category(ratios, axis="time / deadline [1]", limit=1.0)
+    detection = (
+        "From the beginning of the fault until damping, as a share of the deadline; required: below 1. Only faults "
+        "that must be detected."
+    )
     survived = [each for each in outcomes if not each.code]
+    moved = _by_robot(survived, lambda each: each.moved, lambda each: f"{each.moved:.3f} m")
+    distances = by_category(moved, axis="distance [m]")
+    motion = (
+        "Largest distance of the centre of mass from its position at the beginning of the fault, in survived trials."
+    )
     return [
-        Plot(
-            "shares",
-            "Outcomes of the trials",
-            "Share of the trials by kind of fault, all robots.",
-            by_category(_shares(rows), axis="share of the trials [%]", range=(0.0, 104.0)),
-        ),
-        Plot(
-            "delays",
-            "Time until detection",
-            "From the beginning of the fault until damping, as a share of the deadline; required: below 1. Only faults "
-            "that must be detected.",
-            by_category(
-                _by_robot(
-                    detected,
-                    lambda each: (each.after or 0.0) / (each.deadline or 1.0),
-                    lambda each: f"{_milliseconds(each.after)} of {_milliseconds(each.deadline)} ms",
-                ),
-                axis="time / deadline [1]",
-                limit=1.0,
-            ),
-        ),
-        Plot(
-            "distances",
-            "Motion of the robot",
-            "Largest distance of the centre of mass from its position at the beginning of the fault, in survived "
-            "trials.",
-            by_category(
-                _by_robot(survived, lambda each: each.moved, lambda each: f"{each.moved:.3f} m"), axis="distance [m]"
-            ),
-        ),
+        Plot("shares", "Outcomes of the trials", "Share of the trials by kind of fault, all robots.", shares),
+        Plot("delays", "Time until detection", detection, delays),
+        Plot("distances", "Motion of the robot", motion, distances),
     ]
 
 

@@ -177,11 +177,8 @@ class _AcceptedMessage:
         self._may_grow = min(self._may_grow + _SLOW_CLOCK * (now - self._arrived_at), _GAP)
         growth = min(max(measured_at - self.measured_at, 0.0), self._may_grow)
         self._may_grow -= growth
-        self.measured_at, self.hidden_latency, self._arrived_at = (
-            measured_at,
-            min(now - measured_at, self.hidden_latency + growth),
-            now,
-        )
+        self.hidden_latency = min(now - measured_at, self.hidden_latency + growth)
+        self.measured_at, self._arrived_at = measured_at, now
 
 
 def _ages_text(ages: Mapping[str, float]) -> str:

@@ -68,10 +68,9 @@ class ControllerTarget(Target):
     """
 
     def __init__(self, robot: str) -> None:
-        fuzzed = fuzzed_robot(robot)
-        super().__init__(controller_endpoints(fuzzed.settings, fuzzed.model), ("effort",))
-        self._robot = Lockstep(fuzzed.settings, model=fuzzed.model, bus=self.bus, use_sim_time=True)
-        self._settings, self._model = fuzzed.settings, fuzzed.model
+        self._settings, self._model = fuzzed_robot(robot)
+        super().__init__(controller_endpoints(self._settings, self._model), ("effort",))
+        self._robot = Lockstep(self._settings, model=self._model, bus=self.bus, use_sim_time=True)
         self._mock, self._controller, self._loop = self._robot.mock, self._robot.controller, self._robot.loop
         self._vocabulary = make_vocabulary(self._settings, self._model)
         self._gate = _InputGate(self._loop._inputs)

@@ -1,5 +1,7 @@
 """Fuzzer of user-defined classes."""
 
+# ruff: noqa: D102 - methods are documented by the base classes
+
 import logging
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -28,11 +30,13 @@ _CYCLES = 8
 _TOLERANCE = 1.0e-9
 
 
-class _Height(MotionTask):
+class Height(MotionTask):
+    """Height of the centre of mass."""
+
     size = 1
 
-    def __init__(self, model: RobotModel) -> None:
-        super().__init__("own", [True])
+    def __init__(self, model: RobotModel, name: str = "height") -> None:
+        super().__init__(name, [True])
 
     def position(self, dynamics: Dynamics) -> Array:
         return np.array(dynamics.com[2:])
@@ -50,11 +54,15 @@ class _Height(MotionTask):
         return dynamics.com_drift[2:]
 
 
-class _Grip(AnchoredContact):
-    def __init__(self, model: RobotModel) -> None:
-        basis, cone = np.eye(6)[:, :3], np.zeros((0, 3))
-        super().__init__("own", basis, cone, "world", stiffness=1.0, damping=20.0, internal=False)
-        self.frame = model.frame_id("FL_calf", "grip")
+class Grip(AnchoredContact):
+    """A point of a link that is held, with 3 forces and an anchor."""
+
+    def __init__(
+        self, model: RobotModel, link: str = "FL_calf", cone: Array | None = None, stiffness: float = 1.0
+    ) -> None:
+        cone = np.zeros((0, 3)) if cone is None else cone
+        super().__init__("grip", np.eye(6)[:, :3], cone, "world", stiffness=stiffness, damping=20.0, internal=False)
+        self.frame = model.frame_id(link, "grip")
 
     def jacobian(self, dynamics: Dynamics) -> Array:
         return dynamics.jacobian(self.frame, pin.LOCAL_WORLD_ALIGNED)[:3]
@@ -78,29 +86,31 @@ class _Grip(AnchoredContact):
         return np.asarray(anchor[:3] - dynamics.placement(self.frame).translation)
 
 
-class _Ceiling(RowLimit):
+class Ceiling(RowLimit):
+    """An upper bound of the vertical acceleration of the centre of mass."""
+
     names, kind, unit = ("ceiling:com",), "ceiling", "m/s²"
 
-    def __init__(self, model: RobotModel) -> None:
-        self.model = model
+    def __init__(self, model: RobotModel, most: float = 50.0) -> None:
+        self.most = most
 
     def fill(self, dynamics: Dynamics, period: float, rows: Array, lower: Array, upper: Array) -> None:
         rows[:] = dynamics.com_jacobian[2]
-        lower[:], upper[:] = -np.inf, 50.0 - dynamics.com_drift[2]
+        lower[:], upper[:] = -np.inf, self.most - dynamics.com_drift[2]
 
 
 #: Class, methods and attributes by kind of object.
 _KINDS: dict[str, tuple[type, tuple[str, ...], tuple[str, ...]]] = {
     "tasks": (
-        _Height, ("position", "velocity", "error", "jacobian", "drift", "rest", "right", "equation"),
+        Height, ("position", "velocity", "error", "jacobian", "drift", "rest", "right", "equation"),
         ("size", "rows", "weight", "level", "setpoint_duration", "stiffness", "damping", "tolerance", "enabled",
          "name"),
     ),
     "contacts": (
-        _Grip, ("jacobian", "drift", "bounds", "points", "wrench_in_world", "pose", "displacement"),
+        Grip, ("jacobian", "drift", "bounds", "points", "wrench_in_world", "pose", "displacement"),
         ("size", "basis", "cone", "metric", "stiffness", "damping", "ramp", "bound_groups", "enabled", "name"),
     ),
-    "limits": (_Ceiling, ("fill",), ("names", "kind", "unit")),
+    "limits": (Ceiling, ("fill",), ("names", "kind", "unit")),
 }  # fmt: skip
 
 

@@ -123,7 +123,7 @@ def _episode(key: str, robot: str, seed: str, outcome: Outcome, count: int) -> F
     messages: list[Message] = []
 
     def draw(target: Target) -> Iterator[Message]:
-        names = fuzzed_robot(robot).model.joints
+        names = fuzzed_robot(robot)[1].joints
         while target.alive and len(messages) < _EPISODE_LENGTH and outcome.sent < count:
             topic, payload = draw_by_key(requests(target, names), seed, len(messages))
             messages.append((topic.name, payload))

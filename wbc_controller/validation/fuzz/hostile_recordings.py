@@ -22,7 +22,7 @@ from wbc_controller.recording.recording_file import Recording
 from wbc_controller.recording.replay.cycle_replay import Replay
 from wbc_controller.recording.replay.recording_summary import explain_cycle, summarize
 from wbc_controller.recording.report.run_from_recording import make_run_data
-from wbc_controller.settings.files import find_configuration, load_settings
+from wbc_controller.settings.config import load
 from wbc_controller.validation.fuzz.strategies import mutated_bytes, mutated_text
 from wbc_controller.validation.fuzz.values import FLOATS, SCALARS, STRINGS
 from wbc_controller.validation.lockstep import Lockstep
@@ -41,8 +41,7 @@ _VALUES: SearchStrategy[Any] = st.one_of(
 
 def record_run(robot: str, path: Path) -> None:
     """Record a short run: activation, motion, a refused request, and a stop."""
-    settings = load_settings(find_configuration(robot))
-    settings = settings.model_copy(update={"recorder": settings.recorder.model_copy(update={"seconds": 0.0})})
+    settings = load(robot).replace({"recorder.seconds": 0.0}).settings
     recorder = Recorder(settings, path, patient=True, name=robot)
     try:
         run = Lockstep(settings, recorder=recorder)

@@ -18,6 +18,7 @@ from wbc_controller.nodes.urdf import wait_for_urdf
 from wbc_controller.records import Array
 from wbc_controller.safety.guard import GuardMode
 from wbc_controller.settings import NODE_NAME
+from wbc_controller.settings.config import load
 from wbc_controller.simulation.measurement import STREAMS, measure
 from wbc_controller.simulation.mock_robot import MockRobot
 from wbc_controller.simulation.plant import Plant
@@ -30,12 +31,12 @@ from wbc_controller.validation.fuzz.target import (
     fuzzed_robot,
     time_limit,
     valid_message,
-    with_all_diagnostics,
 )
 
 _MESSAGES_PER_SILENCE = 25  # messages
 _SILENT_PERIODS = 40  # periods, above the guard's patience
 _MESSAGES_PER_RESET = 100  # messages
+_ALL_DIAGNOSTICS = {"control.diagnostics_rate": 1000.0}  # in every cycle
 _SETTLING = 0.1  # of the estimator, s; short for short episodes
 _POSE_PERIOD = 0.05  # time between two states during the first absolute poses, s; below IMU gaps
 
@@ -44,8 +45,8 @@ class GuardTarget(Target):
     """The guard beside a controller with silences."""
 
     def __init__(self, robot: str) -> None:
-        fuzzed = fuzzed_robot(robot)
-        settings, self._model = with_all_diagnostics(fuzzed.settings), fuzzed.model
+        settings, self._model = fuzzed_robot(robot)
+        settings = load(settings).replace(_ALL_DIAGNOSTICS).settings
         description = describe(self._model.urdf, settings.robot)
         self._limits = description.effort_limits
         opened = topics.endpoints(topics.GUARD_TOPICS, topics.GUARD_NODE)
@@ -131,10 +132,9 @@ class EstimatorTarget(Target):
     """Estimator of a standing robot with continuous sensors between the messages."""
 
     def __init__(self, robot: str) -> None:
-        fuzzed = fuzzed_robot(robot)
-        estimation = fuzzed.settings.estimation.model_copy(update={"settling": _SETTLING, "absolute_pose": True})
-        settings = with_all_diagnostics(fuzzed.settings).model_copy(update={"estimation": estimation})
-        self._model = fuzzed.model
+        settings, self._model = fuzzed_robot(robot)
+        changes = {**_ALL_DIAGNOSTICS, "estimation.settling": _SETTLING, "estimation.absolute_pose": True}
+        settings = load(settings).replace(changes).settings
         opened = topics.endpoints(topics.ESTIMATOR_TOPICS, topics.ESTIMATOR_NODE, contacts=settings.contacts)
         super().__init__(opened, ("odom", "diagnostics"))
         self._node = EstimatorService(settings, self._model, opened, self.transport(), self.clock)
@@ -206,8 +206,7 @@ class MockTarget(Target):
     """Two mock robots on the same topics: in real time with torques on ``effort``, and in lockstep."""
 
     def __init__(self, robot: str) -> None:
-        fuzzed = fuzzed_robot(robot)
-        self._settings, self._model = fuzzed.settings, fuzzed.model
+        self._settings, self._model = fuzzed_robot(robot)
         super().__init__(topics.endpoints(topics.MOCK_TOPICS, topics.MOCK_NODE, contacts=self._settings.contacts))
         self._robots = [
             MockRobot(self._model, self._settings, self.transport(), lockstep=lockstep) for lockstep in (False, True)

@@ -2,8 +2,9 @@
 
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
@@ -24,6 +25,7 @@ from wbc_controller.settings.files import find_configuration, load_settings
 
 _MARGIN = 1.0e-6  # margin of an infeasible problem, in its units
 NO_SOLUTION = "no solution"
+Problem = tuple[RobotState, References, Array | None]  # with previous torques
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,12 +50,9 @@ class SolvedProblem:
 def fuzz_problems(robots: Sequence[str], numbers: Sequence[int], seed: int) -> Iterator[SolvedProblem]:
     """Solve random problems of each robot, and check the relaxations; `seed` plus the number determines a problem."""
     for robot in robots:
-        settings = load_settings(find_configuration(robot))
-        qp = make_qp(settings, make_model(settings))
-        standing = stance(qp.model, qp, list(qp.contacts))
-        references = rest(qp, settings, RobotState(0, frozen(standing), frozen(np.zeros(qp.model.nv))))
+        qp, draw = problems_of(robot)
         for number in numbers:
-            arguments = random_problem(qp.model, standing, references, seed + number)
+            arguments = draw(seed + number)
             started = time.thread_time()
             try:
                 relaxed = qp.solve(*arguments, explained=False).relaxed
@@ -62,6 +61,15 @@ def fuzz_problems(robots: Sequence[str], numbers: Sequence[int], seed: int) -> I
             seconds = time.thread_time() - started
             failure = relaxation_error(qp, arguments, relaxed) or ""
             yield SolvedProblem(robot, number, ", ".join(relaxed) or "nothing relaxed", seconds, failure)
+
+
+def problems_of(robot: str) -> tuple[WholeBodyQP, Callable[[int], Problem]]:
+    """Return the quadratic program of a standing robot, and a function that draws its problems by seed."""
+    settings = load_settings(find_configuration(robot))
+    qp = make_qp(settings, make_model(settings))
+    standing = stance(qp.model, qp, list(qp.contacts))
+    references = rest(qp, settings, RobotState(0, frozen(standing), frozen(np.zeros(qp.model.nv))))
+    return qp, partial(random_problem, qp.model, standing, references)
 
 
 def summary(problems: Sequence[SolvedProblem]) -> Iterator[str]:
@@ -89,9 +97,7 @@ def rest(qp: WholeBodyQP, settings: Settings, state: RobotState) -> References:
     )
 
 
-def random_problem(
-    model: RobotModel, standing: Array, references: References, seed: int
-) -> tuple[RobotState, References, Array | None]:
+def random_problem(model: RobotModel, standing: Array, references: References, seed: int) -> Problem:
     """Return a random state, references, and previous torques.
 
     A quarter of the joints is 0.1 to 100 mrad from a limit. Odd seeds scale the weights by 10^-2 to 10^2; half of the
@@ -114,9 +120,7 @@ def random_problem(
     return state, references, before
 
 
-def relaxation_error(
-    qp: WholeBodyQP, arguments: tuple[RobotState, References, Array | None], relaxed: Sequence[str]
-) -> str | None:
+def relaxation_error(qp: WholeBodyQP, arguments: Problem, relaxed: Sequence[str]) -> str | None:
     """Return the error of a relaxation, with `NO_SOLUTION` for no solution, or None if it was necessary."""
     if not relaxed:
         return None

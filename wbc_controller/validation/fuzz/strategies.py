@@ -126,10 +126,6 @@ def encoded(text: str) -> SearchStrategy[bytes]:
     return share(0.06).flatmap(lambda other: others if other else st.just(text.encode()))
 
 
-def _is_number(kind: Any) -> bool:
-    return bool(kind[0] == Nodetype.BASE and kind[1][0] != "string")
-
-
 def _places(content: Any) -> list[tuple[Any, str, Any]]:
     """Return owner, name and type of each primitive field; of sequences of messages, the first and last elements."""
     found = []
@@ -154,7 +150,7 @@ def hostile(draw: DrawFn, content: Any, names: Sequence[str]) -> Any:
         value = getattr(owner, name)
         if node == Nodetype.BASE:
             value = draw(scalar(detail[0], names))
-        elif _is_number(detail[0]):
+        elif detail[0][0] == Nodetype.BASE and detail[0][1][0] != "string":
             value = draw(_numbers(value, detail[0][1][0], detail[1]))
         elif len(value):
             elements: SearchStrategy[Any] = st.sampled_from(list(value))

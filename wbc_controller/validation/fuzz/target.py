@@ -5,7 +5,7 @@ import gc
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTranspo
 from wbc_controller.nodes.clock import ManualClock
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings
-from wbc_controller.settings.files import find_configuration, load_settings, parse_settings
+from wbc_controller.settings.config import load
 from wbc_controller.validation.campaign.monitor import logged_errors
 
 READ_LIMIT = 0.5  # processor time of reading a request, s
@@ -126,21 +126,13 @@ def valid_message(type_name: str, names: Sequence[str], frame: str, stamp: int) 
     return content
 
 
-class Robot(NamedTuple):
-    """Robot of the fuzzer."""
-
-    settings: Settings
-    model: RobotModel
-
-
 @cache
-def fuzzed_robot(name: str) -> Robot:
+def fuzzed_robot(name: str) -> tuple[Settings, RobotModel]:
     """Return a supplied robot with a task of every type and a grip, all disabled, and without ramps."""
-    settings = load_settings(find_configuration(name))
-    content = settings.model_dump(exclude_unset=True)
-    base = make_model(settings).base_link
-    contact = next(iter(content["contacts"]))
-    frame = content["contacts"][contact]["frame"]
+    config = load(name)
+    base = make_model(config.settings).base_link
+    contact, spec = next(iter(config.settings.contacts.items()))
+    frame = spec.frame
     needs: dict[str, dict[str, Any]] = {
         "relative_pose": {"frame": frame, "reference_frame": base},
         "axis_alignment": {"frame": base, "axis": [0.0, 0.0, 1.0]},
@@ -148,22 +140,13 @@ def fuzzed_robot(name: str) -> Robot:
         "contact_wrench": {"contact": contact},
     }
     needs |= {kind: {"frame": base} for kind in ("frame_pose", "frame_position", "frame_orientation")}
-    present = {task["type"] for task in content["tasks"].values()}
+    grip = {"type": "fixed", "frame": frame, "max_force": 100.0, "max_moment": 10.0, "enabled": False}
+    changes = {"contacts.grip": grip, "safety.activation_ramp": 0.0, "control.markers_rate": 0.0}  # markers cost time
+    present = {task.type for task in config.settings.tasks.values()}
     for kind in sorted(TASK_TYPES.keys() - present):
-        content["tasks"][f"any_{kind}"] = {"type": kind, "enabled": False, **needs.get(kind, {})}
-    content["contacts"]["grip"] = {
-        "type": "fixed", "frame": frame, "max_force": 100.0, "max_moment": 10.0, "enabled": False
-    }  # fmt: skip
-    content["control"] = {**content.get("control", {}), "markers_rate": 0.0}  # markers only cost time
-    content["safety"] = {**content.get("safety", {}), "activation_ramp": 0.0}
-    settings = parse_settings(content, f"the fuzzer's {name}")
-    return Robot(settings, make_model(settings))
-
-
-def with_all_diagnostics(settings: Settings) -> Settings:
-    """Return settings with diagnostics in every cycle."""
-    control = settings.control.model_copy(update={"diagnostics_rate": 1000.0})
-    return settings.model_copy(update={"control": control})
+        changes[f"tasks.any_{kind}"] = {"type": kind, "enabled": False, **needs.get(kind, {})}
+    settings = config.replace(changes).settings
+    return settings, make_model(settings)
 
 
 def check_torques(tau: Array, before: Array, limits: Array, step: Array, what: str) -> None:
