@@ -94,12 +94,8 @@ def _put(draft: Draft, model: RobotModel, posture: Array, text: str, origin: str
 def _standing_fault(feet: Sequence[Foot], placement: FeetPlacement) -> str:
     if not (placement.level_error <= _LEVEL):
         return f"the feet are {1e3 * placement.level_error:.0f} mm or mrad off level"
-    points = np.vstack(
-        [
-            middle[:2] + (foot.corners if len(foot.corners) else np.zeros((1, 2)))
-            for foot, middle in zip(feet, placement.middles, strict=True)
-        ]
-    )
+    shapes = [foot.corners if len(foot.corners) else np.zeros((1, 2)) for foot in feet]
+    points = np.vstack([middle[:2] + shape for middle, shape in zip(placement.middles, shapes, strict=True)])
     margin = support_margin(points, placement.com[:2])
     if not (margin >= _INSIDE):
         side = "inside" if margin >= 0.0 else "outside"
