@@ -11,8 +11,8 @@ from browser import projected
 
 from wbc_controller.apps.new.draft import new_configuration
 from wbc_controller.apps.page.camera import CameraFollower, camera
-from wbc_controller.apps.page.meshes import Mesh
 from wbc_controller.apps.page.snapshot import Robot
+from wbc_controller.controller.visualization.geometry import Part
 from wbc_controller.settings.config import load
 
 UR5 = "package://example-robot-data/robots/ur_description/urdf/ur5_robot.urdf"
@@ -26,7 +26,7 @@ def robot_and_meshes(name):
     robot = Robot(new_configuration(UR5).settings if name == UR5 else load(name).settings)
     box = np.array(list(itertools.product((-0.1, 0.1), repeat=3)), dtype=np.float32)
     joints = range(1, robot.model.pinocchio.njoints)
-    return robot, [Mesh(f"m{i}", i, box, np.array([[0, 1, 2]], dtype=np.uint32), (0.5,) * 3) for i in joints]
+    return robot, [Part(f"m{i}", i, box, np.array([[0, 1, 2]]), (0.5,) * 3) for i in joints]
 
 
 def corners(robot, meshes):

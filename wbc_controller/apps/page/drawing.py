@@ -7,8 +7,8 @@ import numpy as np
 import pinocchio as pin
 import viser
 
-from wbc_controller.apps.page.meshes import Mesh
 from wbc_controller.apps.page.snapshot import Robot, Snapshot
+from wbc_controller.controller.visualization.geometry import Part
 from wbc_controller.controller.visualization.scene import ARROW, COLORS, LINE_STRIP, SPHERE_LIST, Shape, draw
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
 from wbc_controller.records import Array
@@ -36,7 +36,7 @@ _TRANSLUCENT = 0.35  # opacity
 class Drawing:
     """Draws snapshots in the scene of a viser server."""
 
-    def __init__(self, server: viser.ViserServer, robot: Robot, meshes: Sequence[Mesh]) -> None:
+    def __init__(self, server: viser.ViserServer, robot: Robot, meshes: Sequence[Part]) -> None:
         self._scene, self._robot = server.scene, robot
         self._server = server
         self._data = robot.model.pinocchio.createData()

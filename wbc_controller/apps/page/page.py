@@ -15,14 +15,13 @@ import viser.uplot
 from wbc_controller.apps.page import panels
 from wbc_controller.apps.page.camera import CameraFollower, camera
 from wbc_controller.apps.page.controls import Controls
+from wbc_controller.apps.page.drags import KEY, KINDS, Handle, LinkPushes
 from wbc_controller.apps.page.drawing import GROUPS, Drawing
-from wbc_controller.apps.page.handles import KINDS, Handle
-from wbc_controller.apps.page.link_pushes import KEY, LinkPushes
-from wbc_controller.apps.page.meshes import Mesh
 from wbc_controller.apps.page.playback import Playback, TimeLine
 from wbc_controller.apps.page.request_sender import RequestSender
 from wbc_controller.apps.page.snapshot import Robot, Snapshot
 from wbc_controller.apps.page.topic_source import TopicSource
+from wbc_controller.controller.visualization.geometry import Part
 from wbc_controller.controller.visualization.scene import friction_used
 
 _log = logging.getLogger(__name__)
@@ -44,7 +43,7 @@ class Page:
     """Page for any number of browsers; `shown` counts drawn snapshots with a new state."""
 
     def __init__(
-        self, server: viser.ViserServer, robot: Robot, meshes: Sequence[Mesh], source: TopicSource | Playback
+        self, server: viser.ViserServer, robot: Robot, meshes: Sequence[Part], source: TopicSource | Playback
     ) -> None:
         self.shown, self._stamp = 0, -1
         self.server, self._robot, self._source = server, robot, source
@@ -76,7 +75,7 @@ class Page:
         gui.main_panel.dock_right()
         gui.main_panel.set_width(_RIGHT)
 
-    def _set_up_scene(self, server: viser.ViserServer, robot: Robot, meshes: Sequence[Mesh]) -> None:
+    def _set_up_scene(self, server: viser.ViserServer, robot: Robot, meshes: Sequence[Part]) -> None:
         scene = server.scene
         scene.set_up_direction("+z")
         scene.add_grid(
