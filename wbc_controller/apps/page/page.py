@@ -1,9 +1,9 @@
 """The page: scene, panels, handles and controls."""
 
-import collections
 import logging
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
@@ -49,11 +49,9 @@ class Page:
         self.server, self._robot, self._source = server, robot, source
         self._is_mock: Callable[[], bool] | None = None
         self.time_line: TimeLine | None = None  # of a recording
-        self._requests: collections.deque[tuple[str, bool]] = collections.deque(maxlen=_MAX_REQUESTS)
+        self._requests: deque[tuple[str, bool]] = deque(maxlen=_MAX_REQUESTS)
         self._requests_changed = False
-        self._history: collections.deque[tuple[float, float, float, float]] = collections.deque(
-            maxlen=int(_PLOT_TIME * _PLOT_RATE)
-        )
+        self._history: deque[tuple[float, float, float, float]] = deque(maxlen=int(_PLOT_TIME * _PLOT_RATE))
         gui = server.gui
         gui.configure_theme(
             show_logo=False, show_share_button=False, control_width="medium", brand_color=(34, 139, 230)
@@ -99,9 +97,8 @@ class Page:
         self._pushes = LinkPushes(self.server, self._robot, self.drawing, sender)
         with gui.add_folder("Handles"):
             gui.add_html(_HELP)
-            rings = gui.add_checkbox(
-                "Rotation rings", False, hint="Show rings on the handles of poses and orientations."
-            )
+            hint = "Show rings on the handles of poses and orientations."
+            rings = gui.add_checkbox("Rotation rings", False, hint=hint)
 
             @rings.on_update
             async def _(event: Any) -> None:
