@@ -112,13 +112,7 @@ def test_torques_before_of_another_size_are_refused(program, size):
 @pytest.mark.parametrize("frame", [-1, 10**6])
 def test_a_frame_that_the_model_does_not_have_is_refused(program, frame):
     dynamics = program[0].dynamics
-    calls = (
-        lambda: dynamics.placement(frame),
-        lambda: dynamics.velocity(frame, pin.LOCAL),
-        lambda: dynamics.jacobian(frame, pin.LOCAL),
-        lambda: dynamics.drift_local(frame),
-        lambda: dynamics.drift_world(frame),
-    )
-    for call in calls:
+    axes = {"placement": (), "velocity": (pin.LOCAL,), "jacobian": (pin.LOCAL,), "drift_local": (), "drift_world": ()}
+    for name, arguments in axes.items():
         with pytest.raises(IndexError, match=f"invalid frame id {frame}: the model has"):
-            call()
+            getattr(dynamics, name)(frame, *arguments)

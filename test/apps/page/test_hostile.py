@@ -130,14 +130,11 @@ _FIELDS = ["value", "update_cb", "sync_cb", "removed", "uuid", "props", "is_butt
 _numbers = st.lists(st.one_of(st.floats(), st.integers(-9, 9)), max_size=5)
 _drags = st.fixed_dictionaries({"wxyz": _numbers | _values, "position": _numbers | _values})
 _changes = st.dictionaries(st.sampled_from(_FIELDS), _values, max_size=2)
-_updates = st.dictionaries(st.sampled_from(_FIELDS), _values, max_size=2)
 
 
 # Websockets uses `random` on another thread for its pings.
 @pytest.mark.filterwarnings("ignore:Do not use the `random` module inside strategies")
-@settings(
-    suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=30, derandomize=True
-)  # fmt: skip
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=30, derandomize=True)
 @given(data=st.data())
 def test_stop_and_handles_remain_for_other_pages(rig, pages, data):
     hostile = pages[1]
@@ -150,7 +147,7 @@ def test_stop_and_handles_remain_for_other_pages(rig, pages, data):
     elif kind == "drag":
         payload = msgspec.msgpack.encode(drag(**data.draw(_drags)) | data.draw(_changes))
     else:
-        payload = msgspec.msgpack.encode(update(hostile, label, **data.draw(_updates)) | data.draw(_changes))
+        payload = msgspec.msgpack.encode(update(hostile, label, **data.draw(_changes)) | data.draw(_changes))
     hostile.send(payload)
     check_pages(rig, pages)
 
@@ -223,13 +220,9 @@ def test_read_only_page_has_no_controls_and_changes_nothing():
         page.pull("/robot/1/m1", "end", (0.0, 0.0, 0.8), (0.5, 0.0, 0.8))
         page.say("GuiUpdateMessage", uuid="none", updates={"value": True})
         switch = page.uuid("Contact forces")
-        for message in (
-            {"type": "ShareUrlRequest"},
-            {"type": "ShareUrlDisconnect"},
-            {"type": "GuiFormDirtyMessage", "uuid": switch},
-            update(page, "Contact forces", update_cb=[]),
-            drag(),
-        ):
+        messages = [{"type": kind} for kind in ("ShareUrlRequest", "ShareUrlDisconnect")]
+        messages += [{"type": "GuiFormDirtyMessage", "uuid": switch}, update(page, "Contact forces", update_cb=[])]
+        for message in (*messages, drag()):
             page.send(msgspec.msgpack.encode(message))
         page.set("Contact forces", False)  # a read-only page may change only its view
         other.until(lambda: other.controls[switch].get("value") is False)

@@ -1,7 +1,5 @@
 """Identification from a recording, against the mock robot of the recording."""
 
-import re
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -11,7 +9,6 @@ from refusals import refusal
 from wbc_controller import Simulation
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.robot import make_model
-from wbc_controller.errors import ConfigurationError
 from wbc_controller.recording.identification.equations import Equations, select_samples
 from wbc_controller.recording.identification.identify import fit, fit_cycles, identify, report
 from wbc_controller.settings.config import load
@@ -138,15 +135,13 @@ def test_no_moment_spans_a_change_of_contacts_or_a_gap(recording):
 def test_an_unusable_recording_is_refused_with_the_reason(recording, change, said):
     columns = {name: values[:200].copy() for name, values in recording.items()}
     change(columns)
-    with pytest.raises(ConfigurationError, match=re.escape(said)):
-        fit_cycles(load("go2").settings, columns)
+    assert said in refusal(fit_cycles, load("go2").settings, columns)
 
 
 def test_a_file_that_is_no_recording_is_refused(tmp_path):
     (tmp_path / "text.mcap").write_text("nothing")
     for name in ("text.mcap", "none.mcap"):
-        with pytest.raises(ConfigurationError, match=f"recording .*{name}: "):
-            identify(load("go2").settings, tmp_path / name)
+        assert f"recording {tmp_path / name}: " in refusal(identify, load("go2").settings, tmp_path / name)
 
 
 def test_a_file_of_the_flight_recorder_is_read(record, tmp_path):
