@@ -80,12 +80,8 @@ def derived_scenario(settings: Settings, model: RobotModel) -> Scenario:
     amplitude = min(safe_distance(sign * side, min(_SWAY * margin, _LARGEST_SWAY)) for sign in (1.0, -1.0))
     moves = (sway(amplitude, 0.005), squat(safe_distance(down, _SQUAT * height), 0.008))
     reaches = (_reach(settings, model, name, hand, motion) for name, hand in list(hands.items())[:1])
-    return Scenario(
-        com=tasks[0],
-        moves=tuple(move for move in moves if move.largest > _SMALLEST_MOTION),
-        reaches=tuple(reach for reach in reaches if reach is not None),
-        shoves=shoves(impulse, impulse),
-    )
+    large = tuple(move for move in moves if move.largest > _SMALLEST_MOTION)
+    return Scenario(com=tasks[0], moves=large, reaches=tuple(filter(None, reaches)), shoves=shoves(impulse, impulse))
 
 
 def _arm_scenario(settings: Settings, model: RobotModel, hands: Mapping[str, FramePoseTask]) -> Scenario:
@@ -98,11 +94,7 @@ def _arm_scenario(settings: Settings, model: RobotModel, hands: Mapping[str, Fra
     shoved = next((hand.frame for hand in hands.values()), last)
     reaches = (_reach(settings, model, name, hand) for name, hand in hands.items())
     along, sideways, _ = (float(f"{impulse:.2g}") for impulse in _arm_impulses(model, shoved))
-    return Scenario(
-        com="",
-        reaches=tuple(reach for reach in reaches if reach is not None),
-        shoves=shoves(sideways, along, shoved),
-    )
+    return Scenario(com="", reaches=tuple(filter(None, reaches)), shoves=shoves(sideways, along, shoved))
 
 
 def _arm_impulses(model: RobotModel, frame: str) -> Array:

@@ -30,11 +30,8 @@ class Placeholders:
         if not self.values:
             return
         draft.put("robot.joint_limits", self.values)
-        for kind, unit in (
-            ("effort", "largest torque in N·m"),
-            ("velocity", "largest speed in rad/s"),
-            ("range", "range in rad"),
-        ):
+        units = {"effort": "largest torque in N·m", "velocity": "largest speed in rad/s", "range": "range in rad"}
+        for kind, unit in units.items():
             reasons: dict[str, list[str]] = {}
             for name in joints:
                 if kind in self.reasons.get(name, {}):

@@ -31,9 +31,8 @@ def srdf_posture(model: RobotModel, postures: Postures) -> tuple[str, Array]:
     lower, upper = model.position_lower, model.position_upper
     limit_margin = np.minimum(_SRDF_MARGIN, 0.1 * (upper - lower))
     positions = postures.get(name, {})
-    return name, np.clip(
-        [positions.get(joint, 0.0) for joint in model.joints], lower + limit_margin, upper - limit_margin
-    )
+    values = [positions.get(joint, 0.0) for joint in model.joints]
+    return name, np.clip(values, lower + limit_margin, upper - limit_margin)
 
 
 def put_standing(model: RobotModel, feet: Sequence[Foot], postures: Postures, draft: Draft) -> Array:

@@ -49,14 +49,9 @@ class Drawing:
         )
         self._tree = _FrameTree(self._scene, robot.model.pinocchio, sorted({mesh.joint for mesh in meshes}))
         for mesh in meshes:
-            color = np.clip(np.array(mesh.color), _DARKEST, _BRIGHTEST)
-            handle = self._scene.add_mesh_simple(
-                f"{self._tree.names[mesh.joint]}/{mesh.name}",
-                mesh.vertices,
-                mesh.triangles,
-                color=np.array(255 * color, dtype=np.uint8),
-                cast_shadow=True,
-            )
+            color = np.array(255 * np.clip(np.array(mesh.color), _DARKEST, _BRIGHTEST), dtype=np.uint8)
+            name = f"{self._tree.names[mesh.joint]}/{mesh.name}"
+            handle = self._scene.add_mesh_simple(name, mesh.vertices, mesh.triangles, color=color, cast_shadow=True)
             self.links.append((handle, mesh.joint))
 
     def show(self, snapshot: Snapshot) -> None:

@@ -25,10 +25,7 @@ def build_meshes(model: RobotModel) -> list[Part]:
     visuals, bare = read_visuals(model)
     counts = [each.geometry.num_tris if isinstance(each.geometry, coal.BVHModelBase) else 0 for each in visuals]
     share = min(1.0, TRIANGLES / max(1, sum(counts)))
-    parts = [
-        _simplified(visual, max(_MIN_TRIANGLES, int(share * count)))
-        for visual, count in zip(visuals, counts, strict=True)
-    ]
+    parts = list(map(_simplified, visuals, [max(_MIN_TRIANGLES, int(share * count)) for count in counts]))
     for joint in set(bare) - {part.joint for part in parts}:
         parts += bones(model, joint)
     return [_with_sharp_edges(part) for part in parts]

@@ -204,15 +204,9 @@ class Page:
         scale, time_series = viser.uplot.Scale, viser.uplot.Series(label="time relative to now, s")
 
         def plot(title: str, height: int, y: Any, *lines: tuple[str, str]) -> Any:
-            series = [viser.uplot.Series(label=label, stroke=color, width=2) for label, color in lines]
-            return gui.add_uplot(
-                (np.zeros(1),) * (1 + len(lines)),
-                (time_series, *series),
-                scales={"x": scale(time=False, auto=True), "y": y},
-                height=height,
-                padding=(12, 24, 0, 0),
-                title=title,
-            )
+            series = (time_series, *(viser.uplot.Series(label=label, stroke=color, width=2) for label, color in lines))
+            data, scales = (np.zeros(1),) * len(series), {"x": scale(time=False, auto=True), "y": y}
+            return gui.add_uplot(data, series, scales=scales, height=height, padding=(12, 24, 0, 0), title=title)
 
         lines = (("largest torque, % of limit", "#228be6"), ("friction used, %", "#f08c00"))
         limits = plot("Use of limits", 230, scale(range=(0.0, 100.0)), *lines)

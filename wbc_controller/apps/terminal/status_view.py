@@ -118,15 +118,12 @@ def status_view(settings: Settings, robot: RobotStatus) -> RenderableType:
     table = Table.grid(padding=(0, 2))
     for row in facts(robot).items():
         table.add_row(*row)
+    details = [key for key in values if key.startswith(("infeasibility/", "publishers/"))]
     return Group(
         Text(f"{robot.status.hardware_id}: {robot.status.message}", style=f"bold {_COLOURS[robot.status.level]}"),
         table,
         _task_table(settings, robot),
-        *(
-            Text(f"{key}: {value}")
-            for key, value in values.items()
-            if key.startswith(("infeasibility/", "publishers/"))
-        ),
+        *(Text(f"{key}: {values[key]}") for key in details),
     )
 
 

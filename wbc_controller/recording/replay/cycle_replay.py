@@ -121,18 +121,17 @@ class Replay:
             self.controller.live.replace_all(self.recorded.parse_configuration(event["settings"]).settings)
         velocity = cycle.values["joint_velocity"] if cycle.scalar("has_joint_velocity") else None
         sent = event.get("torques sent")
-        return self.controller.cycle(
-            CycleInputs(
-                now=cycle.scalar("now"),
-                state=state,
-                joint_velocity=velocity,
-                problem=event.get("problem"),
-                requests=tuple(event.get("requests", ())),
-                changes=tuple(tuple(each) for each in event.get("changes", ())),
-                touching=self._touching(cycle),
-                torques_sent=None if sent is None else frozen(np.array(sent)),
-            )
+        inputs = CycleInputs(
+            now=cycle.scalar("now"),
+            state=state,
+            joint_velocity=velocity,
+            problem=event.get("problem"),
+            requests=tuple(event.get("requests", ())),
+            changes=tuple(tuple(each) for each in event.get("changes", ())),
+            touching=self._touching(cycle),
+            torques_sent=None if sent is None else frozen(np.array(sent)),
         )
+        return self.controller.cycle(inputs)
 
     def _touching(self, cycle: RecordedCycle) -> dict[str, bool]:
         states = {name: float(cycle.values[f"touching/{name}"][0]) for name in self._sensors}
