@@ -47,9 +47,8 @@ def test_a_recording_contains_inputs_commands_and_requests(record, tmp_path, mak
     (asked,) = [event for event in found.events.values() if "activate" in event.get("requests", ())]
     assert asked["cycle"] == 3
     (changed,) = [event for event in found.events.values() if "changes" in event]
-    assert any(
-        isinstance(change, ChangeSettings) or change.weight == 3.5 for each in changed["changes"] for change in each
-    )
+    changes = [change for each in changed["changes"] for change in each]
+    assert any(isinstance(change, ChangeSettings) or change.weight == 3.5 for change in changes)
     (refused,) = [event for event in found.events.values() if "refused" in event]
     assert "command 'nonsense' is unknown" in refused["refused"][0]
     weights = [float(cycle.references["weight/com"][0]) for cycle in found.cycles() if cycle.references]

@@ -141,10 +141,8 @@ def srdf(tmp_path, hip, knee):
         f"<joint name='{leg}_hip' value='{hip}'/><joint name='{leg}_knee' value='{knee}'/>" for leg in LEGS
     )
     path = tmp_path / "robot.srdf"
-    states = (
-        f"<group_state name='zero' group='all'/><group_state name='half_sitting' group='all'>{joints}</group_state>"
-    )
-    path.write_text(f"<robot name='wagon'>{states}</robot>", encoding="utf-8")
+    states = f"<group_state name='zero' group='all'/><group_state name='half_sitting' group='all'>{joints}"
+    path.write_text(f"<robot name='wagon'>{states}</group_state></robot>", encoding="utf-8")
     return str(path)
 
 

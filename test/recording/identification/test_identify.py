@@ -27,9 +27,8 @@ def moved(robot, heavier, seconds, **friction):
     simulation = Simulation(load(robot).replace({f"mock.{key}": of for key, of in friction.items()}), preflight=False)
     controller = simulation.controller
     rng, rows = np.random.default_rng(0), []
-    MassError(share=heavier).begin(
-        FaultContext(controller.model, simulation.plant, controller.period, began=0.0, end=np.inf, rng=rng)
-    )
+    context = FaultContext(controller.model, simulation.plant, controller.period, began=0.0, end=np.inf, rng=rng)
+    MassError(share=heavier).begin(context)
 
     def record(_):
         r = simulation.result
