@@ -6,6 +6,7 @@ import signal
 import tracemalloc
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -86,11 +87,7 @@ def test_the_summary_counts_messages_and_locates_chunks(path):
 def test_a_file_that_could_not_begin_begins_when_there_is_room(path, monkeypatch):
     said = []
     sink = FileSink(path, said.append)
-
-    def no_room(*_: object) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(McapFile, "write", no_room)
+    monkeypatch.setattr(McapFile, "write", Mock(side_effect=OSError(errno.ENOSPC, "No space left on device")))
     sink.write(chunk(1), TOPICS, lambda at: chunk(0, 1))
     monkeypatch.undo()
     sink.write(chunk(2), TOPICS, lambda at: chunk(0, 1))

@@ -283,7 +283,7 @@ def test_a_file_is_readable_after_a_kill(tmp_path, whom):
     while struct.unpack("<q", counter.read_bytes())[0] < 300 and time.monotonic() < deadline:
         time.sleep(0.01)
     time.sleep(np.random.default_rng().uniform(0.0, 0.3))
-    writers = children(process.pid)
+    writers = [int(each) for each in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()]
     if whom == "both":
         for each in writers:
             os.kill(each, signal.SIGKILL)
@@ -298,10 +298,6 @@ def test_a_file_is_readable_after_a_kill(tmp_path, whom):
     if whom == "controller":  # on a busy computer its end may fall into the recording of an earlier fault
         kept = [Recording(each).last for each in (tmp_path / "faults").glob("go2-*.mcap")]
         assert max(kept) >= last - 1 - 20
-
-
-def children(pid: int) -> list[int]:
-    return [int(each) for each in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
 
 def state(pid: int) -> str:

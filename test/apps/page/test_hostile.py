@@ -2,8 +2,8 @@
 
 import logging
 import threading
-import time
 from contextlib import closing
+from unittest.mock import Mock
 
 import msgspec
 import numpy as np
@@ -233,15 +233,10 @@ def test_read_only_page_has_no_controls_and_changes_nothing():
 
 
 def test_drawing_continues_after_an_error(rig, pages, monkeypatch, caplog):
-    failed, error = [], ValueError("a malformed message")
-
-    def fails():
-        failed.append(time.monotonic())
-        raise error
-
+    fails = Mock(side_effect=ValueError("a malformed message"))
     with monkeypatch.context() as patch, caplog.at_level(logging.ERROR, "wbc_controller.apps.page.page"):
         patch.setattr(rig.story, "snapshot", fails)
-        pages[0].until(lambda: len(failed) > 3)
+        pages[0].until(lambda: fails.call_count > 3)
     (record,) = caplog.records
-    assert record.exc_info[1] is error
+    assert record.exc_info[1] is fails.side_effect
     check_pages(rig, pages)
