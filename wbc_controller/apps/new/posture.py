@@ -53,12 +53,10 @@ def put_standing(model: RobotModel, feet: Sequence[Foot], postures: Postures, dr
         _put(draft, model, reference, "posture: none found with level feet and the centre of mass above them; these "
              "values are " + (f"the SRDF's {name!r}." if name else "zeros."), "missing")  # fmt: skip
         return reference
-    text = (
-        f"Nearest valid posture to {name!r} of the SRDF, in which {why}."
-        if name
-        else "Computed: level feet, centre of mass above their middle, bent legs, joints off their limits. "
-        "Self-collision was not checked."
-    )
+    text = "Computed: level feet, centre of mass above their middle, bent legs, joints off their limits. "
+    text += "Self-collision was not checked."
+    if name:
+        text = f"Nearest valid posture to {name!r} of the SRDF, in which {why}."
     _put(draft, model, found, text, "guess")
     return found
 
