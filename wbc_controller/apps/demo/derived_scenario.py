@@ -132,13 +132,12 @@ def _reach(
     arm = Leg(model, model.frame_id(task.frame, "frame"), (), settings.limits.margin, pose)
     if motion is None:
         length = min(_ARM_REACH * float(np.linalg.norm(arm.place)), _LONGEST_ARM_REACH)
-        motions = [length * _easiest_direction(arm, model), -length * _easiest_direction(arm, model)]
-        motions.sort(key=lambda one: float(one @ arm.place))
+        way = length * _easiest_direction(arm, model)
+        motions = sorted((way, -way), key=lambda one: float(one @ arm.place))
     else:
         motions = [motion]
-    offset = max(
-        (_feasible_part(arm, model, one) for one in motions), key=lambda one: round(float(np.linalg.norm(one)), 3)
-    )
+    feasible = [_feasible_part(arm, model, one) for one in motions]
+    offset = max(feasible, key=lambda one: round(float(np.linalg.norm(one)), 3))
     if not (np.linalg.norm(offset) > _SMALLEST_MOTION):
         return None
     x, y, z = offset.tolist()

@@ -27,16 +27,13 @@ class ReplayedCycle:
     @property
     def is_identical(self) -> bool:
         """True if mode, torques and accelerations equal the recorded ones bit for bit."""
-        values, result = self.cycle.values, self.result
-        if MODES.index(result.mode) != int(self.cycle.scalar("mode")):
-            return False
-        if (result.command is not None) != bool(self.cycle.scalar("has_command")):
-            return False
-        if result.command is not None and result.command.tau.tobytes() != values["tau"].tobytes():
-            return False
-        if (result.solution is not None) != bool(self.cycle.scalar("has_solution")):
-            return False
-        return result.solution is None or result.solution.v_dot.tobytes() == values["v_dot"].tobytes()
+        cycle, result = self.cycle, self.result
+        tau = result.command.tau.tobytes() if result.command is not None else None
+        v_dot = result.solution.v_dot.tobytes() if result.solution is not None else None
+        recorded_tau = cycle.values["tau"].tobytes() if cycle.scalar("has_command") else None
+        recorded_v_dot = cycle.values["v_dot"].tobytes() if cycle.scalar("has_solution") else None
+        recorded = int(cycle.scalar("mode")), recorded_tau, recorded_v_dot
+        return (MODES.index(result.mode), tau, v_dot) == recorded
 
     @property
     def difference(self) -> float:
