@@ -31,12 +31,12 @@ def robot_and_meshes(name):
 
 def corners(robot, meshes):
     """Corners of the bounding box as the page draws the robot: with its lowest point on the floor, (8, 3)."""
-    model, points = robot.model.pinocchio, []
+    model = robot.model.pinocchio
     data = model.createData()
     pin.forwardKinematics(model, data, robot.dynamics.q)
-    for mesh in meshes:
-        points.append(mesh.vertices @ data.oMi[mesh.joint].rotation.T + data.oMi[mesh.joint].translation)
-    low, high = np.min([p.min(axis=0) for p in points], axis=0), np.max([p.max(axis=0) for p in points], axis=0)
+    placed = ((mesh.vertices, data.oMi[mesh.joint]) for mesh in meshes)
+    points = np.vstack([vertices @ place.rotation.T + place.translation for vertices, place in placed])
+    low, high = points.min(axis=0), points.max(axis=0)
     if robot.model.floating_base:
         low[2], high[2] = 0.0, high[2] - low[2]
     return np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
