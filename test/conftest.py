@@ -96,27 +96,25 @@ def _joint_trajectory(names: Any, points: Any, start: int = 0) -> Any:
     made = []
     for time, *arrays in points:
         arrays = [np.asarray(array, dtype=float) for array in arrays]
-        fields = dict(zip(("positions", "velocities", "accelerations"), arrays, strict=False))
-        fields["time_from_start"] = time_fields(round(1e9 * time))
-        made.append(message("trajectory_msgs/msg/JointTrajectoryPoint", **fields))
-    return message("trajectory_msgs/msg/JointTrajectory", header=header(start), joint_names=list(names), points=made)
+        made.append((time, dict(zip(("positions", "velocities", "accelerations"), arrays, strict=False))))
+    return _trajectory("JointTrajectory", names, made, header(start))
 
 
 def _frame_trajectory(points: Any, frame: str = "world", names: Any = ("frame",), start: int = 0) -> Any:
     """Points are (time, list of transforms (7,), list of twists (6,))."""
     made = []
     for time, transforms, *twists in points:
-        made.append(
-            message(
-                "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint",
-                transforms=[_transform(transform) for transform in transforms],
-                velocities=[_twist(twist) for twist in (twists[0] if twists else ())],
-                time_from_start=time_fields(round(1e9 * time)),
-            )
-        )
-    return message(
-        "trajectory_msgs/msg/MultiDOFJointTrajectory", header=header(start, frame), joint_names=list(names), points=made
-    )
+        velocities = list(map(_twist, *twists)) if twists else []
+        made.append((time, {"transforms": list(map(_transform, transforms)), "velocities": velocities}))
+    return _trajectory("MultiDOFJointTrajectory", names, made, header(start, frame))
+
+
+def _trajectory(kind: str, names: Any, points: Any, start: Any) -> Any:
+    made = [
+        message(f"trajectory_msgs/msg/{kind}Point", **fields, time_from_start=time_fields(round(1e9 * time)))
+        for time, fields in points
+    ]
+    return message(f"trajectory_msgs/msg/{kind}", header=start, joint_names=list(names), points=made)
 
 
 def _setpoint(kind: str, values: Any, frame: str) -> Any:
@@ -202,12 +200,8 @@ class Bench:
 
     def joints(self, **changes: Any) -> None:
         model = self.model
-        fields = {
-            "names": model.joints,
-            "position": self.q[model.q_index],
-            "velocity": self.v[model.v_index],
-            "time": self.time,
-        }
+        position, velocity = self.q[model.q_index], self.v[model.v_index]
+        fields = {"names": model.joints, "position": position, "velocity": velocity, "time": self.time}
         self.send("joint_states", MAKE.joint_state(**{**fields, **changes}))
 
     def base(self, **changes: Any) -> None:

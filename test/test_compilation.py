@@ -113,9 +113,8 @@ def frozen(values):
 )
 def test_arrays_of_another_type_are_refused(kernels, changes, said):
     (name,) = changes
-    with pytest.raises(
-        TypeError, match=rf"Scaled\.{name} must be a contiguous .*float64 array with 1 axes, got {said}"
-    ):
+    message = rf"Scaled\.{name} must be a contiguous .*float64 array with 1 axes, got {said}"
+    with pytest.raises(TypeError, match=message):
         scaled(kernels, **changes)
 
 

@@ -41,6 +41,10 @@ def moved_sole(rows, mount, written, size):
     feet.move_sole(of(rows, 4), *numbers, PLACEMENT[:mount], of(written, 4), of(size))
 
 
+def bounds(q, v):
+    JointMotionLimit((-np.ones(N), np.ones(N)), None, acceleration=10.0).bounds(of(q), of(v), 0.002)
+
+
 #: A call with consistent sizes, and calls with inconsistent ones.
 CALLS = {
     "propagate": (
@@ -71,6 +75,7 @@ CALLS = {
         (4, 22),
         [(3, 22), (4, 21)],
     ),
+    "acceleration_bounds": (bounds, (N, N), [(N, N - 1), (N - 1, N), (N + 1, N + 1), (N - 1, N - 1)]),
 }  # fmt: skip
 
 
@@ -81,14 +86,6 @@ def test_sizes_that_do_not_agree_are_refused(name):
     for wrong in others:
         with pytest.raises((ValueError, IndexError)):
             call(*wrong)
-
-
-def test_joints_beyond_a_state_are_refused():
-    limit = JointMotionLimit((-np.ones(N), np.ones(N)), None, acceleration=10.0)
-    limit.bounds(of(N), of(N), 0.002)
-    for q, v in ((N, N - 1), (N - 1, N), (N + 1, N + 1), (N - 1, N - 1)):
-        with pytest.raises((ValueError, IndexError)):
-            limit.bounds(of(q), of(v), 0.002)
 
 
 @pytest.fixture(scope="module")
@@ -112,13 +109,7 @@ def test_torques_before_of_another_size_are_refused(program, size):
 @pytest.mark.parametrize("frame", [-1, 10**6])
 def test_a_frame_that_the_model_does_not_have_is_refused(program, frame):
     dynamics = program[0].dynamics
-    calls = (
-        lambda: dynamics.placement(frame),
-        lambda: dynamics.velocity(frame, pin.LOCAL),
-        lambda: dynamics.jacobian(frame, pin.LOCAL),
-        lambda: dynamics.drift_local(frame),
-        lambda: dynamics.drift_world(frame),
-    )
-    for call in calls:
+    axes = {"placement": (), "velocity": (pin.LOCAL,), "jacobian": (pin.LOCAL,), "drift_local": (), "drift_world": ()}
+    for name, arguments in axes.items():
         with pytest.raises(IndexError, match=f"invalid frame id {frame}: the model has"):
-            call()
+            getattr(dynamics, name)(frame, *arguments)

@@ -49,9 +49,8 @@ def test_libraries_that_are_loaded_from_two_places_are_named(library, tmp_path, 
     lines = [f"7f45a0000000-7f45a0001000 r-xp 00000000 fe:00 1234      {end}" for end in ends]
     maps.write_text("\n".join(lines))
     assert two_installations() == ""
-    maps.write_text(
-        "\n".join([*lines, f"7f45a0000000-7f45a0001000 r-xp 00000000 fe:00 9  /opt/ros/jazzy/lib/{library}"])
-    )
+    second = f"7f45a0000000-7f45a0001000 r-xp 00000000 fe:00 9  /opt/ros/jazzy/lib/{library}"
+    maps.write_text("\n".join([*lines, second]))
     warn_of_two_installations.cache_clear()
     caplog.set_level(logging.WARNING, "wbc_controller")
     for _ in range(2):

@@ -54,36 +54,11 @@ _NAMES = {
 _PUBLIC = {name: module for module, names in _NAMES.items() for name in names.split()}
 
 __all__ = [
-    "AnchoredContact",
-    "Config",
-    "ConfigurationError",
-    "Contact",
-    "Controller",
-    "CycleResult",
-    "Dynamics",
-    "EffortTask",
-    "Fault",
-    "Finding",
-    "InputRefused",
-    "JointCommand",
-    "Mode",
-    "MotionTask",
-    "MujocoInterface",
-    "NoSolution",
-    "RateTask",
-    "Reference",
-    "RobotModel",
-    "RowLimit",
-    "Simulation",
-    "Solution",
-    "Task",
-    "UnilateralContact",
-    "WbcError",
-    "check",
-    "load",
-    "plot",
-    "state_from_joints",
-]
+    "AnchoredContact", "Config", "ConfigurationError", "Contact", "Controller", "CycleResult", "Dynamics", "EffortTask",
+    "Fault", "Finding", "InputRefused", "JointCommand", "Mode", "MotionTask", "MujocoInterface", "NoSolution",
+    "RateTask", "Reference", "RobotModel", "RowLimit", "Simulation", "Solution", "Task", "UnilateralContact",
+    "WbcError", "check", "load", "plot", "state_from_joints",
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:

@@ -48,14 +48,12 @@ _Integers: TypeAlias = npt.NDArray[np.int64]
 Vector: TypeAlias = Annotated[_Reals, types.Array(types.float64, 1, "C", readonly=True)]
 Matrix: TypeAlias = Annotated[_Reals, types.Array(types.float64, 2, "C", readonly=True)]
 StridedVector: TypeAlias = Annotated[_Reals, types.Array(types.float64, 1, "A", readonly=True, aligned=False)]
-StridedMatrix: TypeAlias = Annotated[_Reals, types.Array(types.float64, 2, "A", readonly=True, aligned=False)]
 Indices: TypeAlias = Annotated[_Integers, types.Array(types.int64, 1, "C", readonly=True)]
 IndexMatrix: TypeAlias = Annotated[_Integers, types.Array(types.int64, 2, "C", readonly=True)]
 #: Output arrays.
 OutIndices: TypeAlias = Annotated[_Integers, types.Array(types.int64, 1, "C")]
 OutVector: TypeAlias = Annotated[_Reals, types.Array(types.float64, 1, "C")]
 OutMatrix: TypeAlias = Annotated[_Reals, types.Array(types.float64, 2, "C")]
-OutStridedMatrix: TypeAlias = Annotated[_Reals, types.Array(types.float64, 2, "A")]
 Signs: TypeAlias = Annotated[npt.NDArray[np.int8], types.Array(types.int8, 2, "C")]
 
 if TYPE_CHECKING:

@@ -52,10 +52,7 @@ def _loaded() -> Iterator[Path]:
 
 
 def _importable() -> Iterator[Path]:
-    for folder in sys.path:
-        module = Path(folder, "pinocchio", "__init__.py")
-        if module.exists():
-            yield module
+    return filter(Path.exists, (Path(folder, "pinocchio", "__init__.py") for folder in sys.path))
 
 
 def _libraries_on_path() -> Iterator[Path]:

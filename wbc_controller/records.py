@@ -20,9 +20,7 @@ Array = npt.NDArray[np.float64]
 
 def frozen(values: npt.ArrayLike) -> Array:
     """Return a read-only copy of an array."""
-    array = np.array(values, dtype=np.float64)
-    array.setflags(write=False)
-    return array
+    return freeze(np.array(values, dtype=np.float64))
 
 
 def freeze(array: Array) -> Array:

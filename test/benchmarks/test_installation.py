@@ -55,12 +55,9 @@ def test_the_wheel_contains_the_package_and_the_files_of_ament(wheel):
     with zipfile.ZipFile(wheel) as file:
         found = set(file.namelist())
         entry_points = file.read(f"{name}.dist-info/entry_points.txt").decode()
-    ignored = {"__pycache__"}
-    sources = {
-        path for path in (ROOT / "wbc_controller").rglob("*") if path.is_file() and ignored.isdisjoint(path.parts)
-    }
-    data = {path for folder in ("config", "launch", "layouts") for path in (ROOT / folder).rglob("*.*")}
-    expected = {path.relative_to(ROOT).as_posix() for path in sources}
+    sources = [path for path in (ROOT / "wbc_controller").rglob("*") if path.is_file()]
+    data = [path for folder in ("config", "launch", "layouts") for path in (ROOT / folder).rglob("*.*")]
+    expected = {path.relative_to(ROOT).as_posix() for path in sources if "__pycache__" not in path.parts}
     expected |= {f"{share}/wbc_controller/{path.relative_to(ROOT)}" for path in data if "__pycache__" not in path.parts}
     expected |= {f"{share}/wbc_controller/package.xml", f"{share}/ament_index/resource_index/packages/wbc_controller"}
     assert {each for each in found if ".dist-info/" not in each} == expected
@@ -91,7 +88,6 @@ def test_every_extra_has_a_trial_and_is_named_by_the_error_messages():
     from wbc_controller.extras import EXTRAS
 
     for library, extra in EXTRAS.items():
-        names = [
-            requirement.replace("-", "_").partition(">")[0] for requirement in PROJECT["optional-dependencies"][extra]
-        ]
+        requirements = PROJECT["optional-dependencies"][extra]
+        names = [requirement.replace("-", "_").partition(">")[0] for requirement in requirements]
         assert any(name.startswith(library) for name in names), f"{library} is not in [{extra}]"

@@ -60,9 +60,7 @@ def test_a_foot_that_a_push_unloads_stays_where_it_was_made_with_a_stiffness(tal
     settings, model = talos
     slid = []
     for stiffness in (0.0, 1000.0):
-        contacts = {
-            name: contact.model_copy(update={"stiffness": stiffness}) for name, contact in settings.contacts.items()
-        }
+        contacts = {name: each.model_copy(update={"stiffness": stiffness}) for name, each in settings.contacts.items()}
         soles = push(settings.model_copy(update={"contacts": contacts}), model, 35.0, (0.0, 1.0))[2]
         slid.append(np.linalg.norm((soles - soles[0])[:, :, :2], axis=2).max(axis=1))
     print(f"slid by {1e3 * slid[0].max():.1f} mm without, {1e3 * slid[1].max():.1f} mm with a stiffness")

@@ -20,13 +20,6 @@ G1 = {"left_foot": "left_ankle_roll_link", "right_foot": "right_ankle_roll_link"
 GO2 = {"front_left_foot": "FL_foot", "front_right_foot": "FR_foot", "rear_left_foot": "RL_foot"}
 
 
-def robot_and_changes(name):
-    """A shipped robot that has the frame, and what makes the contact take the place of the one that was there."""
-    robot, feet = ("go2", GO2) if SHOWN[name]["frame"] in GO2.values() else ("g1", G1)
-    instead = {foot: {"enabled": False} for foot, frame in feet.items() if frame == SHOWN[name]["frame"]}
-    return robot, {"contacts": instead | {name: SHOWN[name]}}
-
-
 def test_the_page_has_a_section_and_an_example_for_each_kind():
     headings = " ".join(re.findall(r"^## (.*)$", PAGE, re.MULTILINE))
     for kind in types_of(ContactSettings):
@@ -40,8 +33,9 @@ def test_the_page_has_a_section_and_an_example_for_each_kind():
 
 @pytest.mark.parametrize("name", SHOWN)
 def test_what_the_page_shows_is_made_borne_and_broken_by_topic(bench, make, name):
-    place, changes = robot_and_changes(name)
-    robot = bench(place, changes)
+    shipped, feet = ("go2", GO2) if SHOWN[name]["frame"] in GO2.values() else ("g1", G1)
+    replaced = {foot: {"enabled": False} for foot, frame in feet.items() if frame == SHOWN[name]["frame"]}
+    robot = bench(shipped, {"contacts": replaced | {name: SHOWN[name]}})
     contact = robot.loop.controller.qp.contacts[name]
     assert robot.activate().solution is not None
     robot.send("contact_enable", make.bool(True), name)

@@ -30,8 +30,7 @@ def test_names_length_and_attributes():
     (said,) = re.findall(r"a complete loop in (\d+) lines", PAGE)
     assert len(lines) == int(said) <= 25
     table = PAGE[PAGE.index("| `result.`") : PAGE.index("A result prints itself")]
-    names = re.findall(
-        r"`(\w+)(?:\(\))?`", "\n".join(row.split("|")[1] for row in table.splitlines()[2:] if "|" in row)
-    )
+    cells = "\n".join(row.split("|")[1] for row in table.splitlines()[2:] if "|" in row)
+    names = re.findall(r"`(\w+)(?:\(\))?`", cells)
     assert len(names) >= 15
     assert all(hasattr(wbc.CycleResult, name) for name in names)

@@ -6,6 +6,7 @@ import signal
 import tracemalloc
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -50,9 +51,13 @@ def by_index(path: Path) -> Found:
         return [(channel.topic, message.log_time, message.data) for _, channel, message in messages]
 
 
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "a.mcap"
+
+
 @pytest.mark.parametrize("closed", [False, True])
-def test_every_reader_finds_every_message(tmp_path, closed):
-    path = tmp_path / "a.mcap"
+def test_every_reader_finds_every_message(path, closed):
     file = McapFile(path, TOPICS)
     for i in range(4):
         file.write(chunk(i))
@@ -66,8 +71,7 @@ def test_every_reader_finds_every_message(tmp_path, closed):
     assert by_rosbags(path) == by_index(path) == found
 
 
-def test_the_summary_counts_messages_and_locates_chunks(tmp_path):
-    path = tmp_path / "a.mcap"
+def test_the_summary_counts_messages_and_locates_chunks(path):
     begun(path, 3).close()
     with path.open("rb") as stream:
         summary = make_reader(stream).get_summary()
@@ -80,14 +84,10 @@ def test_the_summary_counts_messages_and_locates_chunks(tmp_path):
         assert {data[offset] for offset in index.message_index_offsets.values()} == {0x07}
 
 
-def test_a_file_that_could_not_begin_begins_when_there_is_room(tmp_path, monkeypatch):
-    path, said = tmp_path / "a.mcap", []
+def test_a_file_that_could_not_begin_begins_when_there_is_room(path, monkeypatch):
+    said = []
     sink = FileSink(path, said.append)
-
-    def no_room(*_: object) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(McapFile, "write", no_room)
+    monkeypatch.setattr(McapFile, "write", Mock(side_effect=OSError(errno.ENOSPC, "No space left on device")))
     sink.write(chunk(1), TOPICS, lambda at: chunk(0, 1))
     monkeypatch.undo()
     sink.write(chunk(2), TOPICS, lambda at: chunk(0, 1))
@@ -117,8 +117,8 @@ def test_a_truncated_file_is_read_up_to_its_end(tmp_path):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_any_damaged_byte_ends_the_reading_with_a_reason_or_is_skipped(tmp_path, seed):
-    path, rng = tmp_path / "a.mcap", np.random.default_rng(seed)
+def test_any_damaged_byte_ends_the_reading_with_a_reason_or_is_skipped(path, seed):
+    rng = np.random.default_rng(seed)
     file = begun(path)
     middle = file.end
     file.write(chunk(1))
@@ -135,8 +135,7 @@ def test_any_damaged_byte_ends_the_reading_with_a_reason_or_is_skipped(tmp_path,
         assert len(found) == 10 or messages.damage or data[middle] != whole[middle]
 
 
-def test_damage_is_named(tmp_path):
-    path = tmp_path / "a.mcap"
+def test_damage_is_named(path):
     file = begun(path)
     middle = file.end
     file.write(chunk(1))
@@ -172,8 +171,7 @@ def bomb(compression: str, data: bytes, declared: int) -> PackedChunk:
         ("lz4", 1 << 30, "chunk compression 'lz4'; valid: 'zstd', ''"),
     ],
 )
-def test_a_chunk_expands_only_to_its_declared_size_and_a_limit(tmp_path, compression, declared, damage):
-    path = tmp_path / "a.mcap"
+def test_a_chunk_expands_only_to_its_declared_size_and_a_limit(path, compression, declared, damage):
     file = begun(path)
     zeros = zstandard.ZstdCompressor().compressobj(size=1 << 30)
     data = b"".join(zeros.compress(bytes(1 << 24)) for _ in range(64)) + zeros.flush()
@@ -188,8 +186,7 @@ def test_a_chunk_expands_only_to_its_declared_size_and_a_limit(tmp_path, compres
     assert largest < 16 << 20
 
 
-def test_a_chunk_of_unknown_content_size_expands_up_to_its_declared_size(tmp_path):
-    path = tmp_path / "a.mcap"
+def test_a_chunk_of_unknown_content_size_expands_up_to_its_declared_size(path):
     file = begun(path)
     unknown = zstandard.ZstdCompressor(write_content_size=False).compress(bytes(100))
     file.write(bomb("zstd", unknown, 10))
@@ -197,10 +194,9 @@ def test_a_chunk_of_unknown_content_size_expands_up_to_its_declared_size(tmp_pat
     assert "a record is damaged" in read(path)[1].damage
 
 
-def test_small_chunks_expand_in_all_to_a_multiple_of_the_file(tmp_path, monkeypatch):
+def test_small_chunks_expand_in_all_to_a_multiple_of_the_file(path, monkeypatch):
     monkeypatch.setattr("wbc_controller.recording.mcap_file._LARGEST_CHUNK", 1000)
     monkeypatch.setattr("wbc_controller.recording.mcap_file._LARGEST_RATIO", 1)
-    path = tmp_path / "a.mcap"
     file = McapFile(path, TOPICS)
     for i in range(100):
         builder = ChunkBuilder()
@@ -229,8 +225,8 @@ def test_a_dangling_symbolic_link_is_not_followed(tmp_path):
     assert len(read(target)[0]) == 5
 
 
-def test_log_times_never_decrease_and_times_of_arrival_are_kept(tmp_path):
-    builder, path = ChunkBuilder(), tmp_path / "a.mcap"
+def test_log_times_never_decrease_and_times_of_arrival_are_kept(path):
+    builder = ChunkBuilder()
     for time in (50, 40, 60):
         builder.add(1, time, b"xxxx")
     file = McapFile(path, TOPICS)
@@ -239,8 +235,7 @@ def test_log_times_never_decrease_and_times_of_arrival_are_kept(tmp_path):
     assert [time for _, time, _ in read(path)[0]] == [50, 40, 60]
 
 
-def test_after_an_error_of_the_disk_the_file_is_as_before_and_can_be_continued(tmp_path):
-    path = tmp_path / "a.mcap"
+def test_after_an_error_of_the_disk_the_file_is_as_before_and_can_be_continued(path):
     file = begun(path)
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)

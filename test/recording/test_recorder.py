@@ -47,9 +47,8 @@ def test_a_recording_contains_inputs_commands_and_requests(record, tmp_path, mak
     (asked,) = [event for event in found.events.values() if "activate" in event.get("requests", ())]
     assert asked["cycle"] == 3
     (changed,) = [event for event in found.events.values() if "changes" in event]
-    assert any(
-        isinstance(change, ChangeSettings) or change.weight == 3.5 for each in changed["changes"] for change in each
-    )
+    changes = [change for each in changed["changes"] for change in each]
+    assert any(isinstance(change, ChangeSettings) or change.weight == 3.5 for change in changes)
     (refused,) = [event for event in found.events.values() if "refused" in event]
     assert "command 'nonsense' is unknown" in refused["refused"][0]
     weights = [float(cycle.references["weight/com"][0]) for cycle in found.cycles() if cycle.references]
@@ -181,9 +180,8 @@ def test_a_request_leaves_the_last_seconds_and_the_oldest_files_go(record, tmp_p
         ["the last seconds are already in ", ", now continued (and here)"],
     ]
     assert run.recorder.status()["recorder_said"] == "2"
-    assert sorted(each.name for each in folder.glob("*OLD*")) == [
-        "go2-20200101-000002-OLD.mcap", "go2-20200101-000003-OLD.mcap",
-    ]  # fmt: skip
+    kept = sorted(each.name for each in folder.glob("*OLD*"))
+    assert kept == ["go2-20200101-000002-OLD.mcap", "go2-20200101-000003-OLD.mcap"]
     assert other.exists()
 
 
@@ -285,7 +283,7 @@ def test_a_file_is_readable_after_a_kill(tmp_path, whom):
     while struct.unpack("<q", counter.read_bytes())[0] < 300 and time.monotonic() < deadline:
         time.sleep(0.01)
     time.sleep(np.random.default_rng().uniform(0.0, 0.3))
-    writers = children(process.pid)
+    writers = [int(each) for each in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()]
     if whom == "both":
         for each in writers:
             os.kill(each, signal.SIGKILL)
@@ -300,10 +298,6 @@ def test_a_file_is_readable_after_a_kill(tmp_path, whom):
     if whom == "controller":  # on a busy computer its end may fall into the recording of an earlier fault
         kept = [Recording(each).last for each in (tmp_path / "faults").glob("go2-*.mcap")]
         assert max(kept) >= last - 1 - 20
-
-
-def children(pid: int) -> list[int]:
-    return [int(each) for each in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
 
 def state(pid: int) -> str:

@@ -120,10 +120,6 @@ def test_a_cycle_with_numbers_out_of_their_ranges_is_refused(finished, name, val
         Recording(path)
 
 
-def wrench(stamp: int, force: float) -> bytes:
-    return encode(wrench_stamped(np.full(6, force), "foot", stamp))
-
-
 def phase(name: str) -> bytes:
     return encode(message("std_msgs/msg/String", data=name))
 
@@ -131,7 +127,7 @@ def phase(name: str) -> bytes:
 def added(recording: Recording) -> dict[tuple[str, str], list[tuple[int, bytes]]]:
     stamps = [cycle.stamp for cycle in recording.cycles()]
     topics = [topic for topic in truth_topics(recording.config.settings) if topic.key == "contact_wrench"]
-    wrenches = [(stamp, wrench(stamp, float(i))) for i, stamp in enumerate(stamps)]
+    wrenches = [(at, encode(wrench_stamped(np.full(6, float(i)), "foot", at))) for i, at in enumerate(stamps)]
     truth = {(topic.name, topic.type): wrenches for topic in topics}
     return {**truth, (PHASES, "std_msgs/msg/String"): [(0, phase("start")), (stamps[30], phase("stand"))]}
 

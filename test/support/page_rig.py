@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 from browser import Browser
 
-from wbc_controller.apps.page.meshes import Mesh
 from wbc_controller.apps.page.page import Page
 from wbc_controller.apps.page.request_sender import RequestSender
 from wbc_controller.apps.page.server import Gate, open_server
 from wbc_controller.apps.page.snapshot import Robot, Snapshot
 from wbc_controller.apps.terminal.status_view import RobotStatus
+from wbc_controller.controller.visualization.geometry import Part
 from wbc_controller.middleware.codec import diagnostics
 from wbc_controller.records import Reference, References
 from wbc_controller.settings.files import find_configuration, load_settings
@@ -61,7 +61,7 @@ class Rig:
         self.sent, self.gate = [], Gate("127.0.0.1")
         self.server = open_server("127.0.0.1", 0, self.gate, commands=commands)
         joints = range(1, self.robot.model.pinocchio.njoints)
-        meshes = [Mesh(f"m{i}", i, TRIANGLE, np.array([[0, 1, 2]], dtype=np.uint32), (0.5,) * 3) for i in joints]
+        meshes = [Part(f"m{i}", i, TRIANGLE, np.array([[0, 1, 2]]), (0.5,) * 3) for i in joints]
         self.page = Page(self.server, self.robot, meshes, self.story)
         self.sender = None
         if commands:

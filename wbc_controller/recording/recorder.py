@@ -339,16 +339,13 @@ class Recorder:
 def recording(settings: Settings, file: Path | None = None, *, name: str = "") -> Iterator[Recorder | None]:
     """Open a recorder for a run; None if it is off, or cannot be started (logged)."""
     recorder = None
-    if file is not None or settings.recorder.seconds > 0.0:
-        try:
-            recorder = Recorder(settings, file, name=name)
-        except OSError as error:  # too many processes
-            _log.warning("nothing is recorded: the recorder cannot be started: %s", error.strerror or error)
-    try:
+    with contextlib.ExitStack() as closing:
+        if file is not None or settings.recorder.seconds > 0.0:
+            try:
+                recorder = closing.enter_context(contextlib.closing(Recorder(settings, file, name=name)))
+            except OSError as error:  # too many processes
+                _log.warning("nothing is recorded: the recorder cannot be started: %s", error.strerror or error)
         yield recorder
-    finally:
-        if recorder is not None:
-            recorder.close()
 
 
 def _array_prefix(slots: Sequence[layout.Slot]) -> bytes:

@@ -102,10 +102,8 @@ class Recording:
             raise ConfigurationError(f"recording {path}: {error}") from error
         self.damage, self.topics = file.damage, file.topics
         if not self.about or not urdf:
-            raise ConfigurationError(
-                f"recording {path}: not a recording of this controller: no topic …/{OWN}/start"
-                + (f"; {self.damage}" if self.damage else "")
-            )
+            missing = f"no topic …/{OWN}/start" + (f"; {self.damage}" if self.damage else "")
+            raise ConfigurationError(f"recording {path}: not a recording of this controller: {missing}")
         self.config = self.parse_configuration(self.about["config"], urdf)
 
     def _read_layout(self) -> None:
@@ -125,9 +123,8 @@ class Recording:
         self.slots = tuple(Slot(*each) for each in self.about["layout"])
         if self.slots[: len(HEAD)] != tuple(Slot("cycle", name, 1) for name in HEAD):
             raise ValueError(f"the layout must begin with {', '.join(HEAD)}")
-        self._groups = {
-            name: [s for s in self.slots if s.group == name] for name in dict.fromkeys(s.group for s in self.slots)
-        }
+        groups = dict.fromkeys(slot.group for slot in self.slots)
+        self._groups = {name: [slot for slot in self.slots if slot.group == name] for name in groups}
 
     def require_slots(self, slots: Sequence[Slot]) -> None:
         """Check a controller's slots; a missing slot or another size raises `ConfigurationError`."""

@@ -95,10 +95,8 @@ def test_observed_disturbance_counts_only_in_the_program():
 @pytest.mark.parametrize("value", [49.2, 50.8 + 0.3, np.nan, np.inf])
 @pytest.mark.parametrize(("field", "name"), [("contact_wrenches", STAND_QP), ("true_wrenches", STAND_SIMULATOR)])
 def test_wrong_force_in_one_sample(field, name, value):
-    wrenches = {
-        "left": RUN.contact_wrenches["left"],
-        "right": spoiled(RUN.contact_wrenches["left"], ROWS["stand"], value, 2),
-    }
+    left = RUN.contact_wrenches["left"]
+    wrenches = {"left": left, "right": spoiled(left, ROWS["stand"], value, 2)}
     off = abs((50.0 + value) / WEIGHT - 1.0)
     assert missed(replace(RUN, **{field: wrenches})) == (set() if off <= 0.01 else {name})
 

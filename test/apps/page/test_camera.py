@@ -11,8 +11,8 @@ from browser import projected
 
 from wbc_controller.apps.new.draft import new_configuration
 from wbc_controller.apps.page.camera import CameraFollower, camera
-from wbc_controller.apps.page.meshes import Mesh
 from wbc_controller.apps.page.snapshot import Robot
+from wbc_controller.controller.visualization.geometry import Part
 from wbc_controller.settings.config import load
 
 UR5 = "package://example-robot-data/robots/ur_description/urdf/ur5_robot.urdf"
@@ -26,17 +26,17 @@ def robot_and_meshes(name):
     robot = Robot(new_configuration(UR5).settings if name == UR5 else load(name).settings)
     box = np.array(list(itertools.product((-0.1, 0.1), repeat=3)), dtype=np.float32)
     joints = range(1, robot.model.pinocchio.njoints)
-    return robot, [Mesh(f"m{i}", i, box, np.array([[0, 1, 2]], dtype=np.uint32), (0.5,) * 3) for i in joints]
+    return robot, [Part(f"m{i}", i, box, np.array([[0, 1, 2]]), (0.5,) * 3) for i in joints]
 
 
 def corners(robot, meshes):
     """Corners of the bounding box as the page draws the robot: with its lowest point on the floor, (8, 3)."""
-    model, points = robot.model.pinocchio, []
+    model = robot.model.pinocchio
     data = model.createData()
     pin.forwardKinematics(model, data, robot.dynamics.q)
-    for mesh in meshes:
-        points.append(mesh.vertices @ data.oMi[mesh.joint].rotation.T + data.oMi[mesh.joint].translation)
-    low, high = np.min([p.min(axis=0) for p in points], axis=0), np.max([p.max(axis=0) for p in points], axis=0)
+    placed = ((mesh.vertices, data.oMi[mesh.joint]) for mesh in meshes)
+    points = np.vstack([vertices @ place.rotation.T + place.translation for vertices, place in placed])
+    low, high = points.min(axis=0), points.max(axis=0)
     if robot.model.floating_base:
         low[2], high[2] = 0.0, high[2] - low[2]
     return np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])

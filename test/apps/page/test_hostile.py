@@ -2,8 +2,8 @@
 
 import logging
 import threading
-import time
-from contextlib import closing
+from contextlib import closing, suppress
+from unittest.mock import Mock
 
 import msgspec
 import numpy as np
@@ -130,14 +130,11 @@ _FIELDS = ["value", "update_cb", "sync_cb", "removed", "uuid", "props", "is_butt
 _numbers = st.lists(st.one_of(st.floats(), st.integers(-9, 9)), max_size=5)
 _drags = st.fixed_dictionaries({"wxyz": _numbers | _values, "position": _numbers | _values})
 _changes = st.dictionaries(st.sampled_from(_FIELDS), _values, max_size=2)
-_updates = st.dictionaries(st.sampled_from(_FIELDS), _values, max_size=2)
 
 
 # Websockets uses `random` on another thread for its pings.
 @pytest.mark.filterwarnings("ignore:Do not use the `random` module inside strategies")
-@settings(
-    suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=30, derandomize=True
-)  # fmt: skip
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=30, derandomize=True)
 @given(data=st.data())
 def test_stop_and_handles_remain_for_other_pages(rig, pages, data):
     hostile = pages[1]
@@ -150,7 +147,7 @@ def test_stop_and_handles_remain_for_other_pages(rig, pages, data):
     elif kind == "drag":
         payload = msgspec.msgpack.encode(drag(**data.draw(_drags)) | data.draw(_changes))
     else:
-        payload = msgspec.msgpack.encode(update(hostile, label, **data.draw(_updates)) | data.draw(_changes))
+        payload = msgspec.msgpack.encode(update(hostile, label, **data.draw(_changes)) | data.draw(_changes))
     hostile.send(payload)
     check_pages(rig, pages)
 
@@ -160,11 +157,9 @@ def test_flood_delays_no_other_page(rig, pages):
     ended = threading.Event()
 
     def flood():
-        try:
+        with suppress(ConnectionClosed):  # disconnected without an answer to the pings
             while not ended.is_set():
                 hostile.drag("com", "update", (NAN, 0.0, 0.0))
-        except ConnectionClosed:
-            pass  # disconnected without an answer to the pings
 
     thread = threading.Thread(target=flood)
     thread.start()
@@ -223,13 +218,9 @@ def test_read_only_page_has_no_controls_and_changes_nothing():
         page.pull("/robot/1/m1", "end", (0.0, 0.0, 0.8), (0.5, 0.0, 0.8))
         page.say("GuiUpdateMessage", uuid="none", updates={"value": True})
         switch = page.uuid("Contact forces")
-        for message in (
-            {"type": "ShareUrlRequest"},
-            {"type": "ShareUrlDisconnect"},
-            {"type": "GuiFormDirtyMessage", "uuid": switch},
-            update(page, "Contact forces", update_cb=[]),
-            drag(),
-        ):
+        messages = [{"type": kind} for kind in ("ShareUrlRequest", "ShareUrlDisconnect")]
+        messages += [{"type": "GuiFormDirtyMessage", "uuid": switch}, update(page, "Contact forces", update_cb=[])]
+        for message in (*messages, drag()):
             page.send(msgspec.msgpack.encode(message))
         page.set("Contact forces", False)  # a read-only page may change only its view
         other.until(lambda: other.controls[switch].get("value") is False)
@@ -240,15 +231,10 @@ def test_read_only_page_has_no_controls_and_changes_nothing():
 
 
 def test_drawing_continues_after_an_error(rig, pages, monkeypatch, caplog):
-    failed, error = [], ValueError("a malformed message")
-
-    def fails():
-        failed.append(time.monotonic())
-        raise error
-
+    fails = Mock(side_effect=ValueError("a malformed message"))
     with monkeypatch.context() as patch, caplog.at_level(logging.ERROR, "wbc_controller.apps.page.page"):
         patch.setattr(rig.story, "snapshot", fails)
-        pages[0].until(lambda: len(failed) > 3)
+        pages[0].until(lambda: fails.call_count > 3)
     (record,) = caplog.records
-    assert record.exc_info[1] is error
+    assert record.exc_info[1] is fails.side_effect
     check_pages(rig, pages)

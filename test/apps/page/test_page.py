@@ -98,10 +98,7 @@ def test_placement_of_every_link(rig, browser, pose):
     ("label", "said"),
     [
         ("STOP", "estop"),
-        ("Activate", "activate"),
-        ("Deactivate", "deactivate"),
-        ("Damp", "damp"),
-        ("Reset", "reset"),
+        *((word.capitalize(), word) for word in ("activate", "deactivate", "damp", "reset")),
         ("Record", "the last seconds are written to a file"),
         ("Hold", "the hoist lifts the robot to its start pose"),
         ("Release", "the hoist releases the robot"),

@@ -186,9 +186,8 @@ def test_held_buttons_and_refused_values(gui):
         assert "GuiButtonHoldMessage" in hold_fault(control, frequency)
     said = value_fault(gui, gui.slider, {"value": 7.5})
     assert said == "GuiUpdateMessage: updates.value of 'weight': 7.5; valid: 0 to 4"
-    assert value_fault(gui, SimpleNamespace(uuid="none"), {"value": True}) == (
-        "GuiUpdateMessage: unknown control 'none'"
-    )
+    said = value_fault(gui, SimpleNamespace(uuid="none"), {"value": True})
+    assert said == "GuiUpdateMessage: unknown control 'none'"
 
 
 def test_burst_and_rate_limit():

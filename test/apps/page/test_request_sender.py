@@ -1,6 +1,7 @@
 """Requests of the pages are sent at a bounded rate, in order, and never repeated."""
 
 import threading
+from unittest.mock import Mock
 
 import pytest
 
@@ -83,12 +84,10 @@ def test_requests_are_sent_in_order_and_invalid_ones_reported(rig):
 
 
 def test_error_does_not_end_the_sender(rig, monkeypatch, caplog):
-    def fails(words, settings):
-        raise ValueError(f"cannot read {words}")
-
     rig.sender.start()
     done = threading.Event()
     with monkeypatch.context() as patch:
+        fails = Mock(side_effect=ValueError("cannot read"))
         patch.setattr("wbc_controller.apps.page.request_sender.parse_request", fails)
         rig.sender._report = lambda *told: (rig.told.append(told), done.set())
         rig.drag(0.1)
@@ -105,9 +104,7 @@ def test_error_does_not_end_the_sender(rig, monkeypatch, caplog):
 
 
 def test_missing_controller_is_reported(rig):
-    def nobody(request):
-        raise NoAnswer("no controller is there")
-
+    nobody = Mock(side_effect=NoAnswer("no controller is there"))
     sender = RequestSender(SETTINGS, nobody, lambda *told: rig.told.append(told))
     sender.send_words("estop")
     assert rig.told == [("estop", "no controller is there")]

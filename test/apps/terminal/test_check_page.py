@@ -44,9 +44,8 @@ def test_page_has_findings_soles_and_forces(page):
     true = sides(polygons(page, "true")["left_foot: underside in the URDF"])
     assert [side / scale for side in assumed] == pytest.approx([50.0, 170.0], abs=0.2)
     assert [side / scale for side in true] == pytest.approx([60.0, 170.0], abs=0.2)
-    data = json.loads(
-        re.search(r'<script type="application/json" id="motion-data">(.*?)</script>', page, re.S).group(1)
-    )
+    (motion,) = re.findall(r'<script type="application/json" id="motion-data">(.*?)</script>', page, re.S)
+    data = json.loads(motion)
     assert {contact["name"] for contact in data["contacts"]} == {"left_foot", "right_foot"}
     assert len(data["parts"]) > 20
 

@@ -61,19 +61,16 @@ def controller_double():
     velocity = topics["controller", "cmd_vel", ""]
     values = {"walking/phase": "double support", "walking/steps": "7"}
     with contextlib.closing(DdsTransport("wbc_controller", "/", DOMAIN, "LOCALHOST")) as transport:
-        contents = {
-            "state": message("std_msgs/msg/String", data="active"),
-            "diagnostics": diagnostics(1, 0, "wbc_controller: control loop", "active", "g1", values),
-        }
-        publications = {key: transport.advertise(topics["controller", key, ""]) for key in contents}
+        say, diagnose = (transport.advertise(topics["controller", key, ""]) for key in ("state", "diagnostics"))
+        status = encode(diagnostics(1, 0, "wbc_controller: control loop", "active", "g1", values))
 
         def receive(payload):
             twist = decode(payload, velocity.type)
             received.append((twist.linear.x, twist.linear.y, twist.angular.z))
 
         transport.subscribe(velocity, receive)
-        publications["state"](encode(contents["state"]))
-        yield received, lambda: publications["diagnostics"](encode(contents["diagnostics"]))
+        say(encode(message("std_msgs/msg/String", data="active")))
+        yield received, lambda: diagnose(status)
 
 
 @pytest.mark.live

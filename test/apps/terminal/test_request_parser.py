@@ -69,9 +69,8 @@ def test_setpoints_of_poses_and_in_frames():
     assert (content.header.frame_id, content.point.y, content.point.z) == ("world", -0.02, 0.6)
     assert made("com to 0 0 0 in pelvis").header.frame_id == "pelvis"
     reference = made("left_hand to 0 0 0 0 0 0.7071 0.7071")
-    content = made(
-        "left_hand to 0.3 0.2 0.9", lambda *place: {("controller", "task_reference", "left_hand"): reference}[place]
-    )
+    known = {("controller", "task_reference", "left_hand"): reference}
+    content = made("left_hand to 0.3 0.2 0.9", lambda *place: known[place])
     assert (content.pose.position.x, content.pose.orientation.z) == (0.3, 0.7071)
 
 

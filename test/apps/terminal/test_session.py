@@ -71,18 +71,16 @@ class RecorderDouble(TransportDouble):
             self.diagnose(self.before)
 
 
+WRITTEN = "1", "file written"
+
+
 @pytest.mark.parametrize(
     ("before", "behind", "done", "text"),
     [
-        (("0", "the last 10 s are kept"), ("1", "file written"), True, "file written"),
-        (("1", "file written"), ("2", "file written"), True, "file written"),
+        (("0", "the last 10 s are kept"), WRITTEN, True, "file written"),
+        (WRITTEN, ("2", "file written"), True, "file written"),
         (("", "nothing is recorded"), None, False, "refused: nothing is recorded"),
-        (
-            ("1", "file written"),
-            ("1", "file written"),
-            None,
-            "no answer from the recorder; its last status: file written",
-        ),
+        (WRITTEN, WRITTEN, None, "no answer from the recorder; its last status: file written"),
     ],
 )
 def test_recorder_answers_a_requested_recording(monkeypatch, before, behind, done, text):

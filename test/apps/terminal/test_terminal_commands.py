@@ -62,11 +62,8 @@ def test_next_word(words, among):
 
 def test_shell_completes_robots_and_tasks():
     runner = CliRunner()
-    for line, expected in (
-        ("wbc send g", "go2"),
-        ("wbc send g1 left_h", "left_hand"),
-        ("wbc echo g1 /guard/s", "/guard/state"),
-    ):
+    completed = {"wbc send g": "go2", "wbc send g1 left_h": "left_hand", "wbc echo g1 /guard/s": "/guard/state"}
+    for line, expected in completed.items():
         *_, last = line.split()
         environment = {"_WBC_COMPLETE": "bash_complete", "COMP_WORDS": line, "COMP_CWORD": str(len(line.split()) - 1)}
         result = runner.invoke(main, prog_name="wbc", env=environment)

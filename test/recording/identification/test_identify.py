@@ -1,7 +1,5 @@
 """Identification from a recording, against the mock robot of the recording."""
 
-import re
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -11,7 +9,6 @@ from refusals import refusal
 from wbc_controller import Simulation
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.robot import make_model
-from wbc_controller.errors import ConfigurationError
 from wbc_controller.recording.identification.equations import Equations, select_samples
 from wbc_controller.recording.identification.identify import fit, fit_cycles, identify, report
 from wbc_controller.settings.config import load
@@ -30,9 +27,8 @@ def moved(robot, heavier, seconds, **friction):
     simulation = Simulation(load(robot).replace({f"mock.{key}": of for key, of in friction.items()}), preflight=False)
     controller = simulation.controller
     rng, rows = np.random.default_rng(0), []
-    MassError(share=heavier).begin(
-        FaultContext(controller.model, simulation.plant, controller.period, began=0.0, end=np.inf, rng=rng)
-    )
+    context = FaultContext(controller.model, simulation.plant, controller.period, began=0.0, end=np.inf, rng=rng)
+    MassError(share=heavier).begin(context)
 
     def record(_):
         r = simulation.result
@@ -102,7 +98,8 @@ def test_undetermined_values_stay_nominal_and_none_is_negative():
     A[:, 1:] = rng.normal(size=(200, 2))
     b = A @ [0.0, 2.0, -0.5] + 0.01 * rng.normal(size=200)
     names = ("mass unseen", "dry knee", "viscous knee")
-    found = fit(Equations(A, b, names, np.array([1.0, 0.0, 0.0]), np.arange(200) // 10))
+    system = Equations(A, b, names, np.array([1.0, 0.0, 0.0]), np.arange(200) // 10)
+    found = fit(system, system)
     assert found.values[0] == pytest.approx(1.0)
     assert found.values[2] == pytest.approx(0.0, abs=1e-6)
     assert [found.determined(i) for i in range(3)] == [False, True, False]
@@ -137,15 +134,13 @@ def test_no_moment_spans_a_change_of_contacts_or_a_gap(recording):
 def test_an_unusable_recording_is_refused_with_the_reason(recording, change, said):
     columns = {name: values[:200].copy() for name, values in recording.items()}
     change(columns)
-    with pytest.raises(ConfigurationError, match=re.escape(said)):
-        fit_cycles(load("go2").settings, columns)
+    assert said in refusal(fit_cycles, load("go2").settings, columns)
 
 
 def test_a_file_that_is_no_recording_is_refused(tmp_path):
     (tmp_path / "text.mcap").write_text("nothing")
     for name in ("text.mcap", "none.mcap"):
-        with pytest.raises(ConfigurationError, match=f"recording .*{name}: "):
-            identify(load("go2").settings, tmp_path / name)
+        assert f"recording {tmp_path / name}: " in refusal(identify, load("go2").settings, tmp_path / name)
 
 
 def test_a_file_of_the_flight_recorder_is_read(record, tmp_path):

@@ -80,12 +80,8 @@ def derived_scenario(settings: Settings, model: RobotModel) -> Scenario:
     amplitude = min(safe_distance(sign * side, min(_SWAY * margin, _LARGEST_SWAY)) for sign in (1.0, -1.0))
     moves = (sway(amplitude, 0.005), squat(safe_distance(down, _SQUAT * height), 0.008))
     reaches = (_reach(settings, model, name, hand, motion) for name, hand in list(hands.items())[:1])
-    return Scenario(
-        com=tasks[0],
-        moves=tuple(move for move in moves if move.largest > _SMALLEST_MOTION),
-        reaches=tuple(reach for reach in reaches if reach is not None),
-        shoves=shoves(impulse, impulse),
-    )
+    large = tuple(move for move in moves if move.largest > _SMALLEST_MOTION)
+    return Scenario(com=tasks[0], moves=large, reaches=tuple(filter(None, reaches)), shoves=shoves(impulse, impulse))
 
 
 def _arm_scenario(settings: Settings, model: RobotModel, hands: Mapping[str, FramePoseTask]) -> Scenario:
@@ -98,11 +94,7 @@ def _arm_scenario(settings: Settings, model: RobotModel, hands: Mapping[str, Fra
     shoved = next((hand.frame for hand in hands.values()), last)
     reaches = (_reach(settings, model, name, hand) for name, hand in hands.items())
     along, sideways, _ = (float(f"{impulse:.2g}") for impulse in _arm_impulses(model, shoved))
-    return Scenario(
-        com="",
-        reaches=tuple(reach for reach in reaches if reach is not None),
-        shoves=shoves(sideways, along, shoved),
-    )
+    return Scenario(com="", reaches=tuple(filter(None, reaches)), shoves=shoves(sideways, along, shoved))
 
 
 def _arm_impulses(model: RobotModel, frame: str) -> Array:
@@ -140,13 +132,12 @@ def _reach(
     arm = Leg(model, model.frame_id(task.frame, "frame"), (), settings.limits.margin, pose)
     if motion is None:
         length = min(_ARM_REACH * float(np.linalg.norm(arm.place)), _LONGEST_ARM_REACH)
-        motions = [length * _easiest_direction(arm, model), -length * _easiest_direction(arm, model)]
-        motions.sort(key=lambda one: float(one @ arm.place))
+        way = length * _easiest_direction(arm, model)
+        motions = sorted((way, -way), key=lambda one: float(one @ arm.place))
     else:
         motions = [motion]
-    offset = max(
-        (_feasible_part(arm, model, one) for one in motions), key=lambda one: round(float(np.linalg.norm(one)), 3)
-    )
+    feasible = [_feasible_part(arm, model, one) for one in motions]
+    offset = max(feasible, key=lambda one: round(float(np.linalg.norm(one)), 3))
     if not (np.linalg.norm(offset) > _SMALLEST_MOTION):
         return None
     x, y, z = offset.tolist()

@@ -33,11 +33,8 @@ _COMMAND_PERIOD = 0.1  # between two velocity commands, s
 
 _AT_REST = np.zeros(3)
 #: Published and received topics by node and key; the joint states give the time.
-_SENT = (
-    *(("controller", key) for key in ("command", "setpoint", "trajectory", "update", "cmd_vel")),
-    ("mock", "push"),
-    ("mock", "hold"),
-)
+_SENT = {("controller", key) for key in ("command", "setpoint", "trajectory", "update", "cmd_vel")}
+_SENT |= {("mock", "push"), ("mock", "hold")}
 _STATE = ("mock", "joint_states")
 _HEARD = (_STATE, ("mock", "odom"), ("controller", "state"))
 _STRING = "std_msgs/msg/String"

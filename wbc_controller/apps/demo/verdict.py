@@ -78,11 +78,8 @@ def judge(
         results.append(replace(result, target=f"{result.target} in {scenario.recovery:g} s"))
     results += _walked(run, scenario, windows)
     if run.audit:
-        calm = [
-            "stand",
-            *(move.name for move in scenario.moves),
-            *(f"reach {reach.task}" for reach in scenario.reaches),
-        ]
+        calm = ["stand", *(move.name for move in scenario.moves)]
+        calm += [f"reach {reach.task}" for reach in scenario.reaches]
         warnings = np.concatenate([within(name, run.audit["warnings"]) for name in calm])
         measured = f"{np.count_nonzero(warnings)} of {len(warnings)} samples" if len(warnings) else "not reached"
         good = len(warnings) > 0 and not warnings.any()

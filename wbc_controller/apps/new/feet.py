@@ -8,7 +8,7 @@ import pinocchio as pin
 
 from wbc_controller.apps.new.foot_shape import Foot, measure
 from wbc_controller.controller.build.footprint import outline
-from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.errors import require_known
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
@@ -117,9 +117,7 @@ class Body:
         """Return the feet on named links; raise `ConfigurationError` if no joint moves one."""
         frames = self.model.pinocchio.frames
         moved = {str(f.name): int(f.parentJoint) for f in frames if f.type == pin.BODY and f.parentJoint > 1}
-        for link in links:
-            if link not in moved:
-                raise ConfigurationError(f"--feet: unknown moving link {link!r}; {valid_choices(link, moved)}")
+        require_known(links, moved, "--feet: unknown moving link")
         return self._measure_feet(list(dict.fromkeys(moved[link] for link in links)))
 
     def remeasured(self, feet: Sequence[Foot]) -> list[Foot]:

@@ -92,12 +92,8 @@ def _foot_without_shape(model: RobotModel, joint: int, down: Array) -> Foot:
 
 def _wheel(model: RobotModel, joint: int, link: str, points: Array, axis: Array) -> Foot | None:
     own = model.pinocchio.joints[joint]
-    at = own.idx_q
-    endless = (
-        own.nq == 2
-        or model.pinocchio.upperPositionLimit[at] - model.pinocchio.lowerPositionLimit[at] > _CONTINUOUS_RANGE
-    )
-    if not endless:
+    lower, upper = model.pinocchio.lowerPositionLimit[own.idx_q], model.pinocchio.upperPositionLimit[own.idx_q]
+    if not (own.nq == 2 or upper - lower > _CONTINUOUS_RANGE):
         return None
     aside = points - np.outer(points @ axis, axis)
     radii = np.linalg.norm(aside, axis=1)
@@ -169,11 +165,9 @@ def _sole(elements: Sequence[pin.GeometryObject], joint: int, link: str, plane: 
     placement = plane * pin.SE3(np.eye(3), np.array([*middle, found.height]))
     rectangle = bool(_area(found.polygon) >= _RECTANGLE * np.prod(high - low))
     half = 0.5 * (high - low)
-    corners = (
-        half * np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
-        if rectangle
-        else simplify_polygon(found.polygon - middle, _MOST_CORNERS)
-    )
+    corners = simplify_polygon(found.polygon - middle, _MOST_CORNERS)
+    if rectangle:
+        corners = half * np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
     return Foot(joint, link, "surface", placement, corners, rectangle, measured_on="the foot's shape near its sole")
 
 

@@ -95,18 +95,17 @@ def choose_joints(source: UrdfSource, draft: Draft, carrying: Sequence[str]) -> 
     limits = replaced_limits(elements, mass, reach_of(model))
     ranges = ranges_of(source, limits.values)
     joints, light, stiff, other, virtual = [], [], [], [], virtual_joints(source.tree)
+    kept = {i for link in carrying for i in model.supports[model.frames[model.getFrameId(link, pin.BODY)].parentJoint]}
     for name in (str(element.get("name")) for element in elements):
         joint = model.joints[model.getJointId(name)]
+        moved_mass = sum(model.inertias[i].mass for i in model.subtrees[joint.id])
         if name in mimics or name in virtual:
             continue
         if joint.nv != 1:
             other.append(name)
         elif not (ranges[name][0] < ranges[name][1]):
             stiff.append(name)
-        elif sum(model.inertias[i].mass for i in model.subtrees[joint.id]) < _FINGER_SHARE * mass and not any(
-            joint.id in list(model.supports[model.frames[model.getFrameId(link, pin.BODY)].parentJoint])
-            for link in carrying
-        ):
+        elif moved_mass < _FINGER_SHARE * mass and joint.id not in kept:
             light.append(name)
         else:
             joints.append(name)

@@ -30,11 +30,8 @@ class Placeholders:
         if not self.values:
             return
         draft.put("robot.joint_limits", self.values)
-        for kind, unit in (
-            ("effort", "largest torque in N·m"),
-            ("velocity", "largest speed in rad/s"),
-            ("range", "range in rad"),
-        ):
+        units = {"effort": "largest torque in N·m", "velocity": "largest speed in rad/s", "range": "range in rad"}
+        for kind, unit in units.items():
             reasons: dict[str, list[str]] = {}
             for name in joints:
                 if kind in self.reasons.get(name, {}):
@@ -44,10 +41,8 @@ class Placeholders:
                 draft.note("robot.joint_limits", text, "missing")
         without_effort = [name for name in joints if name in self.without_effort]
         if without_effort and len(without_effort) < len(joints):
-            text = f"{', '.join(without_effort)} have no effort in the URDF, unlike other joints: joints with "
-            draft.note(
-                "robot.joint_limits", f"{text}a spring or without a motor belong in `passive_joints`.", "missing"
-            )
+            text = f"{', '.join(without_effort)} have no effort in the URDF, unlike other joints: joints with a spring "
+            draft.note("robot.joint_limits", f"{text}or without a motor belong in `passive_joints`.", "missing")
 
 
 def fill_limits(tree: ElementTree.Element) -> None:
@@ -86,11 +81,8 @@ def replaced_limits(joints: Sequence[ElementTree.Element], mass: float, reach: f
             found.without_effort.append(str(joint.get("name")))
         if joint.get("type") != "prismatic" and not (0.0 < effort <= _MOST_EFFORT * weight):
             values["effort"] = float(f"{_EFFORT * weight:.2g}")
-            reasons["effort"] = f"placeholder {values['effort']:g}; the URDF has " + (
-                f"{effort:g}, but {weight:.2g} would hold the whole robot at the end of its longest limb"
-                if effort
-                else "none"
-            )
+            given = f"{effort:g}, but {weight:.2g} would hold the whole robot at the end of its longest limb"
+            reasons["effort"] = f"placeholder {values['effort']:g}; the URDF has {given if effort else 'none'}"
         elif not (effort > 0.0):
             values["effort"] = float(f"{mass * _GRAVITY:.2g}")
             reasons["effort"] = f"placeholder {values['effort']:g} N, the robot's weight; the URDF has none"

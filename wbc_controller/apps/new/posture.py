@@ -31,9 +31,8 @@ def srdf_posture(model: RobotModel, postures: Postures) -> tuple[str, Array]:
     lower, upper = model.position_lower, model.position_upper
     limit_margin = np.minimum(_SRDF_MARGIN, 0.1 * (upper - lower))
     positions = postures.get(name, {})
-    return name, np.clip(
-        [positions.get(joint, 0.0) for joint in model.joints], lower + limit_margin, upper - limit_margin
-    )
+    values = [positions.get(joint, 0.0) for joint in model.joints]
+    return name, np.clip(values, lower + limit_margin, upper - limit_margin)
 
 
 def put_standing(model: RobotModel, feet: Sequence[Foot], postures: Postures, draft: Draft) -> Array:
@@ -54,12 +53,10 @@ def put_standing(model: RobotModel, feet: Sequence[Foot], postures: Postures, dr
         _put(draft, model, reference, "posture: none found with level feet and the centre of mass above them; these "
              "values are " + (f"the SRDF's {name!r}." if name else "zeros."), "missing")  # fmt: skip
         return reference
-    text = (
-        f"Nearest valid posture to {name!r} of the SRDF, in which {why}."
-        if name
-        else "Computed: level feet, centre of mass above their middle, bent legs, joints off their limits. "
-        "Self-collision was not checked."
-    )
+    text = "Computed: level feet, centre of mass above their middle, bent legs, joints off their limits. "
+    text += "Self-collision was not checked."
+    if name:
+        text = f"Nearest valid posture to {name!r} of the SRDF, in which {why}."
     _put(draft, model, found, text, "guess")
     return found
 
@@ -94,12 +91,8 @@ def _put(draft: Draft, model: RobotModel, posture: Array, text: str, origin: str
 def _standing_fault(feet: Sequence[Foot], placement: FeetPlacement) -> str:
     if not (placement.level_error <= _LEVEL):
         return f"the feet are {1e3 * placement.level_error:.0f} mm or mrad off level"
-    points = np.vstack(
-        [
-            middle[:2] + (foot.corners if len(foot.corners) else np.zeros((1, 2)))
-            for foot, middle in zip(feet, placement.middles, strict=True)
-        ]
-    )
+    shapes = [foot.corners if len(foot.corners) else np.zeros((1, 2)) for foot in feet]
+    points = np.vstack([middle[:2] + shape for middle, shape in zip(placement.middles, shapes, strict=True)])
     margin = support_margin(points, placement.com[:2])
     if not (margin >= _INSIDE):
         side = "inside" if margin >= 0.0 else "outside"

@@ -168,14 +168,9 @@ class Legs:
             bottom = 0.0 if height is not None else float(self.place_feet(self._expand(x)).bottoms.mean()) / self._size
             return 1.0e2 * bottom + self._cost(x)
 
-        result = minimize(
-            objective,
-            start,
-            method="SLSQP",
-            bounds=self._bounds,
-            constraints={"type": "eq", "fun": lambda x: self._errors(x, height)},
-            options={"maxiter": 150, "ftol": 1.0e-8},
-        )
+        level = {"type": "eq", "fun": lambda x: self._errors(x, height)}
+        options = {"maxiter": 150, "ftol": 1.0e-8}
+        result = minimize(objective, start, method="SLSQP", bounds=self._bounds, constraints=level, options=options)
         x = np.clip(result.x, *self._bounds.T)
         return self._expand(x) if np.abs(self._errors(x, height)).max(initial=0.0) <= _TOLERANCE else None
 

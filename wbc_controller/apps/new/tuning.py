@@ -111,10 +111,8 @@ def put_arm_tasks(model: RobotModel, arms: Sequence[Limb], posture: Array, draft
 
 
 def _lever(model: RobotModel, link: str, posture: Array) -> float:
-    q, frame = model.configuration(posture), model.frame_id(link, "tasks")
-    J = pin.computeFrameJacobian(
-        model.pinocchio, model.pinocchio.createData(), q, frame, pin.LOCAL_WORLD_ALIGNED
-    ).reshape(6, model.nv)  # fmt: skip
+    q, frame, data = model.configuration(posture), model.frame_id(link, "tasks"), model.pinocchio.createData()
+    J = pin.computeFrameJacobian(model.pinocchio, data, q, frame, pin.LOCAL_WORLD_ALIGNED).reshape(6, model.nv)
     return float(np.linalg.norm(J[:3, model.v_index], 2))
 
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import viser
 
-from wbc_controller.apps.page.meshes import Mesh
 from wbc_controller.apps.page.snapshot import Robot
+from wbc_controller.controller.visualization.geometry import Part
 from wbc_controller.records import Array
 
 _ANGLE = 0.75  # vertical angle of view, rad
@@ -18,7 +18,7 @@ _NEAREST = 0.3  # smallest distance of the camera, m
 _TRAILING = 0.3  # distance behind the robot, m
 
 
-def camera(robot: Robot, meshes: Sequence[Mesh]) -> tuple[Array, Array, float]:
+def camera(robot: Robot, meshes: Sequence[Part]) -> tuple[Array, Array, float]:
     """Return position and target of the camera, (3,) each in m, and its vertical angle of view, rad.
 
     The view contains the robot's bounding box, with its lowest point at height 0. At the distance d from the centre, a

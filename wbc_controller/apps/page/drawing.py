@@ -7,9 +7,9 @@ import numpy as np
 import pinocchio as pin
 import viser
 
-from wbc_controller.apps.page.meshes import Mesh
 from wbc_controller.apps.page.snapshot import Robot, Snapshot
-from wbc_controller.controller.visualization.scene import ARROW, COLORS, LINE_LIST, LINE_STRIP, SPHERE_LIST, Shape, draw
+from wbc_controller.controller.visualization.geometry import Part
+from wbc_controller.controller.visualization.scene import ARROW, COLORS, LINE_STRIP, SPHERE_LIST, Shape, draw
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
 from wbc_controller.records import Array
 
@@ -36,7 +36,7 @@ _TRANSLUCENT = 0.35  # opacity
 class Drawing:
     """Draws snapshots in the scene of a viser server."""
 
-    def __init__(self, server: viser.ViserServer, robot: Robot, meshes: Sequence[Mesh]) -> None:
+    def __init__(self, server: viser.ViserServer, robot: Robot, meshes: Sequence[Part]) -> None:
         self._scene, self._robot = server.scene, robot
         self._server = server
         self._data = robot.model.pinocchio.createData()
@@ -49,14 +49,9 @@ class Drawing:
         )
         self._tree = _FrameTree(self._scene, robot.model.pinocchio, sorted({mesh.joint for mesh in meshes}))
         for mesh in meshes:
-            color = np.clip(np.array(mesh.color), _DARKEST, _BRIGHTEST)
-            handle = self._scene.add_mesh_simple(
-                f"{self._tree.names[mesh.joint]}/{mesh.name}",
-                mesh.vertices,
-                mesh.triangles,
-                color=np.array(255 * color, dtype=np.uint8),
-                cast_shadow=True,
-            )
+            color = np.array(255 * np.clip(np.array(mesh.color), _DARKEST, _BRIGHTEST), dtype=np.uint8)
+            name = f"{self._tree.names[mesh.joint]}/{mesh.name}"
+            handle = self._scene.add_mesh_simple(name, mesh.vertices, mesh.triangles, color=color, cast_shadow=True)
             self.links.append((handle, mesh.joint))
 
     def show(self, snapshot: Snapshot) -> None:
@@ -121,8 +116,7 @@ class _FrameTree:
 
 class _DrawnShape:
     def __init__(self, scene: viser.SceneApi, shape: Shape) -> None:
-        red, green, blue, self._opacity = COLORS[shape.group]
-        self._rgb = np.array([255 * red, 255 * green, 255 * blue], dtype=np.uint8)
+        self._rgb = np.array(255 * np.array(COLORS[shape.group][:3]), dtype=np.uint8)
         self._scene, self._name = scene, f"/controller/{shape.group}/{shape.number}"
         self._handles: list[Any] = []
         self._points = np.zeros((0, 3))
@@ -139,20 +133,15 @@ class _DrawnShape:
             self.hide()
             return
         points = shape.points
-        if (
-            not self._hidden
-            and points.shape == self._points.shape
-            and np.abs(points - self._points).max() <= _STILL_SHAPE
-        ):
+        drawn = not self._hidden and points.shape == self._points.shape
+        if drawn and np.abs(points - self._points).max() <= _STILL_SHAPE:
             return
         self._hidden, self._points = False, points
         if shape.kind == SPHERE_LIST:
             self._balls(shape)
-        elif shape.kind == ARROW:
-            self._lines(points.reshape(1, 2, 3), shape)
-        elif shape.kind in (LINE_LIST, LINE_STRIP):
+        else:
             if shape.kind == LINE_STRIP:
-                points = np.stack([points[:-1], points[1:]], axis=1).reshape(-1, 3)
+                points = np.stack([points[:-1], points[1:]], axis=1)
             self._lines(points.reshape(-1, 2, 3), shape)
 
     def _lines(self, points: Array, shape: Shape) -> None:

@@ -1,12 +1,11 @@
 """Simplified meshes for the browser, with sharp edges."""
 
 import logging
-from dataclasses import dataclass
+from dataclasses import replace
 
 import coal
 import fast_simplification
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 import trimesh
 
@@ -21,26 +20,12 @@ _SHARP = 0.6  # smallest angle between two triangles with a sharp edge, rad
 _MERGE_DISTANCE = 1.0e-5  # m
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Mesh:
-    """A mesh of one joint."""
-
-    name: str
-    joint: int  # index of the joint in `RobotModel.pinocchio`; 0 for the world
-    vertices: npt.NDArray[np.float32]  # in the joint's frame, (n, 3) in m
-    triangles: npt.NDArray[np.uint32]  # vertex indices of each triangle, (m, 3)
-    color: tuple[float, float, float]  # red, green and blue, 0 to 1
-
-
-def build_meshes(model: RobotModel) -> list[Mesh]:
+def build_meshes(model: RobotModel) -> list[Part]:
     """Return meshes of about `TRIANGLES` triangles; raise `ConfigurationError` for unreadable geometry."""
     visuals, bare = read_visuals(model)
     counts = [each.geometry.num_tris if isinstance(each.geometry, coal.BVHModelBase) else 0 for each in visuals]
     share = min(1.0, TRIANGLES / max(1, sum(counts)))
-    parts = [
-        _simplified(visual, max(_MIN_TRIANGLES, int(share * count)))
-        for visual, count in zip(visuals, counts, strict=True)
-    ]
+    parts = list(map(_simplified, visuals, [max(_MIN_TRIANGLES, int(share * count)) for count in counts]))
     for joint in set(bare) - {part.joint for part in parts}:
         parts += bones(model, joint)
     return [_with_sharp_edges(part) for part in parts]
@@ -62,13 +47,12 @@ def _simplified(visual: pin.GeometryObject, most: int) -> Part:
     return Part(str(visual.name), int(visual.parentJoint), placed, corners, color_of(visual))
 
 
-def _with_sharp_edges(part: Part) -> Mesh:
+def _with_sharp_edges(part: Part) -> Part:
     """Give both sides of a sharp edge their own vertices, because a browser smooths shared ones."""
     mesh = trimesh.Trimesh(part.vertices, part.triangles, process=False)
     mesh.update_faces(mesh.nondegenerate_faces())
     smooth = trimesh.graph.smooth_shade(mesh, angle=_SHARP)
-    vertices, triangles = np.asarray(smooth.vertices, np.float32), np.asarray(smooth.faces, np.uint32)
-    return Mesh(part.name, part.joint, vertices, triangles, part.color)
+    return replace(part, vertices=np.asarray(smooth.vertices), triangles=np.asarray(smooth.faces))
 
 
 logging.getLogger("trimesh").setLevel(logging.WARNING)

@@ -1,9 +1,9 @@
 """The page: scene, panels, handles and controls."""
 
-import collections
 import logging
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
@@ -15,14 +15,13 @@ import viser.uplot
 from wbc_controller.apps.page import panels
 from wbc_controller.apps.page.camera import CameraFollower, camera
 from wbc_controller.apps.page.controls import Controls
+from wbc_controller.apps.page.drags import KEY, KINDS, Handle, LinkPushes
 from wbc_controller.apps.page.drawing import GROUPS, Drawing
-from wbc_controller.apps.page.handles import KINDS, Handle
-from wbc_controller.apps.page.link_pushes import KEY, LinkPushes
-from wbc_controller.apps.page.meshes import Mesh
 from wbc_controller.apps.page.playback import Playback, TimeLine
 from wbc_controller.apps.page.request_sender import RequestSender
 from wbc_controller.apps.page.snapshot import Robot, Snapshot
 from wbc_controller.apps.page.topic_source import TopicSource
+from wbc_controller.controller.visualization.geometry import Part
 from wbc_controller.controller.visualization.scene import friction_used
 
 _log = logging.getLogger(__name__)
@@ -44,17 +43,15 @@ class Page:
     """Page for any number of browsers; `shown` counts drawn snapshots with a new state."""
 
     def __init__(
-        self, server: viser.ViserServer, robot: Robot, meshes: Sequence[Mesh], source: TopicSource | Playback
+        self, server: viser.ViserServer, robot: Robot, meshes: Sequence[Part], source: TopicSource | Playback
     ) -> None:
         self.shown, self._stamp = 0, -1
         self.server, self._robot, self._source = server, robot, source
         self._is_mock: Callable[[], bool] | None = None
         self.time_line: TimeLine | None = None  # of a recording
-        self._requests: collections.deque[tuple[str, bool]] = collections.deque(maxlen=_MAX_REQUESTS)
+        self._requests: deque[tuple[str, bool]] = deque(maxlen=_MAX_REQUESTS)
         self._requests_changed = False
-        self._history: collections.deque[tuple[float, float, float, float]] = collections.deque(
-            maxlen=int(_PLOT_TIME * _PLOT_RATE)
-        )
+        self._history: deque[tuple[float, float, float, float]] = deque(maxlen=int(_PLOT_TIME * _PLOT_RATE))
         gui = server.gui
         gui.configure_theme(
             show_logo=False, show_share_button=False, control_width="medium", brand_color=(34, 139, 230)
@@ -76,7 +73,7 @@ class Page:
         gui.main_panel.dock_right()
         gui.main_panel.set_width(_RIGHT)
 
-    def _set_up_scene(self, server: viser.ViserServer, robot: Robot, meshes: Sequence[Mesh]) -> None:
+    def _set_up_scene(self, server: viser.ViserServer, robot: Robot, meshes: Sequence[Part]) -> None:
         scene = server.scene
         scene.set_up_direction("+z")
         scene.add_grid(
@@ -100,9 +97,8 @@ class Page:
         self._pushes = LinkPushes(self.server, self._robot, self.drawing, sender)
         with gui.add_folder("Handles"):
             gui.add_html(_HELP)
-            rings = gui.add_checkbox(
-                "Rotation rings", False, hint="Show rings on the handles of poses and orientations."
-            )
+            hint = "Show rings on the handles of poses and orientations."
+            rings = gui.add_checkbox("Rotation rings", False, hint=hint)
 
             @rings.on_update
             async def _(event: Any) -> None:
@@ -208,15 +204,9 @@ class Page:
         scale, time_series = viser.uplot.Scale, viser.uplot.Series(label="time relative to now, s")
 
         def plot(title: str, height: int, y: Any, *lines: tuple[str, str]) -> Any:
-            series = [viser.uplot.Series(label=label, stroke=color, width=2) for label, color in lines]
-            return gui.add_uplot(
-                (np.zeros(1),) * (1 + len(lines)),
-                (time_series, *series),
-                scales={"x": scale(time=False, auto=True), "y": y},
-                height=height,
-                padding=(12, 24, 0, 0),
-                title=title,
-            )
+            series = (time_series, *(viser.uplot.Series(label=label, stroke=color, width=2) for label, color in lines))
+            data, scales = (np.zeros(1),) * len(series), {"x": scale(time=False, auto=True), "y": y}
+            return gui.add_uplot(data, series, scales=scales, height=height, padding=(12, 24, 0, 0), title=title)
 
         lines = (("largest torque, % of limit", "#228be6"), ("friction used, %", "#f08c00"))
         limits = plot("Use of limits", 230, scale(range=(0.0, 100.0)), *lines)

@@ -35,12 +35,11 @@ def view(config: str, commands: bool, host: str, port: int, namespace: str, rema
     from wbc_controller.apps.page.page_service import serve, serve_recording
 
     stop = threading.Event()
-    if config.endswith(".mcap"):
-        with set_by_signals(stop):
-            serve_recording(Path(config), stop, host=host, port=port)
-        return
-    settings = load_named(config)
     with set_by_signals(stop):
+        if config.endswith(".mcap"):
+            serve_recording(Path(config), stop, host=host, port=port)
+            return
+        settings = load_named(config)
         serve(settings, stop, host=host, port=port, namespace=namespace, remappings=remappings, commands=commands)
 
 

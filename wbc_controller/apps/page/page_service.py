@@ -167,16 +167,13 @@ def _release_hoist(settings: Settings, stop: threading.Event, errors: list[str])
     try:
         with Session(settings, patience=_START_TIMEOUT, node="wbc_play") as session:
             session.listen("controller", "state")
-            session.until(
-                lambda: stop.is_set() or session.mode().startswith("active"),
-                "the controller did not become active; read its log",
-                _START_TIMEOUT,
-            )
+            error = "the controller did not become active; read its log"
+            session.until(lambda: stop.is_set() or session.mode().startswith("active"), error, _START_TIMEOUT)
             if not stop.wait(settings.safety.activation_ramp):
                 session.execute(parse_request(["release"], settings))
-    except WbcError as error:
+    except WbcError as failure:
         if not stop.is_set():
-            errors.append(str(error))
+            errors.append(str(failure))
             stop.set()
 
 

@@ -144,10 +144,8 @@ def _contacts(robot: Robot, snapshot: Snapshot) -> str:
         else:
             bar, size = "", f"{np.linalg.norm(force[:3]):.0f} N"
         rows += f'<tr><td>{escape(name)}</td><td class="n">{size}</td><td>{bar}</td></tr>'
-    return (
-        '<h4>Contacts</h4><table><tr><th>contact</th><th class="n">normal force</th><th>friction used</th></tr>'
-        f"{rows}</table>"
-    )
+    head = '<tr><th>contact</th><th class="n">normal force</th><th>friction used</th></tr>'
+    return f"<h4>Contacts</h4><table>{head}{rows}</table>"
 
 
 def _torques(robot: Robot, snapshot: Snapshot) -> str:
@@ -159,10 +157,8 @@ def _torques(robot: Robot, snapshot: Snapshot) -> str:
         f'<tr><td>{escape(_plain(name))}</td><td class="n">{tau:.1f}</td><td>{_bar(share, signed=True)}</td></tr>'
         for name, tau, share in zip(robot.model.actuators, taus.tolist(), shares.tolist(), strict=True)
     )
-    return (
-        '<h4>Torques and limits</h4><table><tr><th></th><th class="n">N·m</th><th>share of limit</th></tr>'
-        f"{rows}</table>"
-    )
+    head = '<tr><th></th><th class="n">N·m</th><th>share of limit</th></tr>'
+    return f"<h4>Torques and limits</h4><table>{head}{rows}</table>"
 
 
 def _bar(share: float, *, signed: bool = False, color: str = "") -> str:

@@ -215,11 +215,7 @@ def marks_html(playback: Playback) -> str:
 def _references(reference_values: Mapping[str, Array], robot: Robot) -> References | None:
     if not reference_values:
         return None
-    tasks = {
-        name: Reference(
-            *(np.array(reference_values[f"{kind}/{name}"]) for kind in ("position", "velocity", "acceleration"))
-        )
-        for name in robot.tasks
-        if f"position/{name}" in reference_values
-    }
+    kinds = ("position", "velocity", "acceleration")
+    names = [name for name in robot.tasks if f"position/{name}" in reference_values]
+    tasks = {name: Reference(*(np.array(reference_values[f"{kind}/{name}"]) for kind in kinds)) for name in names}
     return References(tasks, {name: float(reference_values[f"weight/{name}"][0]) for name in tasks}, {})

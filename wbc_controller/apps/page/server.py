@@ -40,6 +40,7 @@ _COOKIE = "wbc_token_{port}"  # cookies of a host are shared by all its ports
 _LOOPBACK = ("localhost", "127.0.0.1", "::1")
 _UNAUTHORIZED = "This page requires the token in the address printed by wbc.\n"
 _INVALID_HOST = "{subject} is {value!r}; valid: {host}.\n"
+_DROPPED = "page at %s: message dropped: %s; further dropped messages of this page are not logged"
 _TOO_MANY_PAGES = f"{MAX_PAGES} pages are open, the maximum; close one.\n"
 #: A host with or without a port, as browsers send it.
 _HOST = re.compile(r"([\w.-]+|\[[0-9A-Fa-f:.]+\])(:\d{1,5})?", re.ASCII)
@@ -98,11 +99,7 @@ class PageConnection(ServerConnection):
                 return payload
             if not self._logged:
                 self._logged = True
-                _log.warning(
-                    "page at %s: message dropped: %s; further dropped messages of this page are not logged",
-                    self.remote_address,
-                    fault,
-                )
+                _log.warning(_DROPPED, self.remote_address, fault)
 
 
 class Gate:

@@ -9,10 +9,7 @@ from wbc_controller.controller.build.contacts import make_contact
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.build.tasks import make_task
 from wbc_controller.controller.visualization.scene import Shape
-from wbc_controller.inverse_dynamics.contacts import Contact
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
-from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.inverse_dynamics.tasks import Task
 from wbc_controller.records import Array, References
 from wbc_controller.settings import Settings
 
@@ -25,13 +22,9 @@ class Robot:
     def __init__(self, settings: Settings, urdf: str | None = None) -> None:
         """Build the robot, with `urdf` if the settings name none; raise `ConfigurationError` for a mismatch."""
         self.settings = settings
-        self.model: RobotModel = make_model(settings, urdf)
-        self.contacts: dict[str, Contact] = {
-            name: make_contact(name, contact, self.model) for name, contact in settings.contacts.items()
-        }
-        self.tasks: dict[str, Task] = {
-            name: make_task(name, task, self.model, self.contacts) for name, task in settings.tasks.items()
-        }
+        self.model = make_model(settings, urdf)
+        self.contacts = {name: make_contact(name, contact, self.model) for name, contact in settings.contacts.items()}
+        self.tasks = {name: make_task(name, task, self.model, self.contacts) for name, task in settings.tasks.items()}
         self.dynamics = Dynamics(self.model)  # dynamics at the drawn snapshot, updated by `Drawing`
 
 

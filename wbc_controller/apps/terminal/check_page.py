@@ -55,19 +55,17 @@ def write_check_page(config: Config, findings: Sequence[Finding], failure: str, 
         'x is up, y to the left.<i style="--c: var(--planned)"></i>contact in the configuration'
         '<i style="--c: var(--true)"></i>underside in the URDF<i style="--c: var(--com)"></i>centre of mass'
     )
-    write_page(
-        PageReport(
-            title=Path(name).stem,
-            kind="wbc check",
-            verdict=failure or "ok",
-            passed=not failure,
-            facts={"Mass": f"{model.mass:.1f} kg", "Joints": str(model.nj), "Contacts": str(len(active))},
-            motion=make_motion(picture, model),
-            drawing=Drawing("From above", caption, _floor_plan(qp, active, undersides(settings, qp))),
-            table=ResultTable("Findings", (), rows or [(("The check ended with the error above.",), None)]),
-        ),
-        path,
+    report = PageReport(
+        title=Path(name).stem,
+        kind="wbc check",
+        verdict=failure or "ok",
+        passed=not failure,
+        facts={"Mass": f"{model.mass:.1f} kg", "Joints": str(model.nj), "Contacts": str(len(active))},
+        motion=make_motion(picture, model),
+        drawing=Drawing("From above", caption, _floor_plan(qp, active, undersides(settings, qp))),
+        table=ResultTable("Findings", (), rows or [(("The check ended with the error above.",), None)]),
     )
+    write_page(report, path)
 
 
 def _forces(config: Config, qp: WholeBodyQP, q: Array) -> Mapping[str, Array]:

@@ -83,11 +83,8 @@ def _serve(
 ) -> None:
     from wbc_controller.middleware.transports.dds import DdsTransport
 
-    logging.basicConfig(
-        level=logging.INFO if verbose else logging.WARNING,
-        format="%(asctime)s %(levelname)-7s %(name)s: %(message)s",
-        datefmt="%H:%M:%S",
-    )
+    level, line = logging.INFO if verbose else logging.WARNING, "%(asctime)s %(levelname)-7s %(name)s: %(message)s"
+    logging.basicConfig(level=level, format=line, datefmt="%H:%M:%S")
     settings, stop = common.load_named(config), threading.Event()
     with (
         set_by_signals(stop),

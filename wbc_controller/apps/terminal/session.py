@@ -180,10 +180,8 @@ class Session:
     def _emergency_stop(self, request: Request) -> Answer:
         self._deliver(request)
         self.listen("controller", "state")
-        self.until(
-            lambda: "ESTOP" in self.mode(),
-            "the emergency stop was delivered, but the controller has not confirmed it; check the robot",
-        )
+        error = "the emergency stop was delivered, but the controller has not confirmed it; check the robot"
+        self.until(lambda: "ESTOP" in self.mode(), error)
         return Answer(True, f"the controller is {self.mode()}")
 
     def find_controller(self) -> None:
@@ -211,10 +209,8 @@ class Session:
     def _send_and_confirm(self, request: Request) -> Answer:
         topic, before = self.topics[request.node, request.key, request.subject], self._status_values()
         self._deliver(request)
-        later = self._status_values_until(
-            lambda values: values["requests_taken"] != before["requests_taken"],
-            f"the controller did not process the request{self._mode_note()}",
-        )
+        error = f"the controller did not process the request{self._mode_note()}"
+        later = self._status_values_until(lambda values: values["requests_taken"] != before["requests_taken"], error)
         refusals = [text for values in later for key, text in values.items() if key.startswith("refused/")]
         refusals = [text for text in refusals if not text.startswith("/") or text.startswith(topic.name)]
         if refusals:
@@ -228,10 +224,8 @@ class Session:
         if not before.get("recorder_said"):
             return Answer(False, f"refused: {before['recorder']}")
         self._deliver(request)
-        later = self._status_values_until(
-            lambda values: values.get("recorder_said") != before["recorder_said"],
-            f"no answer from the recorder; its last status: {before['recorder']}",
-        )
+        error = f"no answer from the recorder; its last status: {before['recorder']}"
+        later = self._status_values_until(lambda values: values.get("recorder_said") != before["recorder_said"], error)
         return Answer(True, later[-1]["recorder"])
 
     def _status_values(self) -> dict[str, str]:
@@ -261,9 +255,8 @@ class Session:
         """Subscribe; return a function that waits up to a time, s, and returns the new messages."""
         # Inputs accept publishers of any quality of service.
         endpoint = dataclasses.replace(topic, qos=STATE_IN) if topic.direction is Direction.IN else counterpart(topic)
-        payloads = self._subscribe(
-            dataclasses.replace(endpoint, qos=dataclasses.replace(endpoint.qos, depth=1000)), 1000
-        )
+        deep = dataclasses.replace(endpoint.qos, depth=1000)
+        payloads = self._subscribe(dataclasses.replace(endpoint, qos=deep), 1000)
 
         def messages(wait: float) -> list[Any]:
             with self._arrival:
@@ -295,7 +288,5 @@ class Session:
 
     def _absent_node(self, owner: str) -> str:
         node, command = ("controller", "run") if owner == "controller" else ("mock robot", "mock")
-        return (
-            f"no {node} found in DDS domain {self._transport.domain} within {self._patience:g} s; "
-            f"start it with: wbc {command}"
-        )
+        absent = f"no {node} found in DDS domain {self._transport.domain} within {self._patience:g} s"
+        return f"{absent}; start it with: wbc {command}"

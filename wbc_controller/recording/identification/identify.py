@@ -41,7 +41,7 @@ class Fit:
         return bool(self.errors[i] < UNSURE * self.values[i])
 
 
-def fit(system: Equations, narrower: Equations | None = None) -> Fit:
+def fit(system: Equations, narrower: Equations) -> Fit:
     """Solve min ‖A θ - b‖² / σ² + ‖(θ - θ₀) / s‖² with bounds for positive masses and frictions.
 
     Residuals are correlated and contain model errors. Therefore the standard errors combine
@@ -54,7 +54,7 @@ def fit(system: Equations, narrower: Equations | None = None) -> Fit:
 
     Args:
         system: equations; σ is estimated from their residuals.
-        narrower: the equations with half the smoothing, or None.
+        narrower: the equations with half the smoothing.
     """
     scale = np.array([_PRIOR[name.partition(" ")[0]] for name in system.names])
     values, sigma = _solve(system, scale)
@@ -71,8 +71,7 @@ def fit(system: Equations, narrower: Equations | None = None) -> Fit:
     spread = (count - 1) / count * (changes**2).sum(axis=0) + (inverse**2 / scale**2).sum(axis=1)
     few = float(t.ppf(0.975, max(count - 1, 1)) / norm.ppf(0.975))
     spread = few**2 * np.maximum(spread, np.diag(inverse)) + (_TORQUE_ERROR * values) ** 2
-    if narrower is not None:
-        spread += (_solve(narrower, scale)[0] - values) ** 2
+    spread += (_solve(narrower, scale)[0] - values) ** 2
     return Fit(system.names, values, np.sqrt(spread), sigma, len(system.b))
 
 

@@ -91,11 +91,10 @@ class Comparison:
             Panel(axis, [Line(self.actuators[i], time, values[:, i]) for i in worst])
             for axis, values in torques.items()
         ]
-        largest = {
-            f"{name}: largest of all": 100.0 * np.max(np.abs(values) / self.limits, axis=1)
+        lines = [
+            Line(f"{name}: largest of all", time, 100.0 * np.max(np.abs(values) / self.limits, axis=1))
             for name, values in (("recorded", recorded), ("other", other))
-        }
-        lines = [Line(name, time, values) for name, values in largest.items()]
+        ]
         panels.append(Panel("torque / limit [%]", lines, from_zero=True))
         caption = f"The {len(worst)} actuators with the largest differences, and the largest torque of all actuators."
         plots = [Plot("torques", "Torques", caption, line_panels(panels, height=800), over_time=True)]

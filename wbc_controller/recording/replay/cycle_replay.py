@@ -27,16 +27,13 @@ class ReplayedCycle:
     @property
     def is_identical(self) -> bool:
         """True if mode, torques and accelerations equal the recorded ones bit for bit."""
-        values, result = self.cycle.values, self.result
-        if MODES.index(result.mode) != int(self.cycle.scalar("mode")):
-            return False
-        if (result.command is not None) != bool(self.cycle.scalar("has_command")):
-            return False
-        if result.command is not None and result.command.tau.tobytes() != values["tau"].tobytes():
-            return False
-        if (result.solution is not None) != bool(self.cycle.scalar("has_solution")):
-            return False
-        return result.solution is None or result.solution.v_dot.tobytes() == values["v_dot"].tobytes()
+        cycle, result = self.cycle, self.result
+        tau = result.command.tau.tobytes() if result.command is not None else None
+        v_dot = result.solution.v_dot.tobytes() if result.solution is not None else None
+        recorded_tau = cycle.values["tau"].tobytes() if cycle.scalar("has_command") else None
+        recorded_v_dot = cycle.values["v_dot"].tobytes() if cycle.scalar("has_solution") else None
+        recorded = int(cycle.scalar("mode")), recorded_tau, recorded_v_dot
+        return (MODES.index(result.mode), tau, v_dot) == recorded
 
     @property
     def difference(self) -> float:
@@ -121,18 +118,17 @@ class Replay:
             self.controller.live.replace_all(self.recorded.parse_configuration(event["settings"]).settings)
         velocity = cycle.values["joint_velocity"] if cycle.scalar("has_joint_velocity") else None
         sent = event.get("torques sent")
-        return self.controller.cycle(
-            CycleInputs(
-                now=cycle.scalar("now"),
-                state=state,
-                joint_velocity=velocity,
-                problem=event.get("problem"),
-                requests=tuple(event.get("requests", ())),
-                changes=tuple(tuple(each) for each in event.get("changes", ())),
-                touching=self._touching(cycle),
-                torques_sent=None if sent is None else frozen(np.array(sent)),
-            )
+        inputs = CycleInputs(
+            now=cycle.scalar("now"),
+            state=state,
+            joint_velocity=velocity,
+            problem=event.get("problem"),
+            requests=tuple(event.get("requests", ())),
+            changes=tuple(tuple(each) for each in event.get("changes", ())),
+            touching=self._touching(cycle),
+            torques_sent=None if sent is None else frozen(np.array(sent)),
         )
+        return self.controller.cycle(inputs)
 
     def _touching(self, cycle: RecordedCycle) -> dict[str, bool]:
         states = {name: float(cycle.values[f"touching/{name}"][0]) for name in self._sensors}

@@ -97,14 +97,12 @@ def explain_cycle(solved: ReplayedCycle, recorded: Recording, controller: Contro
     heading = f"cycle {cycle.number} at {recorded.elapsed(cycle.time):.3f} s: {result!r}"
     ages = [(name, cycle.scalar(f"age/{name}")) for name in AGES]
     share = cycle.scalar("seconds/total")
+    replayed = "equal bit for bit" if solved.is_identical else f"differs by up to {solved.difference:.3g} N·m"
     supervisor = controller.supervisor
     memory = controller.memory()["supervisor"]
     facts = [
         ("mode in the recording", MODES[int(cycle.scalar("mode"))].value),
-        (
-            "replay result",
-            "equal bit for bit" if solved.is_identical else f"differs by up to {solved.difference:.3g} N·m",
-        ),
+        ("replay result", replayed),
         ("time in this mode", f"{cycle.scalar('now') - memory['_since']:.3f} s"),
         ("share of the solution's torques", f"{memory['_share'].sample(cycle.scalar('now')):.3f}"),
         ("largest torque rate", f"{supervisor.limits.torque_rate:g} effort limits per second"),
@@ -119,7 +117,7 @@ def explain_cycle(solved: ReplayedCycle, recorded: Recording, controller: Contro
         Table(("supervisor", ""), tuple(facts)),
         Table(("residual of the program", ""), tuple((n, f"{v:.2e}") for n, v in result.residuals.items())),
         Table(("age of an input", ""), tuple((n, f"{1e3 * age:.2f} ms") for n, age in ages if not np.isnan(age))),
-        Table(("in this cycle", ""), tuple((kind, text) for kind, text in _event_texts(event))),
+        Table(("in this cycle", ""), tuple(_event_texts(event))),
     ]
     return as_text(heading, tables)
 

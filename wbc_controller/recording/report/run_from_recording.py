@@ -30,12 +30,9 @@ PHASES = "/wbc_demo/phase"  # topic of a demo's phases, std_msgs/msg/String
 
 def truth_topics(settings: Settings) -> list[Endpoint]:
     """Return the topics of a simulation's truth: contact wrenches, and odometry for an estimated base."""
-    estimated = settings.estimation.base_state == "imu"
-    return [
-        endpoint
-        for endpoint in endpoints(MOCK_TOPICS, MOCK_NODE, contacts=settings.contacts)
-        if endpoint.key == "contact_wrench" or (endpoint.key == "odom" and estimated)
-    ]
+    keys = ("contact_wrench", "odom") if settings.estimation.base_state == "imu" else ("contact_wrench",)
+    topics = endpoints(MOCK_TOPICS, MOCK_NODE, contacts=settings.contacts)
+    return [topic for topic in topics if topic.key in keys]
 
 
 class _OtherTopics:

@@ -45,18 +45,16 @@ def write_run_report(run: RunData, model: RobotModel, path: Path, *, kind: str, 
         median, p99 = 1.0e3 * np.percentile(run.cycle_seconds, [50.0, 99.0])
         facts |= {"Control cycles": f"{len(run.cycle_seconds):,}", "Median cycle": f"{median:.2f} ms"}
         facts |= {"99th percentile": f"{p99:.2f} ms"}
-    write_page(
-        PageReport(
-            title=run.robot,
-            kind=kind,
-            verdict=verdict,
-            passed=not missed if rows else None,
-            note=note,
-            facts=facts,
-            motion=make_motion(run, model),
-            table=ResultTable("Results", ("Check", "Target", "Measured"), rows) if rows else None,
-            plots=run_plots(run),
-            footer="Click in a plot to show the motion at that time. Drag to zoom in, double-click to zoom out.",
-        ),
-        path,
+    report = PageReport(
+        title=run.robot,
+        kind=kind,
+        verdict=verdict,
+        passed=not missed if rows else None,
+        note=note,
+        facts=facts,
+        motion=make_motion(run, model),
+        table=ResultTable("Results", ("Check", "Target", "Measured"), rows) if rows else None,
+        plots=run_plots(run),
+        footer="Click in a plot to show the motion at that time. Drag to zoom in, double-click to zoom out.",
     )
+    write_page(report, path)
