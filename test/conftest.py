@@ -10,15 +10,16 @@ import pytest
 from busy import pytest_runtest_protocol
 from forked import forks
 from hypothesis import settings as hypothesis_settings
+from peer import Sender
 
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.check.preflight import stance
 from wbc_controller.controller.controller import Controller
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.middleware.codec import decode, encode, header, message, odometry, time_fields
+from wbc_controller.middleware.codec import decode, header, message, odometry, time_fields
 from wbc_controller.middleware.setpoints import setpoint_message
-from wbc_controller.middleware.topics import Direction, counterpart
+from wbc_controller.middleware.topics import Endpoint
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.clock import Clock, ManualClock
 from wbc_controller.nodes.controller_service import make_loop
@@ -142,7 +143,7 @@ MAKE = SimpleNamespace(
 )
 
 
-class Bench:
+class Bench(Sender):
     """A whole controller on the memory transport, with a clock that is set by hand, and its user."""
 
     def __init__(
@@ -164,17 +165,12 @@ class Bench:
         self.transport = MemoryTransport(self.bus)
         self.recorder = record(self.settings) if record is not None else None
         self.loop = self.remake(self.clock)
-        self.user = MemoryTransport(self.bus)
-        self._publish: dict[tuple[str, str], Callable[[bytes], None]] = {}
-        self._payloads: dict[tuple[str, str], list[bytes]] = {}
         self._types = {(topic.key, topic.subject): topic.type for topic in self.topics}
-        for topic in self.topics:
-            key = topic.key, topic.subject
-            if topic.direction is Direction.IN:
-                self._publish[key] = self.user.advertise(counterpart(topic))
-            else:
-                self._payloads[key] = []
-                self.user.subscribe(counterpart(topic), self._payloads[key].append)
+        self._payloads: dict[tuple[str, str], list[bytes]] = {key: [] for key in self._types}
+        super().__init__(MemoryTransport(self.bus), self.topics)
+
+    def _take(self, topic: Endpoint, payload: bytes) -> None:
+        self._payloads[topic.key, topic.subject].append(payload)
 
     def remake(self, clock: Clock) -> ControlLoop:
         """A loop on another clock."""
@@ -191,14 +187,8 @@ class Bench:
     def time(self) -> int:
         return round(self.clock.time * 1e9)
 
-    def send(self, key: str, content: Any, subject: str = "") -> None:
-        self.send_bytes(key, encode(content), subject)
-
-    def send_bytes(self, key: str, payload: bytes, subject: str = "") -> None:
-        self._publish[key, subject](payload)
-
     def command(self, word: str) -> None:
-        self.send("command", MAKE.string(word))
+        self.say("command", word)
 
     def joints(self, **changes: Any) -> None:
         model = self.model
@@ -249,16 +239,7 @@ class Bench:
         self.loop._outputs.finish()
         return [decode(payload, self._types[key, subject]) for payload in self._payloads[key, subject]]
 
-    @property
-    def status(self) -> Any:
-        """The newest status of the controller, the only one of its message."""
-        (status,) = self.received("diagnostics")[-1].status
-        return status
-
-    @property
-    def values(self) -> dict[str, str]:
-        """The values of the newest status by key."""
-        return {each.key: each.value for each in self.status.values}
+    all = received
 
     def efforts(self) -> np.ndarray:
         return np.array([content.data for content in self.received("effort")]).reshape(-1, self.model.na)
