@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from wbc_controller.middleware.codec import header, message, time_fields
-from wbc_controller.middleware.message_layout import Template, number_paths
 from wbc_controller.records import Array
 
 #: Field of the JointState, by kind of task with references by joint name.
@@ -34,26 +33,6 @@ def setpoint_message(
     if type_name == "geometry_msgs/msg/WrenchStamped":
         return wrench_stamped(values, frame, stamp)
     return message(type_name, header=top, **{"point" if type_name.endswith("/PointStamped") else "vector": values})
-
-
-class SetpointTemplate:
-    """Serializer of one task's setpoints, with the bytes of `setpoint_message`."""
-
-    def __init__(self, type_name: str, kind: str, position: Array, *, frame: str, joints: Sequence[str]) -> None:
-        """Lay out the message, as `setpoint_message`."""
-        content = setpoint_message(type_name, kind, position, frame=frame, joints=joints)
-        paths = [JOINT_FIELDS[kind]] if kind in JOINT_FIELDS else number_paths(content)
-        size = len(position) if kind in JOINT_FIELDS else len(paths)
-        self._template, self._numbers = Template(content, paths), np.zeros(size)
-        places = np.arange(min(len(position), size))
-        if type_name == "geometry_msgs/msg/PoseStamped":
-            places[-4:] = range(3, 7)  # after a position with possibly fewer coordinates
-        self._places = places
-
-    def write(self, stamp: int, position: Array) -> bytes:
-        """Serialize a position of the original size; stamp in ns."""
-        self._numbers[self._places] = position[: len(self._numbers)]
-        return self._template.write(stamp, self._numbers)
 
 
 def wrench_stamped(wrench: Array, frame: str, stamp: int = 0) -> Any:
