@@ -17,8 +17,8 @@ from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.check.preflight import stance
 from wbc_controller.controller.controller import Controller
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.middleware.codec import decode, header, message, odometry, time_fields
-from wbc_controller.middleware.setpoints import setpoint_message
+from wbc_controller.middleware.codec import decode, header, message, odometry
+from wbc_controller.middleware.setpoints import setpoint_message, trajectory_message
 from wbc_controller.middleware.topics import Endpoint
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.clock import Clock, ManualClock
@@ -94,30 +94,22 @@ def _odom(pose: Any, twist: Any = (0.0,) * 6, child: str = "", time: int = 1, fr
 
 def _joint_trajectory(names: Any, points: Any, start: int = 0) -> Any:
     """Points are (time, positions, velocities, accelerations); the last two may be left out."""
-    made = []
-    for time, *arrays in points:
-        arrays = [np.asarray(array, dtype=float) for array in arrays]
-        fields = dict(zip(("positions", "velocities", "accelerations"), arrays, strict=False))
-        fields["time_from_start"] = time_fields(round(1e9 * time))
-        made.append(message("trajectory_msgs/msg/JointTrajectoryPoint", **fields))
-    return message("trajectory_msgs/msg/JointTrajectory", header=header(start), joint_names=list(names), points=made)
+    times, fields = [time for time, *_ in points], []
+    for _, *arrays in points:
+        floats = [np.asarray(array, dtype=float) for array in arrays]
+        fields.append(dict(zip(("positions", "velocities", "accelerations"), floats, strict=False)))
+    return trajectory_message("JointTrajectory", names, times, fields, start)
 
 
 def _frame_trajectory(points: Any, frame: str = "world", names: Any = ("frame",), start: int = 0) -> Any:
     """Points are (time, list of transforms (7,), list of twists (6,))."""
-    made = []
-    for time, transforms, *twists in points:
-        made.append(
-            message(
-                "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint",
-                transforms=[_transform(transform) for transform in transforms],
-                velocities=[_twist(twist) for twist in (twists[0] if twists else ())],
-                time_from_start=time_fields(round(1e9 * time)),
-            )
-        )
-    return message(
-        "trajectory_msgs/msg/MultiDOFJointTrajectory", header=header(start, frame), joint_names=list(names), points=made
-    )
+    times, fields = [time for time, *_ in points], []
+    for _, transforms, *twists in points:
+        velocities = [_twist(twist) for twist in (twists[0] if twists else ())]
+        fields.append({"transforms": [_transform(transform) for transform in transforms], "velocities": velocities})
+    content = trajectory_message("MultiDOFJointTrajectory", names, times, fields, start)
+    content.header.frame_id = frame
+    return content
 
 
 def _setpoint(kind: str, values: Any, frame: str) -> Any:

@@ -50,17 +50,18 @@ def velocity_message(velocity: Sequence[float] | Array) -> Any:
 def com_trajectory(times: Sequence[float], positions: Array, *, task: str = "com", stamp: int = 0) -> Any:
     """Make a trajectory of the centre of mass through points, (n, 3) in m; stamp of its start in ns, 0 for now."""
     points = [{"transforms": [message("geometry_msgs/msg/Transform", translation=position)]} for position in positions]
-    return _trajectory("MultiDOFJointTrajectory", [task], times, points, stamp)
+    return trajectory_message("MultiDOFJointTrajectory", [task], times, points, stamp)
 
 
 def joint_trajectory(joints: Sequence[str], times: Sequence[float], positions: Array) -> Any:
     """Make an immediate joint trajectory, (n, k) in rad."""
-    return _trajectory("JointTrajectory", joints, times, [{"positions": position} for position in positions])
+    return trajectory_message("JointTrajectory", joints, times, [{"positions": position} for position in positions])
 
 
-def _trajectory(
+def trajectory_message(
     kind: str, names: Sequence[str], times: Sequence[float], points: Sequence[dict[str, Any]], stamp: int = 0
 ) -> Any:
+    """Make a JointTrajectory or a MultiDOFJointTrajectory from the fields of its points."""
     made = [
         message(f"trajectory_msgs/msg/{kind}Point", **point, time_from_start=time_fields(round(1e9 * time)))
         for time, point in zip(times, points, strict=True)
