@@ -1,6 +1,5 @@
 """The controller's node in this process: transitions, parameters, services."""
 
-import contextlib
 import itertools
 import logging
 import re
@@ -10,7 +9,6 @@ import time
 import pytest
 from busy import slowness
 from domains import own_domain
-from participants import Ros2Participants
 from waiting import until
 
 try:
@@ -44,11 +42,9 @@ SUCCESS, FAILURE, ERROR = (getattr(TransitionCallbackReturn, name) for name in (
 
 
 @pytest.fixture
-def graph(monkeypatch):
+def graph(participants):
     """Nodes on a spun executor."""
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    with contextlib.closing(Ros2Participants(DOMAIN)) as participants:
-        yield participants
+    return participants(DOMAIN)
 
 
 @pytest.fixture
