@@ -10,15 +10,16 @@ import pytest
 from busy import pytest_runtest_protocol
 from forked import forks
 from hypothesis import settings as hypothesis_settings
+from peer import Sender
 
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.check.preflight import stance
 from wbc_controller.controller.controller import Controller
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.middleware.codec import decode, encode, header, message, odometry, time_fields
-from wbc_controller.middleware.setpoints import setpoint_message
-from wbc_controller.middleware.topics import Direction, counterpart
+from wbc_controller.middleware.codec import decode, header, message, odometry
+from wbc_controller.middleware.setpoints import setpoint_message, trajectory_message
+from wbc_controller.middleware.topics import Endpoint
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.clock import Clock, ManualClock
 from wbc_controller.nodes.controller_service import make_loop
@@ -93,28 +94,22 @@ def _odom(pose: Any, twist: Any = (0.0,) * 6, child: str = "", time: int = 1, fr
 
 def _joint_trajectory(names: Any, points: Any, start: int = 0) -> Any:
     """Points are (time, positions, velocities, accelerations); the last two may be left out."""
-    made = []
-    for time, *arrays in points:
-        arrays = [np.asarray(array, dtype=float) for array in arrays]
-        made.append((time, dict(zip(("positions", "velocities", "accelerations"), arrays, strict=False))))
-    return _trajectory("JointTrajectory", names, made, header(start))
+    times, fields = [time for time, *_ in points], []
+    for _, *arrays in points:
+        floats = [np.asarray(array, dtype=float) for array in arrays]
+        fields.append(dict(zip(("positions", "velocities", "accelerations"), floats, strict=False)))
+    return trajectory_message("JointTrajectory", names, times, fields, start)
 
 
 def _frame_trajectory(points: Any, frame: str = "world", names: Any = ("frame",), start: int = 0) -> Any:
     """Points are (time, list of transforms (7,), list of twists (6,))."""
-    made = []
-    for time, transforms, *twists in points:
-        velocities = list(map(_twist, *twists)) if twists else []
-        made.append((time, {"transforms": list(map(_transform, transforms)), "velocities": velocities}))
-    return _trajectory("MultiDOFJointTrajectory", names, made, header(start, frame))
-
-
-def _trajectory(kind: str, names: Any, points: Any, start: Any) -> Any:
-    made = [
-        message(f"trajectory_msgs/msg/{kind}Point", **fields, time_from_start=time_fields(round(1e9 * time)))
-        for time, fields in points
-    ]
-    return message(f"trajectory_msgs/msg/{kind}", header=start, joint_names=list(names), points=made)
+    times, fields = [time for time, *_ in points], []
+    for _, transforms, *twists in points:
+        velocities = [_twist(twist) for twist in (twists[0] if twists else ())]
+        fields.append({"transforms": [_transform(transform) for transform in transforms], "velocities": velocities})
+    content = trajectory_message("MultiDOFJointTrajectory", names, times, fields, start)
+    content.header.frame_id = frame
+    return content
 
 
 def _setpoint(kind: str, values: Any, frame: str) -> Any:
@@ -140,7 +135,7 @@ MAKE = SimpleNamespace(
 )
 
 
-class Bench:
+class Bench(Sender):
     """A whole controller on the memory transport, with a clock that is set by hand, and its user."""
 
     def __init__(
@@ -162,17 +157,12 @@ class Bench:
         self.transport = MemoryTransport(self.bus)
         self.recorder = record(self.settings) if record is not None else None
         self.loop = self.remake(self.clock)
-        self.user = MemoryTransport(self.bus)
-        self._publish: dict[tuple[str, str], Callable[[bytes], None]] = {}
-        self._payloads: dict[tuple[str, str], list[bytes]] = {}
         self._types = {(topic.key, topic.subject): topic.type for topic in self.topics}
-        for topic in self.topics:
-            key = topic.key, topic.subject
-            if topic.direction is Direction.IN:
-                self._publish[key] = self.user.advertise(counterpart(topic))
-            else:
-                self._payloads[key] = []
-                self.user.subscribe(counterpart(topic), self._payloads[key].append)
+        self._payloads: dict[tuple[str, str], list[bytes]] = {key: [] for key in self._types}
+        super().__init__(MemoryTransport(self.bus), self.topics)
+
+    def _take(self, topic: Endpoint, payload: bytes) -> None:
+        self._payloads[topic.key, topic.subject].append(payload)
 
     def remake(self, clock: Clock) -> ControlLoop:
         """A loop on another clock."""
@@ -189,19 +179,17 @@ class Bench:
     def time(self) -> int:
         return round(self.clock.time * 1e9)
 
-    def send(self, key: str, content: Any, subject: str = "") -> None:
-        self.send_bytes(key, encode(content), subject)
-
-    def send_bytes(self, key: str, payload: bytes, subject: str = "") -> None:
-        self._publish[key, subject](payload)
-
     def command(self, word: str) -> None:
-        self.send("command", MAKE.string(word))
+        self.say("command", word)
 
     def joints(self, **changes: Any) -> None:
         model = self.model
-        position, velocity = self.q[model.q_index], self.v[model.v_index]
-        fields = {"names": model.joints, "position": position, "velocity": velocity, "time": self.time}
+        fields = {
+            "names": model.joints,
+            "position": self.q[model.q_index],
+            "velocity": self.v[model.v_index],
+            "time": self.time,
+        }
         self.send("joint_states", MAKE.joint_state(**{**fields, **changes}))
 
     def base(self, **changes: Any) -> None:
@@ -243,16 +231,7 @@ class Bench:
         self.loop._outputs.finish()
         return [decode(payload, self._types[key, subject]) for payload in self._payloads[key, subject]]
 
-    @property
-    def status(self) -> Any:
-        """The newest status of the controller, the only one of its message."""
-        (status,) = self.received("diagnostics")[-1].status
-        return status
-
-    @property
-    def values(self) -> dict[str, str]:
-        """The values of the newest status by key."""
-        return {each.key: each.value for each in self.status.values}
+    all = received
 
     def efforts(self) -> np.ndarray:
         return np.array([content.data for content in self.received("effort")]).reshape(-1, self.model.na)

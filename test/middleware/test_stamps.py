@@ -121,8 +121,8 @@ def test_late_messages_new_times_and_missing_stamps():
     assert tracker.age(5.0) == np.inf
 
 
-def known(clock_offset=START, tolerance=0.01):
-    return StampTracker(lambda: clock_offset, tolerance)
+def known(clock_offset=START):
+    return StampTracker(lambda: clock_offset, 0.01)
 
 
 @pytest.mark.parametrize("latency", [0.0003, 0.04, 1.0])

@@ -226,15 +226,6 @@ def states(controller, latency, count=100):
     return report
 
 
-def synchronized(bench):
-    """A controller on synchronized clocks, active for some time."""
-    controller = bench(changes=SYNCHRONIZED)
-    states(controller, 0.0)
-    controller.command("activate")
-    assert states(controller, 0.0, 20).mode is Mode.ACTIVE
-    return controller
-
-
 def test_only_with_synchronized_clocks_a_constant_latency_prevents_the_activation(bench):
     controller = bench(changes=SYNCHRONIZED)
     assert states(controller, 1.0).inputs.ages == pytest.approx({"joint_states": 1.0, "odom": 1.0})
@@ -259,7 +250,10 @@ def test_only_with_synchronized_clocks_a_constant_latency_prevents_the_activatio
     ],
 )
 def test_clocks_that_part_are_a_fault_that_says_by_how_much(bench, skew, said):
-    controller = synchronized(bench)
+    controller = bench(changes=SYNCHRONIZED)
+    states(controller, 0.0)
+    controller.command("activate")
+    assert states(controller, 0.0, 20).mode is Mode.ACTIVE
     report = states(controller, skew, 40)
     assert (report.mode, report.fault.code) == (Mode.DAMPING, "STALE_INPUT")
     assert said in report.fault.sentence

@@ -28,11 +28,10 @@ class Robot(Peer):
         self.node = make_estimator(settings, self.model, transport(bus), self.clock)
         super().__init__(bus, topics_of("estimator", settings))
 
-    def sense(self, imu=True, turning=0.0):
+    def sense(self, imu=True):
         stamp = round(1e9 * self.simulation.time) + 1
         self.clock.time = 1e-9 * stamp
         found = measure(self.model, self.simulation.plant, stamp, self.node.estimator.imu_frame)
-        found.angular_velocity = found.angular_velocity + [turning, 0.0, 0.0]
         if imu:
             self.send("imu", found.message("imu"))
         self.send("joint_states", found.message("joint_states"))

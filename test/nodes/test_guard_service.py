@@ -11,11 +11,11 @@ from busy import patience
 from peer import Peer
 from services import make_guard
 from starved import StarvedThread
+from waiting import until
 
 from wbc_controller.controller.build.guard import make_guard_damping
 from wbc_controller.controller.build.robot_description import describe, read_urdf
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.middleware.codec import encode
 from wbc_controller.middleware.topics import GUARD_NODE, GUARD_TOPICS, counterpart, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes import guard_service
@@ -74,10 +74,16 @@ def stage(robot_of, make, changed):
     return lambda **changes: Stage(robot_of, make, changed, changes)
 
 
-def test_from_watching_to_damping_and_back(stage):
+@pytest.fixture
+def on(stage):
+    """A guard that has watched an active controller for 0.1 s."""
     on = stage()
     on.mode("active")
     on.run(0.1, commands=True)
+    return on
+
+
+def test_from_watching_to_damping_and_back(on):
     assert not on.all("effort")
     on.run(0.1)
     np.testing.assert_allclose(on.efforts()[-1], -2.0 * 0.5)
@@ -89,10 +95,7 @@ def test_from_watching_to_damping_and_back(stage):
     assert re.fullmatch(r"damping COMMANDS_STOPPED: the last command came 1[4-6] ms ago, in mode active", second)
 
 
-def test_a_guard_without_patience_does_not_flood_the_log(stage, caplog):
-    on = stage()
-    on.mode("active")
-    on.run(0.1, commands=True)
+def test_a_guard_without_patience_does_not_flood_the_log(on, caplog):
     caplog.clear()
     for _ in range(200):  # in 4 s the commands pause 200 times, each time longer than the patience of 12 ms
         on.run(0.018)
@@ -108,8 +111,7 @@ def test_a_guard_without_patience_does_not_flood_the_log(stage, caplog):
     assert caplog.messages[-1].startswith("watching")
 
 
-def test_valid_and_refused_commands_in_turn_do_not_flood_the_log(stage, caplog):
-    on = stage()
+def test_valid_and_refused_commands_in_turn_do_not_flood_the_log(on, caplog):
     for _ in range(50):
         on.run(0.002, commands=True)
         on.command(np.nan)
@@ -128,8 +130,7 @@ def test_its_own_settings_are_obeyed(stage):
     assert not on.efforts()[-1].any()
 
 
-def test_a_second_publisher_of_the_controllers_topics_is_reported(stage, caplog):
-    on = stage()
+def test_a_second_publisher_of_the_controllers_topics_is_reported(on, caplog):
     topics = {topic.key: counterpart(topic) for topic in TABLE}
     MemoryTransport(on.bus, "wbc_controller").advertise(topics["controller_state"])
     second = MemoryTransport(on.bus, "stray")
@@ -147,9 +148,7 @@ def test_a_second_publisher_of_the_controllers_topics_is_reported(stage, caplog)
 
 
 @pytest.mark.parametrize("torques", [np.nan, -1e4])
-def test_a_command_that_is_not_finite_or_above_the_limits_is_no_command(stage, torques):
-    on = stage()
-    on.run(0.1, commands=True)
+def test_a_command_that_is_not_finite_or_above_the_limits_is_no_command(on, torques):
     for _ in range(50):
         on.command(torques)
         on.run(0.002)
@@ -160,9 +159,7 @@ def test_a_command_that_is_not_finite_or_above_the_limits_is_no_command(stage, t
 
 @pytest.mark.parametrize("payload", [b"", b"\x00\x01\x00\x00", b"\xff" * 60])
 @pytest.mark.parametrize("key", ["joint_commands", "controller_state", "joint_states"])
-def test_bytes_that_are_no_message_do_no_harm(stage, key, payload, caplog):
-    on = stage()
-    on.run(0.1, commands=True)
+def test_bytes_that_are_no_message_do_no_harm(on, key, payload, caplog):
     on.raw(key, payload)
     on.run(0.004, commands=True)
     assert "callback for" not in caplog.text  # refused by the guard, not caught by the transport
@@ -170,10 +167,7 @@ def test_bytes_that_are_no_message_do_no_harm(stage, key, payload, caplog):
     np.testing.assert_allclose(on.efforts()[-1], -1.0)
 
 
-def test_stale_joint_states_lead_to_reported_zero_torque(stage):
-    on = stage()
-    on.mode("active")
-    on.run(0.1, commands=True)
+def test_stale_joint_states_lead_to_reported_zero_torque(on):
     on.run(0.1)
     on.run(0.1, velocity=np.nan)
     assert not on.efforts()[-1].any()
@@ -182,9 +176,7 @@ def test_stale_joint_states_lead_to_reported_zero_torque(stage):
     assert "; zero torque, because the joint velocities are stale (velocity of 'FL_hip_joint' is nan rad/s" in said
 
 
-def test_diagnostics_by_the_conventions(stage):
-    on = stage()
-    on.mode("active")
+def test_diagnostics_by_the_conventions(on):
     on.run(1.0, commands=True)
     assert (on.status.level, on.status.name, on.status.message) == (0, "guard: commands", "watching")
     assert on.status.hardware_id == "go2_description"  # the robot's name in its URDF
@@ -194,11 +186,8 @@ def test_diagnostics_by_the_conventions(stage):
     assert [on.values[key] for key in ("mode", "takeovers", "controller")] == ["damping", "1", "active"]
 
 
-def test_before_a_takeover_it_looks_again_for_commands_that_wait_to_be_read(stage, monkeypatch):
+def test_before_a_takeover_it_looks_again_for_commands_that_wait_to_be_read(on, monkeypatch):
     """If its thread was preempted, so was the reading thread."""
-    on = stage()
-    on.mode("active")
-    on.run(0.1, commands=True)
     on.joints()
     on.clock.time += 0.02
     monkeypatch.setattr(guard_service.time, "sleep", lambda seconds: on.command())
@@ -237,9 +226,7 @@ def test_commands_that_a_starved_thread_has_not_read_prevent_a_takeover(robot_of
     assert on.service.guard.takeovers == 1
 
 
-def test_a_command_that_comes_while_it_computes_is_the_last_word(stage, monkeypatch):
-    on = stage()
-    on.run(0.1, commands=True)
+def test_a_command_that_comes_while_it_computes_is_the_last_word(on, monkeypatch):
     on.run(0.1)
     sent, step = len(on.all("effort")), on.service.guard.step
 
@@ -254,11 +241,9 @@ def test_a_command_that_comes_while_it_computes_is_the_last_word(stage, monkeypa
     assert len(on.all("effort")) == sent
 
 
-def test_stopped_while_damping_it_leaves_zero_torques_and_while_watching_nothing(stage):
+def test_stopped_while_damping_it_leaves_zero_torques_and_while_watching_nothing(on):
     stop = threading.Event()
     stop.set()
-    on = stage()
-    on.run(0.1, commands=True)
     on.service.run(stop)
     assert not on.all("effort")
     on.run(0.1)
@@ -300,19 +285,16 @@ def test_a_description_that_cannot_be_used_is_refused(urdf, said):
 
 
 @pytest.mark.live
-def test_the_urdf_may_come_by_topic(robot_of, make, changed):
+def test_the_urdf_may_come_by_topic(robot_of, changed):
     settings, model = robot_of("go2")
     settings = changed(settings, {"robot": {"urdf": ""}})
     bus, stop = MemoryBus(), threading.Event()
-    user = MemoryTransport(bus)
-    own = {topic.key: topic for topic in TABLE}
-    user.advertise(counterpart(own["robot_description"]))(encode(make.string(model.urdf)))
-    said = threading.Event()
-    user.subscribe(counterpart(own["state"]), lambda payload: said.set())
+    peer = Peer(bus, TABLE)
+    peer.say("robot_description", model.urdf)
     thread = threading.Thread(target=run_guard, args=(settings, MemoryTransport(bus), stop))
     thread.start()
     try:
-        assert said.wait(patience(5.0))
+        until(lambda: peer.all("state"), "the state of the guard", patience=5.0)
     finally:
         stop.set()
         thread.join(patience(5.0))

@@ -245,17 +245,6 @@ def robot_on(robot_of, changed):
     return build
 
 
-def test_a_fixed_base_needs_no_odometry(robot_on, make):
-    fixed, model = robot_on("fixed")
-    bench = Wire(fixed, model, None)
-    bench.send("joint_states", make.joint_state(model.joints, model.posture, np.zeros(model.na)))
-    bench.raw("odom", b"whatever")
-    latched = bench.inputs.latch()
-    assert set(latched.ages) == {"joint_states"}
-    assert latched.state.q.shape == (model.na,)
-    assert not latched.refused
-
-
 #: Message of a topic (None: no message), and error of its stamp, s.
 ARRIVAL = st.tuples(
     st.sampled_from(["good", "good", "good", None, "other shape", "not finite", "bad quaternion"]),
@@ -397,11 +386,3 @@ def test_differentiated_velocities(robot_of, stance_of, make):
     np.testing.assert_allclose(latched.state.v[model.v_index], speed, atol=1e-6)
     np.testing.assert_allclose(latched.joint_velocity, speed, atol=1e-6)
     assert wire.inputs.status() == {"joint_velocity": f"differentiated, delay {delay(0.004, 0.002):.4f} s"}
-
-
-def test_a_message_without_velocities_is_refused_with_the_setting_that_would_take_it(go2, make):
-    model = go2.model
-    go2.send("joint_states", make.joint_state(model.joints, go2.q[model.q_index], []))
-    latched = go2.inputs.latch()
-    assert latched.joint_velocity is None
-    assert "set estimation.joint_velocity to differentiated" in latched.refused[0]

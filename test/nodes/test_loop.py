@@ -87,18 +87,6 @@ def press_at_most(controller, monkeypatch, force):
     monkeypatch.setattr(controller.loop.controller.qp.contacts["front_left_foot"], "max_normal_force", force)
 
 
-def delayed_explanation(monkeypatch):
-    """Block the search for an explanation until the returned event is set."""
-    release, explained = threading.Event(), NoSolution.explained
-
-    def slow(failure):
-        assert release.wait(60.0)
-        return explained(failure)
-
-    monkeypatch.setattr(NoSolution, "explained", slow)
-    return release
-
-
 def searched(controller):
     """Wait for the concurrent search."""
     controller.loop.controller._explanation._search.result()
@@ -139,7 +127,8 @@ def test_a_failure_is_explained_once_and_the_explanation_stays(bench, monkeypatc
 
 def test_a_failure_that_is_over_is_explained_as_it_was(bench, monkeypatch, caplog):
     controller = bench().activated(120)
-    release = delayed_explanation(monkeypatch)
+    release, explained = threading.Event(), NoSolution.explained
+    monkeypatch.setattr(NoSolution, "explained", lambda failure: release.wait(60.0) and explained(failure))
     press_at_most(controller, monkeypatch, -50.0)
     assert controller.cycle().mode is Mode.HOLDING
     press_at_most(controller, monkeypatch, 400.0)
@@ -376,12 +365,9 @@ def test_the_end_of_the_loop_leaves_no_torque(bench, active):
     controller.loop.triggered = True
     controller.loop.run(stop)
     efforts = controller.efforts()[before:]
-    if active:
-        assert len(efforts) == 1
-        assert not efforts.any()
-        assert controller.received("state")[-1].data == "stopped"
-    else:
-        assert len(efforts) == 0
+    assert len(efforts) == active
+    assert not efforts.any()
+    assert controller.received("state")[-1].data == ("stopped" if active else "inactive")
 
 
 @pytest.mark.parametrize("where", ["supervisor", "publish", "inputs", "observer"])
@@ -531,3 +517,44 @@ def test_many_different_sentences_at_once_are_logged_in_bounded_number(bench, ca
     assert len(caplog.messages) == len(controller.loop._logged) == 20
     controller.loop._log_changes(dataclasses.replace(report, refused=tuple(words)), controller.clock.time + 1.0)
     assert (len(caplog.messages), len(controller.loop._logged)) == (40, 20)
+
+
+def test_the_largest_time_that_a_message_holds_is_answered(bench):
+    robot = bench()
+    robot.clock.time = 2147483640.0
+    robot.activate()
+    assert robot.cycle(10).mode is Mode.ACTIVE
+
+
+def test_a_stop_is_never_merged_away_and_passes_a_flood_of_other_requests(bench):
+    robot = bench().activated(100)
+    robot.command("estop")
+    robot.command("reset")
+    sent = len(robot.efforts())
+    report = robot.cycle()
+    assert (report.mode, report.fault.code) == (Mode.FAULT, "ESTOP")
+    assert not robot.efforts()[sent:].any()
+    assert len(robot.efforts()) == sent + 1
+    assert robot.received("state")[-1].data.startswith("fault ESTOP")
+    assert any("command 'reset' is refused in the cycle of an emergency stop" in each for each in report.refused)
+    robot.request("reset")
+    assert robot.activate().mode is Mode.ACTIVE
+    for _ in range(1000):
+        robot.command("activate")
+    report = robot.request("estop")
+    assert (report.mode, report.fault.code) == (Mode.FAULT, "ESTOP")
+    assert not report.command.tau.any()
+
+
+def test_a_long_word_is_refused_without_being_repeated(bench):
+    robot = bench()
+    (sentence,) = robot.request("x" * 1000).refused
+    assert sentence.endswith("command has 1000 characters (limit 40)")
+
+
+def test_the_activation_at_the_start_can_be_cancelled(bench):
+    robot = bench()
+    robot.loop._activate_when_fresh = True
+    robot.command("damp")
+    robot.cycle(joints=False, base=False)
+    assert robot.cycle(5).mode is Mode.INACTIVE

@@ -7,9 +7,9 @@ import subprocess
 import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import pytest
+from pages import page
 
 if not sys.platform.startswith("linux"):
     pytest.skip("scheduling is Linux's", allow_module_level=True)
@@ -296,6 +296,6 @@ def test_invalid_values_are_refused_with_the_valid_ones(change, said):
 
 
 def test_the_page_of_the_refusals_has_all_keys():
-    page = (Path(__file__).parents[2] / "docs" / "real_time.md").read_text(encoding="utf-8")
+    text = page("real_time")
     for key in RealtimeSettings.model_fields:
-        assert f"`{key}" in page or f"{key}:" in page, key
+        assert f"`{key}" in text or f"{key}:" in text, key

@@ -8,6 +8,7 @@ user namespaces.
 import os
 import shutil
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -15,6 +16,8 @@ from typing import Any
 import pytest
 
 SIDES = {"robot": "10.77.0.1/24", "controller": "10.77.0.2/24"}
+#: Variables of the shell that affect the discovery.
+DISCOVERY = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "CYCLONEDDS_URI")
 
 
 class NotPermitted(Exception):
@@ -51,6 +54,11 @@ class Network:
     def words(self, side: str, *words: str) -> list[str]:
         """A command line that runs on one of the hosts."""
         return [*self._inside(self._places[side]), *words]
+
+    def environment(self, **changes: str) -> dict[str, str]:
+        """The environment of a Python process on one of the hosts."""
+        kept = {name: value for name, value in os.environ.items() if name not in DISCOVERY}
+        return kept | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))} | changes
 
     def cut(self) -> None:
         """Pull the plug."""

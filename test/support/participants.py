@@ -47,9 +47,9 @@ class Ros2Participants:
             from rclpy.executors import SingleThreadedExecutor
         except ImportError as error:
             pytest.skip(f"rclpy is not importable: {error}")
-        self._context = rclpy.Context()
-        rclpy.init(context=self._context, domain_id=domain)
-        self._executor = SingleThreadedExecutor(context=self._context)
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.executor = SingleThreadedExecutor(context=self.context)
         self._nodes: list[Any] = []
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._spin)
@@ -58,8 +58,8 @@ class Ros2Participants:
     def node(self, name: str, namespace: str = "/") -> Any:
         import rclpy
 
-        self._nodes.append(rclpy.create_node(name, namespace=namespace, context=self._context))
-        self._executor.add_node(self._nodes[-1])
+        self._nodes.append(rclpy.create_node(name, namespace=namespace, context=self.context))
+        self.executor.add_node(self._nodes[-1])
         return self._nodes[-1]
 
     def transport(self, node: str, namespace: str = "/") -> Transport:
@@ -67,15 +67,21 @@ class Ros2Participants:
 
         return Ros2Transport(self.node(node, namespace))
 
-    def close(self) -> None:
+    def stop(self) -> None:
+        """End the executor."""
+        if self._ended.is_set():
+            return
         self._ended.set()
-        self._executor.create_task(lambda: None)
+        self.executor.create_task(lambda: None)
         self._thread.join()
-        self._executor.shutdown()
+        self.executor.shutdown()
+
+    def close(self) -> None:
+        self.stop()
         for node in self._nodes:
             node.destroy_node()
-        self._context.shutdown()
+        self.context.shutdown()
 
     def _spin(self) -> None:
         while not self._ended.is_set():
-            self._executor.spin_once()
+            self.executor.spin_once()

@@ -1,6 +1,7 @@
 """The other end of a node's topics on the memory transport."""
 
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,32 +12,16 @@ from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTranspo
 from wbc_controller.settings import Settings
 
 
-class Peer:
-    """Sends messages to a node, and keeps all that it publishes, in order.
+class Sender:
+    """Sends messages to a node, and takes all that it publishes; `all` returns the messages of a topic."""
 
-    Attributes:
-        received: key, subject and content of each message.
-        reactions: called with the content of each message, by key.
-    """
-
-    def __init__(self, bus: MemoryBus, topics: Iterable[Endpoint]) -> None:
-        self.received: list[tuple[str, str, Any]] = []
-        self.reactions: dict[str, Callable[[Any], None]] = {}
-        self.transport, self._publish = MemoryTransport(bus), {}
+    def __init__(self, transport: MemoryTransport, topics: Iterable[Endpoint]) -> None:
+        self._publish: dict[tuple[str, str], Callable[[bytes], None]] = {}
         for topic in topics:
             if topic.direction is Direction.IN:
-                self._publish[topic.key, topic.subject] = self.transport.advertise(counterpart(topic))
+                self._publish[topic.key, topic.subject] = transport.advertise(counterpart(topic))
             else:
-                self.transport.subscribe(counterpart(topic), lambda payload, topic=topic: self._take(topic, payload))
-
-    def _take(self, topic: Endpoint, payload: bytes) -> None:
-        content = decode(payload, topic.type)
-        self.received.append((topic.key, topic.subject, content))
-        self.reactions.get(topic.key, lambda content: None)(content)
-
-    def all(self, key: str) -> list[Any]:
-        """All messages of a topic."""
-        return [content for received, _, content in self.received if received == key]
+                transport.subscribe(counterpart(topic), partial(self._take, topic))
 
     @property
     def status(self) -> Any:
@@ -57,6 +42,30 @@ class Peer:
 
     def say(self, key: str, text: str) -> None:
         self.send(key, message("std_msgs/msg/String", data=text))
+
+
+class Peer(Sender):
+    """The other end of a node's topics; keeps the messages in order.
+
+    Attributes:
+        received: key, subject and content of each message.
+        reactions: called with the content of each message, by key.
+    """
+
+    def __init__(self, bus: MemoryBus, topics: Iterable[Endpoint]) -> None:
+        self.received: list[tuple[str, str, Any]] = []
+        self.reactions: dict[str, Callable[[Any], None]] = {}
+        self.transport = MemoryTransport(bus)
+        super().__init__(self.transport, topics)
+
+    def _take(self, topic: Endpoint, payload: bytes) -> None:
+        content = decode(payload, topic.type)
+        self.received.append((topic.key, topic.subject, content))
+        self.reactions.get(topic.key, lambda content: None)(content)
+
+    def all(self, key: str) -> list[Any]:
+        """All messages of a topic."""
+        return [content for received, _, content in self.received if received == key]
 
 
 class MockPeer(Peer):

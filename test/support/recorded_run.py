@@ -53,7 +53,8 @@ def make_run(
 ) -> Run:
     """Make a recorded controller; recordings of faults go into the folder."""
     settings = {"safety": {"activation_ramp": 0.01}, "recorder": {"folder": str(folder / "faults")}}
-    run = Run(bench(robot, {**settings, **(changes or {})}, partial(_recorder, file)), file)
+    recorder = partial(Recorder, file=file, patient=True, name="go2")
+    run = Run(bench(robot, {**settings, **(changes or {})}, recorder), file)
     run.bench.q = run.bench.q.copy()
     return run
 
@@ -84,7 +85,3 @@ def record(bench: Callable[..., Any], tmp_path: Path) -> Iterator[Callable[..., 
     yield make
     for run in made:
         run.recorder.close()
-
-
-def _recorder(file: Path | None, settings: Any) -> Recorder:
-    return Recorder(settings, file, patient=True, name="go2")

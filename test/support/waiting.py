@@ -14,8 +14,9 @@ def until(
     patience: float = 40.0,
     again: Callable[[], None] = lambda: None,
     advance: Callable[[], object] = lambda: time.sleep(0.01),
+    period: float = 0.5,
 ) -> None:
-    """Wait until a condition holds; `again` is done at once and then twice a second, `advance` before each check.
+    """Wait until a condition holds; `again` is done at once and then every `period`, s, `advance` before each check.
 
     Args:
         what: condition for the error message, or a function that describes it then.
@@ -26,7 +27,7 @@ def until(
         now = time.monotonic()
         if now >= due:
             again()
-            due = now + 0.5
+            due = now + period
         if now - began >= patience * slowness():
             raise AssertionError(f"waited {now - began:.0f} s in vain for {what() if callable(what) else what}")
         advance()

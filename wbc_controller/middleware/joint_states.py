@@ -88,22 +88,20 @@ class JointStateReader(StateReader):
         super().__init__()
         self._joints, self.paths = tuple(joints), columns or ("position", "velocity")
         self._ignored = (_NONE,) * _COLUMNS.index(self.paths[0])  # columns before the read ones
-        n = len(self._joints)
-        self._columns = [slice(n * k, n * (k + 1)) for k in range(len(self.paths))]
         self._partial: set[str] = set()  # joints of incomplete messages
 
     def read(self, payload: bytes) -> JointStates:
         """Decode a joint state; see `StateReader`."""
         stamp, values = self._decode(payload)
+        columns = values.reshape(len(self.paths), -1)  # (k, nj)
         if not is_finite(values):
-            columns = values.reshape(len(self.paths), -1)  # (k, nj)
             k, i = np.argwhere(~np.isfinite(columns))[0]
             column, joint = self.paths[k], self._joints[i]
             hint = f"; {_VELOCITY_HINT}" if column == "velocity" and np.isnan(columns[k]).all() else ""
             raise InputRefused(
                 f"{column} of {joint!r} is {columns[k, i]} {_UNITS[column]}; every value must be finite{hint}"
             )
-        return JointStates(stamp, *self._ignored, *[values[column] for column in self._columns])
+        return JointStates(stamp, *self._ignored, *columns)
 
     def _check_text(self, content: Any) -> None:
         self._joint_indices(content.name)

@@ -86,11 +86,6 @@ class Template:
         return bytes(self._payload)
 
 
-def number_paths(content: Any) -> list[str]:
-    """Return the numeric fields of a message without its timestamps, such as ``pose.position.x``."""
-    return [path for path, owner, name in _numbers(content) if not _is_stamp(getattr(owner, name))]
-
-
 def _as_slice(index: np.ndarray) -> slice:
     start, stop = int(index[0]), int(index[-1]) + 1
     if not np.array_equal(index, np.arange(start, stop)):

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from wbc_controller.middleware.codec import header, message, time_fields
-from wbc_controller.middleware.message_layout import Template, number_paths
 from wbc_controller.records import Array
 
 #: Field of the JointState, by kind of task with references by joint name.
@@ -36,26 +35,6 @@ def setpoint_message(
     return message(type_name, header=top, **{"point" if type_name.endswith("/PointStamped") else "vector": values})
 
 
-class SetpointTemplate:
-    """Serializer of one task's setpoints, with the bytes of `setpoint_message`."""
-
-    def __init__(self, type_name: str, kind: str, position: Array, *, frame: str, joints: Sequence[str]) -> None:
-        """Lay out the message, as `setpoint_message`."""
-        content = setpoint_message(type_name, kind, position, frame=frame, joints=joints)
-        paths = [JOINT_FIELDS[kind]] if kind in JOINT_FIELDS else number_paths(content)
-        size = len(position) if kind in JOINT_FIELDS else len(paths)
-        self._template, self._numbers = Template(content, paths), np.zeros(size)
-        places = np.arange(min(len(position), size))
-        if type_name == "geometry_msgs/msg/PoseStamped":
-            places[-4:] = range(3, 7)  # after a position with possibly fewer coordinates
-        self._places = places
-
-    def write(self, stamp: int, position: Array) -> bytes:
-        """Serialize a position of the original size; stamp in ns."""
-        self._numbers[self._places] = position[: len(self._numbers)]
-        return self._template.write(stamp, self._numbers)
-
-
 def wrench_stamped(wrench: Array, frame: str, stamp: int = 0) -> Any:
     """Make a geometry_msgs/WrenchStamped from a wrench, (6,), or a force, (3,); N, N·m."""
     parts = {"force": wrench[:3], "torque": wrench[3:]}
@@ -71,17 +50,18 @@ def velocity_message(velocity: Sequence[float] | Array) -> Any:
 def com_trajectory(times: Sequence[float], positions: Array, *, task: str = "com", stamp: int = 0) -> Any:
     """Make a trajectory of the centre of mass through points, (n, 3) in m; stamp of its start in ns, 0 for now."""
     points = [{"transforms": [message("geometry_msgs/msg/Transform", translation=position)]} for position in positions]
-    return _trajectory("MultiDOFJointTrajectory", [task], times, points, stamp)
+    return trajectory_message("MultiDOFJointTrajectory", [task], times, points, stamp)
 
 
 def joint_trajectory(joints: Sequence[str], times: Sequence[float], positions: Array) -> Any:
     """Make an immediate joint trajectory, (n, k) in rad."""
-    return _trajectory("JointTrajectory", joints, times, [{"positions": position} for position in positions])
+    return trajectory_message("JointTrajectory", joints, times, [{"positions": position} for position in positions])
 
 
-def _trajectory(
+def trajectory_message(
     kind: str, names: Sequence[str], times: Sequence[float], points: Sequence[dict[str, Any]], stamp: int = 0
 ) -> Any:
+    """Make a JointTrajectory or a MultiDOFJointTrajectory from the fields of its points."""
     made = [
         message(f"trajectory_msgs/msg/{kind}Point", **point, time_from_start=time_fields(round(1e9 * time)))
         for time, point in zip(times, points, strict=True)

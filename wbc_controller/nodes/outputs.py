@@ -134,7 +134,8 @@ class Outputs:
             self._begin("diagnostics", self._summary.compose(wall, self._shortfalls))
         if now >= self._query_due:
             self._query_due = now + _QUERY_PERIOD
-            self._query_subscriptions()
+            found = [(topic.key, topic.subject) for topic in self._on_demand if self._has_reader(topic)]
+            self._subscribed = {key: tuple(subject for of, subject in found if of == key) for key in _ON_DEMAND}
         if report.result.state is not None:
             self._publish_tasks(now, report.result, report.result.state)
             if now >= self._markers_due:
@@ -144,10 +145,6 @@ class Outputs:
                     drawing = self._scene.compose(report.result.state, report.result.references, report.solution, plan)
                     self._begin("markers", drawing)
         self.compose()
-
-    def _query_subscriptions(self) -> None:
-        found = [(topic.key, topic.subject) for topic in self._on_demand if self._has_reader(topic)]
-        self._subscribed = {key: tuple(subject for of, subject in found if of == key) for key in _ON_DEMAND}
 
     def _publish_tasks(self, now: float, result: CycleResult, state: RobotState) -> None:
         """Send value and reference of the next task with a subscription, and update the shortfalls of all tasks."""

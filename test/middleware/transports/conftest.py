@@ -1,6 +1,5 @@
 """Isolated buses with connected transports."""
 
-import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -9,6 +8,7 @@ import pytest
 from network import network
 from participants import DdsParticipants, MemoryParticipants, Ros2Participants
 from rosbags.interfaces import Nodetype
+from waiting import until
 
 from wbc_controller.middleware.codec import TYPES, message
 from wbc_controller.middleware.transports.transport import Transport
@@ -41,19 +41,7 @@ def join(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Ite
 @pytest.fixture(scope="session")
 def eventually() -> Callable[..., None]:
     """Wait for a condition: ``eventually(condition, again)`` calls `again` before each check."""
-
-    def eventually(
-        condition: Callable[[], bool], again: Callable[[], None] = lambda: None, seconds: float = 60
-    ) -> None:
-        deadline = time.monotonic() + seconds
-        again()
-        while not condition():
-            assert time.monotonic() < deadline, f"not true within {seconds} s"
-            time.sleep(0.01)
-            if not condition():
-                again()
-
-    return eventually
+    return lambda condition, again=lambda: None, seconds=60.0: until(condition, "", seconds, again, period=0.01)
 
 
 @pytest.fixture(scope="session")

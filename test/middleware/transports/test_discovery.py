@@ -2,7 +2,6 @@
 
 import contextlib
 import itertools
-import os
 import subprocess
 import sys
 import textwrap
@@ -11,6 +10,7 @@ import time
 import pytest
 from domains import own_domain
 from echo import STRING, endpoint, text
+from network import DISCOVERY
 from participants import Ros2Participants
 from waiting import repeated
 
@@ -23,15 +23,13 @@ from wbc_controller.settings.config import load
 pytestmark = pytest.mark.live
 
 RANGES = ("", "LOCALHOST", "SUBNET")
-#: Shell variables that would affect the test.
-_SHELL = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "CYCLONEDDS_URI")
 
 
 @pytest.fixture
 def set_range(monkeypatch):
-    for name in _SHELL:
+    for name in DISCOVERY:
         monkeypatch.delenv(name, raising=False)
-    return lambda value: monkeypatch.setenv(_SHELL[0], value)
+    return lambda value: monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", value)
 
 
 def exchange(pairs, name, eventually):
@@ -117,15 +115,12 @@ _WBC_SPEAKER = textwrap.dedent("""
 def test_ros2_nodes_of_another_host_hear_only_subnet(network):
     """Also with a ROS 2 node with SUBNET, discovered by the other host, beside the embedded DDS."""
     pytest.importorskip("rclpy")
-    environment = {name: value for name, value in os.environ.items() if name not in _SHELL}
-    environment |= {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "ROS_DOMAIN_ID": "7"}
-
     started = []
 
     def start(side, code, *words, discovery_range="SUBNET"):
         command = network.words(side, sys.executable, "-c", code, *words)
-        changes = {"ROS_AUTOMATIC_DISCOVERY_RANGE": discovery_range}
-        started.append(subprocess.Popen(command, env=environment | changes, stdout=subprocess.PIPE, text=True))
+        environment = network.environment(ROS_DOMAIN_ID="7", ROS_AUTOMATIC_DISCOVERY_RANGE=discovery_range)
+        started.append(subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True))
         return started[-1]
 
     try:
@@ -145,11 +140,10 @@ def test_ros2_nodes_of_another_host_hear_only_subnet(network):
 
 def test_subnet_without_a_network_card_uses_the_loopback(network):
     """Cyclone refuses to select the loopback twice: as the only interface, and by its address."""
-    environment = {name: value for name, value in os.environ.items() if name not in _SHELL}
     module = "wbc_controller.middleware.transports.dds"
     code = f"from {module} import DdsTransport; DdsTransport('a', discovery_range='SUBNET').close()"
     subprocess.run(network.words("robot", "ip", "link", "delete", "eth0"), check=True)
     words = network.words("robot", sys.executable, "-c", code)
-    ended = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=60)
+    ended = subprocess.run(words, env=network.environment(), capture_output=True, text=True, timeout=60)
     assert ended.returncode == 0, ended.stderr
     assert "the loopback is the only network interface: topics stay on this computer" in ended.stderr

@@ -4,7 +4,7 @@ import importlib.util
 import itertools
 import logging
 import time
-from contextlib import closing
+from contextlib import ExitStack, closing
 from types import SimpleNamespace
 
 import pytest
@@ -45,36 +45,26 @@ class Counter(Pacer):
 
 
 @pytest.fixture
-def context(monkeypatch):
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    context = rclpy.Context()
-    rclpy.init(args=[], context=context, domain_id=DOMAIN)
-    yield context
-    context.try_shutdown()
-
-
-@pytest.fixture
-def spun(context):
+def spun(monkeypatch):
     """Make a spun node, its transport and the counter of its executor's waits."""
-    made = []
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    context, failures = rclpy.Context(), []
+    rclpy.init(args=[], context=context, domain_id=DOMAIN)
+    with ExitStack() as opened:
+        opened.callback(context.try_shutdown)
 
-    def spun(**parameters):
-        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
-        node = rclpy.create_node("spun", context=context, parameter_overrides=overrides)
-        counter, transport = Counter(), Ros2Transport(node)
-        node.add_waitable(counter)
-        failures = []
-        spinner = spinning(SingleThreadedExecutor(context=context), node, failures.append)
-        spinner.__enter__()
-        made.append((node, transport, spinner, failures))
-        return node, transport, counter
+        def spun(**parameters):
+            overrides = [Parameter(name, value=value) for name, value in parameters.items()]
+            node = rclpy.create_node("spun", context=context, parameter_overrides=overrides)
+            opened.callback(node.destroy_node)
+            counter, transport = Counter(), Ros2Transport(node)
+            node.add_waitable(counter)
+            opened.enter_context(spinning(SingleThreadedExecutor(context=context), node, failures.append))
+            opened.callback(transport.close)
+            return node, transport, counter
 
-    yield spun
-    for node, transport, spinner, failures in made:
-        transport.close()
-        spinner.__exit__(None, None, None)
-        node.destroy_node()
-        assert failures == []
+        yield spun
+    assert failures == []
 
 
 @pytest.fixture
@@ -85,13 +75,13 @@ def peer():
 
 
 def at_500_hz(publish, payload, arrived, count=250):
-    """Publish until a number of messages has arrived; return the number of published messages."""
-    for number in itertools.count():
+    """Publish until a number of messages has arrived."""
+    for _ in range(20_000):
         if arrived() >= count:
-            return number
-        assert number < 20_000
+            return
         publish(payload)
         time.sleep(0.002)
+    pytest.fail("too few messages have arrived")
 
 
 def test_messages_do_not_wake_the_executor(spun, peer):

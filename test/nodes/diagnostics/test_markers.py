@@ -5,12 +5,15 @@ from functools import cache
 import numpy as np
 import pinocchio as pin
 import pytest
+from chains import MENAGERIE, menagerie
 from composed import whole
 
+from wbc_controller.controller.build.program import make_qp
+from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.visualization.scene import CONE_HEIGHT, FORCE_LENGTH
 from wbc_controller.middleware.codec import nanoseconds
 from wbc_controller.nodes.diagnostics.markers import MarkerScene, read_shapes
-from wbc_controller.settings import Settings
+from wbc_controller.records import RobotState
 
 LINE_STRIP, LINE_LIST, SPHERE_LIST, ARROW = 4, 5, 7, 0
 KINDS = {
@@ -182,22 +185,12 @@ def test_a_broken_contact_is_no_longer_drawn(bench, make):
     assert len(points(found["support", 0])) == 4  # a triangle, closed
 
 
-def test_a_robot_on_a_fixed_base_has_no_capture_point(robot_of):
-    from wbc_controller.controller.build.program import make_qp
-    from wbc_controller.controller.build.robot import make_model
-    from wbc_controller.records import RobotState
-
-    settings, _ = robot_of("go2")
-    values = settings.model_dump(exclude_unset=True)
-    values["robot"]["base"] = "fixed"
-    values["contacts"] = {}
-    del values["walking"]
-    values["tasks"] = {"posture": {"type": "posture"}}
-    settings = Settings.model_validate(values)
-    model = make_model(settings)
-    controller = make_qp(settings, model)
+def test_a_robot_on_a_fixed_base_has_no_capture_point():
+    settings = menagerie()
+    model = make_model(settings, MENAGERIE)
+    qp = make_qp(settings, model)
     state = RobotState(1, model.configuration(model.posture), np.zeros(model.nv))
-    drawn = whole(MarkerScene(model, controller.tasks, controller.contacts, 1.0).compose(state, None, None))
+    drawn = whole(MarkerScene(model, qp.tasks, qp.contacts, 1.0).compose(state, None, None))
     assert {marker.ns for marker in drawn.markers} == {"com"}
 
 

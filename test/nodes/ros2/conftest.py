@@ -41,8 +41,15 @@ def environment(tmp_path):
 
 
 @pytest.fixture
-def user(environment, monkeypatch):
-    """Node that commands and listens."""
+def participants(monkeypatch):
+    """Opens a context for nodes on a domain."""
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    with contextlib.closing(Ros2Participants(int(environment["ROS_DOMAIN_ID"]))) as participants:
-        yield participants.node("user"), lambda condition, seconds=PATIENCE: until(condition, patience=seconds)
+    with contextlib.ExitStack() as opened:
+        yield lambda domain: opened.enter_context(contextlib.closing(Ros2Participants(domain)))
+
+
+@pytest.fixture
+def user(environment, participants):
+    """Node that commands and listens."""
+    node = participants(int(environment["ROS_DOMAIN_ID"])).node("user")
+    return node, lambda condition, seconds=PATIENCE: until(condition, patience=seconds)

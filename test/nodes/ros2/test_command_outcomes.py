@@ -32,13 +32,13 @@ def test_cycles_that_have_not_taken_it_do_not_answer():
     assert outcome == [(True, "active")]
 
 
+REFUSED = "command 'activate' is refused: why"
+
+
 @pytest.mark.parametrize(
     ("last", "answer"),
     [
-        (
-            report(Mode.ACTIVE, ("activate",), ("command 'activate' is refused: why",)),
-            (False, "command 'activate' is refused: why"),
-        ),
+        (report(Mode.ACTIVE, ("activate",), (REFUSED,)), (False, REFUSED)),
         (report(Mode.DAMPING, ("activate",), fault=Fault("FALLEN", "it lies")), (False, "damping FALLEN: it lies")),
         (None, (False, "over")),
     ],
@@ -50,23 +50,20 @@ def test_a_refusal_a_fault_and_the_end_of_the_loop_are_answers(last, answer):
 
 
 @pytest.mark.parametrize(
-    ("last", "respond"),
+    ("mode", "fault", "answer"),
     [
-        (report(Mode.INACTIVE), (True, "inactive")),
-        (
-            report(Mode.DAMPING, fault=Fault("STALE_INPUT", "odom is late")),
-            (False, "damping STALE_INPUT: odom is late"),
-        ),
+        (Mode.INACTIVE, None, (True, "inactive")),
+        (Mode.DAMPING, Fault("STALE_INPUT", "odom is late"), (False, "damping STALE_INPUT: odom is late")),
     ],
 )
-def test_a_deactivation_is_answered_at_the_end_of_its_ramp(last, respond):
+def test_a_deactivation_is_answered_at_the_end_of_its_ramp(mode, fault, answer):
     waiting, outcome = send("deactivate")
     waiting.observe(report(Mode.ACTIVE, ("deactivate",)))
-    for mode in (Mode.ACTIVE, Mode.HOLDING, Mode.ACTIVE):
-        waiting.observe(report(mode, refused=("command 'deactivate' is refused",)))  # another fault
+    for other in (Mode.ACTIVE, Mode.HOLDING, Mode.ACTIVE):
+        waiting.observe(report(other, refused=("command 'deactivate' is refused",)))  # another fault
     assert outcome == []
-    waiting.observe(last)
-    assert outcome == [respond]
+    waiting.observe(report(mode, fault=fault))
+    assert outcome == [answer]
 
 
 def test_one_that_was_turned_away_is_answered_too(monkeypatch):

@@ -12,10 +12,8 @@ from domains import own_domain
 from waiting import until
 
 try:
-    import rclpy
     from builtin_interfaces.msg import Time
     from nav_msgs.msg import Odometry
-    from rclpy.executors import SingleThreadedExecutor
     from rclpy.lifecycle import TransitionCallbackReturn
     from rclpy.parameter import Parameter
     from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -44,12 +42,9 @@ SUCCESS, FAILURE, ERROR = (getattr(TransitionCallbackReturn, name) for name in (
 
 
 @pytest.fixture
-def context(monkeypatch):
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=DOMAIN)
-    yield context
-    context.try_shutdown()
+def graph(participants):
+    """Nodes on a spun executor."""
+    return participants(DOMAIN)
 
 
 @pytest.fixture
@@ -72,58 +67,27 @@ def text_of(records):
 
 
 @pytest.fixture
-def make_node(context):
+def make_node(graph):
     nodes = []
 
     def make_node(words=(), **overrides):
         parameters = [Parameter(name.replace("__", "."), value=value) for name, value in overrides.items()]
         options = {"cli_args": ["--ros-args", *words]} if words else {}
-        nodes.append(ControllerNode(arguments=[], context=context, parameter_overrides=parameters, **options))
+        nodes.append(ControllerNode(arguments=[], context=graph.context, parameter_overrides=parameters, **options))
         return nodes[-1]
 
     yield make_node
+    graph.stop()
     for node in nodes:
         node.finish()
         node.destroy_node()
 
 
 @pytest.fixture
-def spin(context):
-    """Spin nodes on a thread, as the executable does."""
-    executor = SingleThreadedExecutor(context=context)
-
-    ended = threading.Event()
-
-    def run():
-        while not ended.is_set():
-            executor.spin_once()
-
-    thread = threading.Thread(target=run)
-
-    others = []
-
-    def spin(*nodes):
-        for node in nodes:
-            executor.add_node(node)
-        others.extend(node for node in nodes if not isinstance(node, ControllerNode))
-        thread.start()
-        return executor
-
-    yield spin
-    ended.set()
-    executor.create_task(lambda: None)
-    if thread.ident is not None:
-        thread.join()
-    executor.shutdown()
-    for node in others:  # otherwise the next test finds them in the graph
-        node.destroy_node()
-
-
-@pytest.fixture
-def robot(context):
+def robot(graph):
     """Node that publishes the state of a hanging G1."""
     settings = load_settings(find_configuration("g1"))
-    node = rclpy.create_node("robot", context=context)
+    node = graph.node("robot")
     joints = JointState(name=settings.robot.joints, position=settings.robot.posture)
     joints.velocity = [0.0] * len(joints.name)
     base = Odometry(child_frame_id="pelvis")
@@ -148,15 +112,15 @@ def on_executor(executor, function):
 
 
 @pytest.fixture
-def bring_up(make_node, spin, context):
-    """Spin a controller's node, a user's and others, and run some transitions of the first."""
+def bring_up(make_node, graph):
+    """Spin a controller's node and a user's, and run some transitions of the first."""
 
-    def bring_up(*others, transitions=("configure", "activate"), **overrides):
-        node, user = make_node(robot="g1", **overrides), rclpy.create_node("user", context=context)
-        executor = spin(node, user, *others)
+    def bring_up(transitions=("configure", "activate"), **overrides):
+        node, user = make_node(robot="g1", **overrides), graph.node("user")
+        graph.executor.add_node(node)
         for name in transitions:
-            assert on_executor(executor, getattr(node, f"trigger_{name}")) == SUCCESS
-        return node, user, executor
+            assert on_executor(graph.executor, getattr(node, f"trigger_{name}")) == SUCCESS
+        return node, user, graph.executor
 
     return bring_up
 
@@ -341,7 +305,7 @@ def test_services_return_the_outcome_and_a_fault_outlives_the_loop(bring_up):
 
 
 def test_the_last_seconds_are_recorded_on_request_and_deactivating_in_mid_run_is_no_fault(bring_up, robot, tmp_path):
-    node, user, executor = bring_up(robot, transitions=(), recorder__folder=str(tmp_path), **PATIENT)
+    node, user, executor = bring_up(transitions=(), recorder__folder=str(tmp_path), **PATIENT)
     call = caller(user, "record")
     assert call() == (False, "the node is not active; check its state with ros2 lifecycle get")
     for transition in (node.trigger_configure, node.trigger_activate):
@@ -370,7 +334,7 @@ def test_the_last_seconds_are_recorded_on_request_and_deactivating_in_mid_run_is
 
 
 def test_a_service_waits_without_keeping_joint_states_from_the_loop(bring_up, robot):
-    node, user, _ = bring_up(robot, **PATIENT)
+    node, user, _ = bring_up(**PATIENT)
     activate = caller(user, "activate")
     until(lambda: max(node._loop._inputs.ages().values()) < 0.5, patience=20)
     answers = [activate() for _ in range(10)]
@@ -382,7 +346,7 @@ def test_a_service_waits_without_keeping_joint_states_from_the_loop(bring_up, ro
 
 
 def test_simulated_time_is_honoured(bring_up, robot):
-    node, user, executor = bring_up(robot, use_sim_time=True)
+    node, user, executor = bring_up(use_sim_time=True)
     clock = user.create_publisher(Clock, "/clock", 1)
     activate = caller(user, "activate")
     times = [7_000_000_000]
@@ -430,8 +394,8 @@ def test_a_loop_that_fails_sends_zeros_and_ends_in_error_processing(bring_up, lo
     assert on_executor(executor, node.trigger_configure) == SUCCESS
 
 
-def test_a_description_that_is_too_long_is_refused_before_it_is_decoded(make_node, context, log):
-    node, user = make_node(robot="g1", robot__urdf=""), rclpy.create_node("user", context=context)
+def test_a_description_that_is_too_long_is_refused_before_it_is_decoded(make_node, graph, log):
+    node, user = make_node(robot="g1", robot__urdf=""), graph.node("user")
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     publisher = user.create_publisher(String, "/robot_description", latched)
     assert node.trigger_configure() == FAILURE
@@ -440,4 +404,3 @@ def test_a_description_that_is_too_long_is_refused_before_it_is_decoded(make_nod
     assert node.trigger_configure() == FAILURE
     publisher.publish(String(data=read_urdf(load_settings(find_configuration("g1")).robot.urdf)))
     until(lambda: node.trigger_configure() == SUCCESS, patience=20)
-    user.destroy_node()

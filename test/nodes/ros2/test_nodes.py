@@ -1,6 +1,5 @@
 """The three executables on a real graph: topics as in the security policy, and the guard on rclpy."""
 
-import contextlib
 import os
 import signal
 from functools import partial
@@ -10,7 +9,6 @@ import pytest
 from busy import slowness
 from domains import own_domain
 from forked import fork_node
-from participants import Ros2Participants
 from policies import read_policy
 from waiting import until as wait_until
 
@@ -31,11 +29,9 @@ until = partial(wait_until, patience=120.0)
 
 
 @pytest.fixture
-def graph(monkeypatch):
+def graph(participants):
     """Node that queries and listens, spun on a thread."""
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    with contextlib.closing(Ros2Participants(DOMAIN)) as participants:
-        yield participants.node("looker")
+    return participants(DOMAIN).node("looker")
 
 
 @pytest.fixture

@@ -43,33 +43,21 @@ SCHEMA = {
 }
 
 
-class Recorder(MemoryTransport):
-    """Transport on its own bus that records the names of opened topics."""
-
-    def __init__(self):
-        self.bus = MemoryBus()
-        super().__init__(self.bus)
-
-    @property
-    def published(self):
-        return {name for name, writers in self.bus.writers.items() if writers}
-
-    @property
-    def subscribed(self):
-        return {name for name, readers in self.bus.readers.items() if readers}
-
-
 def opened(settings, model, namespace="/", remappings=None):
-    """Return the opened topics and services of each running node."""
+    """Return the names of published and of subscribed topics of each running node."""
     places = {"namespace": namespace, "remappings": remappings}
-    controller, mock, guard, estimator = (Recorder() for _ in range(4))
+    buses = {node: MemoryBus() for node in (CONTROLLER, MOCK, GUARD, ESTIMATOR_NODE)}
+    controller, mock, guard, estimator = map(MemoryTransport, buses.values())
     topics = controller_endpoints(settings, model, **places)
     make_loop(Controller(settings, preflight=False, model=model), controller, ManualClock(), topics)
     for lockstep in (False, True):
         MockRobot(model, settings, mock, lockstep=lockstep, **places)
     make_guard(settings, model, guard, ManualClock(), **places)
     make_estimator(settings, model, estimator, ManualClock(), **places)
-    return {CONTROLLER: controller, MOCK: mock, GUARD: guard, ESTIMATOR_NODE: estimator}
+    return {
+        node: tuple({name for name, ends in by_name.items() if ends} for by_name in (bus.writers, bus.readers))
+        for node, bus in buses.items()
+    }
 
 
 IMU = {"estimation": {"base_state": "imu", "absolute_pose": True}, "mock": {"pose_rate": 20.0}}
@@ -89,20 +77,18 @@ def test_each_node_has_exactly_its_permissions(robot_of, changed, name, changes,
     allowed = read_policy(security_policy(settings, model, namespace, remappings))
     prefix = namespace.rstrip("/")
     assert set(allowed) == {f"{prefix}/{node}" for node in (CONTROLLER, MOCK, GUARD, ESTIMATOR_NODE, OPERATOR)}
-    recorders = opened(settings, model, namespace, remappings)
-    heard = {each.rpartition("/")[2] for each in recorders[CONTROLLER].subscribed}
+    nodes = opened(settings, model, namespace, remappings)
+    heard = {each.rpartition("/")[2] for each in nodes[CONTROLLER][1]}
     assert heard & {"imu", "odom", "pose", "measured_wrench"} == (
         {"imu", "pose", "measured_wrench"} if changes else {"odom"}
     )
-    sensors = {
-        name for each in recorders.values() for name in each.subscribed if name.endswith(("/measured_wrench", "/holds"))
-    }
-    for node, recorder in recorders.items():
+    sensors = {name for _, heard in nodes.values() for name in heard if name.endswith(("/measured_wrench", "/holds"))}
+    for node, (published, subscribed) in nodes.items():
         rules, own = allowed[f"{prefix}/{node}"], f"{prefix}/{node}/"
         lifecycle = node == CONTROLLER
         extra = {own + "transition_event"} if lifecycle else sensors if node == MOCK else set()
-        assert rules["publish"] == recorder.published | set(NODE_PUBLISHES) | extra
-        assert rules["subscribe"] == recorder.subscribed | {CLOCK}
+        assert rules["publish"] == published | set(NODE_PUBLISHES) | extra
+        assert rules["subscribe"] == subscribed | {CLOCK}
         serves = {*NODE_SERVES, *(LIFECYCLE_SERVES if lifecycle else ()), *((*SERVICES, RECORD) if lifecycle else ())}
         assert rules["reply"] == {own + service for service in serves}
         assert "request" not in rules
@@ -113,12 +99,12 @@ def test_the_operator_may_command_and_listen_but_not_play_the_robot(robot_of):
     allowed = read_policy(security_policy(settings, model))
     rules = allowed["/operator"]
     nodes = opened(settings, model)
-    commands = {name for name in nodes[CONTROLLER].subscribed if name.startswith("/wbc_controller/")}
+    commands = {name for name in nodes[CONTROLLER][1] if name.startswith("/wbc_controller/")}
     commands |= {"/cmd_vel", "/cmd_vel_stamped", "/wbc_controller/walk/goal", "/wbc_controller/walk/footsteps"}
     mock = {"push", "hold", "fault"} | {f"contacts/{contact}/grip" for contact in settings.contacts}
     assert rules["publish"] == commands | {f"/mock_robot/{name}" for name in mock} | set(NODE_PUBLISHES)
     assert not rules["publish"] & {"/effort_controller/commands", "/joint_states", "/odom", "/guard/state"}
-    published = set().union(*(recorder.published for recorder in nodes.values()))
+    published = set().union(*(published for published, _ in nodes.values()))
     assert rules["subscribe"] == published | {"/rosout", CLOCK}
     assert rules["request"] == set().union(*(allowed[f"/{node}"]["reply"] for node in nodes))
 

@@ -23,7 +23,7 @@ from wbc_controller.middleware.transports import dds_raw
 from wbc_controller.middleware.transports.dds_domain import close_domain, domain_settings, open_domain
 from wbc_controller.middleware.transports.dds_graph import Graph, NodeAnnouncement
 from wbc_controller.middleware.transports.dds_types import idl_type, type_hash
-from wbc_controller.middleware.transports.transport import TopicTypes, translated_errors
+from wbc_controller.middleware.transports.transport import check_type, translated_errors
 
 _log = logging.getLogger(__name__)
 
@@ -55,7 +55,7 @@ class DdsTransport:
         self._lock = threading.Lock()
         self._closing = threading.Lock()
         self._closed = False
-        self._types = TopicTypes()
+        self._types: dict[str, str] = {}  # by topic
         self._topics: dict[str, Any] = {}
         self._publications: dict[str, list[DdsPublication]] = {}  # by topic
         self._streams: list[_Stream] = []
@@ -139,7 +139,7 @@ class DdsTransport:
         return reader
 
     def _topic(self, endpoint: Endpoint) -> Any:
-        self._types.check(endpoint.name, endpoint.type)
+        check_type(self._types, endpoint.name, endpoint.type)
         if endpoint.name not in self._topics:
             self._topics[endpoint.name] = Topic(self._participant, _dds_name(endpoint), idl_type(endpoint.type))
         return self._topics[endpoint.name]

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from wbc_controller.errors import TransportError
 from wbc_controller.middleware.topics import Endpoint
-from wbc_controller.middleware.transports.transport import Publish, TopicTypes
+from wbc_controller.middleware.transports.transport import Publish, check_type
 
 _log = logging.getLogger(__name__)
 
@@ -18,7 +18,7 @@ class MemoryBus:
     def __init__(self) -> None:
         # Re-entrant, because callbacks may publish, as in lockstep.
         self.lock = threading.RLock()
-        self.types = TopicTypes()
+        self.types: dict[str, str] = {}  # by topic
         self.readers: defaultdict[str, list[_Reader]] = defaultdict(list)
         self.writers: defaultdict[str, list[_Writer]] = defaultdict(list)
 
@@ -87,7 +87,7 @@ class MemoryTransport:
 
     def _check(self, endpoint: Endpoint) -> None:
         self.require_open("open", endpoint)
-        self._bus.types.check(endpoint.name, endpoint.type)
+        check_type(self._bus.types, endpoint.name, endpoint.type)
 
 
 class _Stream:

@@ -20,7 +20,7 @@ from wbc_controller.errors import TransportError
 from wbc_controller.middleware.topics import Endpoint, Qos
 from wbc_controller.middleware.transports.ros2_graph import CompatibilityWatch, publisher_names
 from wbc_controller.middleware.transports.ros2_reader import RawStream, Reader, ReaderGroup
-from wbc_controller.middleware.transports.transport import Publish, TopicTypes, translated_errors
+from wbc_controller.middleware.transports.transport import Publish, check_type, translated_errors
 
 _log = logging.getLogger(__name__)
 
@@ -45,7 +45,7 @@ class Ros2Transport:
         # Re-entrant, because callbacks may publish, open topics, or close the transport.
         self._lock = threading.RLock()
         self._closed = False
-        self._types = TopicTypes()
+        self._types: dict[str, str] = {}  # by topic
         self._publishers: defaultdict[str, list[Any]] = defaultdict(list)  # by topic
         self._subscriptions: list[Any] = []
         self._streams: list[RawStream] = []
@@ -156,7 +156,7 @@ class Ros2Transport:
 
     def _check(self, endpoint: Endpoint) -> Any:
         self._require_open(f"open {endpoint.name}")
-        self._types.check(endpoint.name, endpoint.type)
+        check_type(self._types, endpoint.name, endpoint.type)
         return _message_class(endpoint.type)
 
 

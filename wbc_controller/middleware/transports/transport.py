@@ -116,14 +116,8 @@ def translated_errors(attempt: str, *kinds: type[Exception]) -> Iterator[None]:
         raise TransportError(f"{attempt}: {error}") from error
 
 
-class TopicTypes:
-    """Message type of each open topic; not thread-safe."""
-
-    def __init__(self) -> None:
-        self._type_of: dict[str, str] = {}
-
-    def check(self, topic: str, type_name: str) -> None:
-        """Record a topic's type; another type raises `TransportError`."""
-        known = self._type_of.setdefault(topic, type_name)
-        if known != type_name:
-            raise TransportError(f"topic {topic} is already open with type {known}, not {type_name}")
+def check_type(types: dict[str, str], topic: str, type_name: str) -> None:
+    """Record a topic's message type among those of the open topics; another type raises `TransportError`."""
+    known = types.setdefault(topic, type_name)
+    if known != type_name:
+        raise TransportError(f"topic {topic} is already open with type {known}, not {type_name}")

@@ -3,14 +3,16 @@
 import re
 from collections import deque
 from collections.abc import Collection, Mapping
+from functools import partial
 
 import numpy as np
 
 from wbc_controller.inverse_dynamics.method_calls import array_from
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.tasks import AccelerationTask, MotionTask, Task
+from wbc_controller.middleware.codec import encode
 from wbc_controller.middleware.decoding import Vocabulary
-from wbc_controller.middleware.setpoints import SetpointTemplate
+from wbc_controller.middleware.setpoints import setpoint_message
 from wbc_controller.middleware.topics import TASK_TYPES
 from wbc_controller.records import Array, References, Solution
 
@@ -99,7 +101,6 @@ class TaskStates:
         self._tasks = {name: tasks[name] for name in vocabulary.kinds}
         self._vocabulary = vocabulary
         self._remaining: deque[str] = deque()
-        self._templates: dict[str, SetpointTemplate] = {}
 
     def begin(self, names: Collection[str]) -> None:
         """Begin a round of the named tasks with topics, unless a round is in progress."""
@@ -118,12 +119,13 @@ class TaskStates:
         positions = {"task_reference": references.tasks[name].position}
         if isinstance(task, AccelerationTask):
             positions["task_value"] = array_from(task, "position", (task.form.size,), dynamics)
-        template = self._templates.get(name) or self._make_template(name, references.tasks[name].position)
-        return name, {key: template.write(stamp, position) for key, position in positions.items()}
-
-    def _make_template(self, name: str, position: Array) -> SetpointTemplate:
         words, kind = self._vocabulary, self._vocabulary.kinds[name]
-        frame, joints = words.reference_frames.get(name, "world"), words.joints.get(name, ())
-        template = SetpointTemplate(TASK_TYPES[kind]["setpoint"], kind, position, frame=frame, joints=joints)
-        self._templates[name] = template
-        return template
+        make = partial(
+            setpoint_message,
+            TASK_TYPES[kind]["setpoint"],
+            kind,
+            frame=words.reference_frames.get(name, "world"),
+            stamp=stamp,
+            joints=words.joints.get(name, ()),
+        )
+        return name, {key: encode(make(position)) for key, position in positions.items()}

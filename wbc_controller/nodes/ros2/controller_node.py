@@ -284,14 +284,8 @@ def _set_response(response: Any, success: bool, text: str) -> Any:
     return response
 
 
-def serve(executor: Any, stop: threading.Event) -> int:
-    """Run the node until the event is set, and return the exit status."""
-    status: list[int] = []
-
-    def leave(code: int) -> None:
-        status.append(code)
-        stop.set()
-
+def serve(executor: Any, stop: threading.Event, leave: Callable[[int], None]) -> None:
+    """Run the node until the event is set."""
     node = ControllerNode(leave)
     with logging_to(node):
         with spinning(executor, node, leave):
@@ -303,4 +297,3 @@ def serve(executor: Any, stop: threading.Event) -> int:
             finished.wait(_TIMEOUT)
         node.finish()
     node.destroy_node()
-    return status[0] if status else 0

@@ -26,37 +26,38 @@ _MOCK_PARAMETERS: Mapping[str, tuple[Any, str]] = {
 }
 
 
-def serve_mock(executor: Any, stop: threading.Event) -> int:
-    """Run the mock robot until the event is set, and return the exit status."""
+def serve_mock(executor: Any, stop: threading.Event, leave: Callable[[int], None]) -> None:
+    """Run the mock robot until the event is set."""
     from wbc_controller.simulation.mock_service import run_mock
 
     start_message = "the robot of {source} is held: release it with false on {node}/hold"
-    return _serve(executor, stop, MOCK_NODE, start_message, run_mock, _MOCK_PARAMETERS)
+    _serve(executor, stop, leave, MOCK_NODE, start_message, run_mock, _MOCK_PARAMETERS)
 
 
-def serve_guard(executor: Any, stop: threading.Event) -> int:
-    """Run the guard until the event is set, and return the exit status."""
+def serve_guard(executor: Any, stop: threading.Event, leave: Callable[[int], None]) -> None:
+    """Run the guard until the event is set."""
     from wbc_controller.nodes.guard_service import run_guard
 
-    return _serve(executor, stop, GUARD_NODE, "guarding the robot of {source}", run_guard)
+    _serve(executor, stop, leave, GUARD_NODE, "guarding the robot of {source}", run_guard)
 
 
-def serve_estimator(executor: Any, stop: threading.Event) -> int:
-    """Run the base estimator until the event is set, and return the exit status."""
+def serve_estimator(executor: Any, stop: threading.Event, leave: Callable[[int], None]) -> None:
+    """Run the base estimator until the event is set."""
     from wbc_controller.nodes.estimator_service import run_estimator
 
-    return _serve(executor, stop, ESTIMATOR_NODE, "estimating the base of the robot of {source}", run_estimator)
+    _serve(executor, stop, leave, ESTIMATOR_NODE, "estimating the base of the robot of {source}", run_estimator)
 
 
 def _serve(
     executor: Any,
     stop: threading.Event,
+    leave: Callable[[int], None],
     name: str,
     start_message: str,
     service: Callable[..., None],
     parameters: Mapping[str, tuple[Any, str]] = MappingProxyType({}),
-) -> int:
-    """Run a service on its own node until the event is set, and return the exit status.
+) -> None:
+    """Run a service on its own node until the event is set.
 
     Args:
         start_message: log message with ``{source}`` of the settings and full name ``{node}``.
@@ -65,12 +66,6 @@ def _serve(
     node = Node(name, allow_undeclared_parameters=True, automatically_declare_parameters_from_overrides=True)
     own, full_name = declare(node, parameters), node.get_fully_qualified_name()
     transport = Ros2Transport(node)
-    status: list[int] = []
-
-    def leave(code: int) -> None:
-        status.append(code)
-        stop.set()
-
     with logging_to(node), spinning(executor, node, leave):
         try:
             found = values(node)
@@ -80,7 +75,6 @@ def _serve(
             service(settings, transport, stop, namespace=node.get_namespace(), **chosen)
         except WbcError as error:
             _log.error("%s", error)
-            status.append(2)
+            leave(2)
     transport.close()
     node.destroy_node()
-    return status[0] if status else 0

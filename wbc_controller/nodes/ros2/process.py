@@ -55,9 +55,15 @@ class Pacer(Waitable):  # type: ignore[misc]  # rclpy has no types
         return False
 
 
-def run(serve: Callable[[Any, threading.Event], int]) -> int:
-    """Run a service with an executor and a stop event set by signals; return its exit status."""
+def run(serve: Callable[[Any, threading.Event, Callable[[int], None]], None]) -> int:
+    """Run a service with an executor, a stop event set by signals, and a function to fail; return the exit status."""
     stop = threading.Event()
+    status: list[int] = []
+
+    def leave(code: int) -> None:
+        status.append(code)
+        stop.set()
+
     try:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # rclpy's errors on invalid arguments have no common base class
@@ -65,9 +71,10 @@ def run(serve: Callable[[Any, threading.Event], int]) -> int:
         return 2
     try:
         with set_by_signals(stop):
-            return serve(SingleThreadedExecutor(), stop)
+            serve(SingleThreadedExecutor(), stop, leave)
     finally:
         rclpy.try_shutdown()
+    return status[0] if status else 0
 
 
 @contextlib.contextmanager
