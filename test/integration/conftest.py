@@ -6,6 +6,7 @@ import re
 import signal
 import subprocess
 import threading
+import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -40,19 +41,16 @@ OF_THE_ROBOT = ("joint_states", "odom", "clock", "robot_description", "effort", 
 
 
 class User:
-    """Opens the peer of every topic of both nodes; stores messages."""
+    """Opens the peer of every topic of both nodes; stores messages with arrival times."""
 
     def __init__(
-        self,
-        transport: Any,
-        advance: Callable[[], None] | None = None,
-        omits: Callable[[Endpoint], bool] = lambda topic: False,
+        self, transport: Any, advance: Callable[[], None], omits: Callable[[Endpoint], bool] = lambda topic: False
     ) -> None:
         self.settings = load_settings(find_configuration(ROBOT))
         self.model = make_model(self.settings)
-        self.advance = advance or self._wait_for_state
+        self.advance = advance
         self.transport = transport
-        self.arrivals: dict[tuple[str, str, str], list[bytes]] = {}
+        self.arrivals: dict[tuple[str, str, str], list[tuple[float, bytes]]] = {}
         self._types: dict[tuple[str, str, str], str] = {}
         self._publish: dict[tuple[str, str, str], Callable[[bytes], None]] = {}
         self._writable: dict[tuple[str, str, str], Endpoint] = {}
@@ -78,15 +76,11 @@ class User:
         state = key == ("mock", "joint_states", "")
 
         def receive(payload: bytes) -> None:
-            kept.append(payload)
+            kept.append((time.monotonic(), payload))
             if state:
                 self.state_came.set()
 
         transport.subscribe(deep, receive)
-
-    def _wait_for_state(self) -> None:
-        self.state_came.wait(0.02)
-        self.state_came.clear()
 
     def send(self, owner: str, key: str, content: Any, subject: str = "") -> None:
         place = owner, key, subject
@@ -99,11 +93,11 @@ class User:
 
     def all(self, owner: str, key: str, subject: str = "") -> list[Any]:
         place = owner, key, subject
-        return [decode(payload, self._types[place]) for payload in list(self.arrivals[place])]
+        return [decode(payload, self._types[place]) for _, payload in list(self.arrivals[place])]
 
     def last(self, owner: str, key: str, subject: str = "") -> Any:
         place = owner, key, subject
-        return decode(self.arrivals[place][-1], self._types[place])
+        return decode(self.arrivals[place][-1][1], self._types[place])
 
     @property
     def mode(self) -> str:
@@ -113,7 +107,7 @@ class User:
     def time(self) -> float:
         """Simulated time, s."""
         kept = self.arrivals["mock", "joint_states", ""]
-        return header_time(kept[-1]) if kept else 0.0
+        return header_time(kept[-1][1]) if kept else 0.0
 
     def run(self, duration: float) -> None:
         """Advance the simulated time."""
@@ -132,10 +126,24 @@ class User:
     def activate(self) -> None:
         self.until(lambda: self.mode == "active", "activation", lambda: self.command("activate"))
 
+    def activate_again(self) -> None:
+        """Activate from any mode until torques carry the robot, also after faults of a busy machine."""
+
+        def again() -> None:
+            if self.mode.partition(" ")[0] not in ("active", "holding", "inactive"):
+                self.command("reset")
+            self.command("activate")
+
+        self.until(lambda: self.mode == "active" and self.carries(), "torques of an active controller", again)
+
+    def carries(self) -> bool:
+        """Return True if the newest torques are non-zero."""
+        return bool(self.arrivals["controller", "effort", ""]) and bool(np.any(self.last("controller", "effort").data))
+
     def com(self) -> np.ndarray:
         q = np.zeros(self.model.nq)
-        q[self.model.q_index] = self._joints.read(self.arrivals["mock", "joint_states", ""][-1]).position
-        q[:7] = self._base.read(self.arrivals["mock", "odom", ""][-1]).pose
+        q[self.model.q_index] = self._joints.read(self.arrivals["mock", "joint_states", ""][-1][1]).position
+        q[:7] = self._base.read(self.arrivals["mock", "odom", ""][-1][1]).pose
         return np.array(pin.centerOfMass(self.model.pinocchio, self._data, q))
 
     def vertical_force(self, owner: str, duration: float) -> np.ndarray:
@@ -147,8 +155,11 @@ class User:
                 forces[nanoseconds(content.header.stamp) * 1e-9].append(content.wrench.force.z)
         return np.array([sum(each) for at, each in forces.items() if at >= since and len(each) == len(contacts)])
 
-    def efforts(self) -> np.ndarray:
-        return np.array([content.data for content in self.all("controller", "effort")]).reshape(-1, self.model.na)
+    def efforts(self, since: float = 0.0) -> np.ndarray:
+        """Return the torques after a wall time."""
+        place = "controller", "effort", ""
+        kept = [payload for when, payload in list(self.arrivals[place]) if when > since]
+        return np.array([decode(payload, self._types[place]).data for payload in kept]).reshape(-1, self.model.na)
 
     def refusals(self) -> list[str]:
         """Return all refusals on /diagnostics."""
@@ -214,8 +225,15 @@ def dds_user() -> Iterator[User]:
     from wbc_controller.middleware.transports.dds import DdsTransport
 
     transport = DdsTransport("test_user", domain_id=DOMAIN, discovery_range="LOCALHOST")
-    yield User(transport)
+    user = User(transport, lambda: None)
+    user.advance = lambda: _wait(user)
+    yield user
     transport.close()
+
+
+def _wait(user: User) -> None:
+    user.state_came.wait(0.02)
+    user.state_came.clear()
 
 
 @contextlib.contextmanager
@@ -240,7 +258,8 @@ def _on_ros2(request: pytest.FixtureRequest) -> Iterator[User]:
     """The two executables of ROS 2, and this process as the user, on rclpy too."""
     request.getfixturevalue("monkeypatch").setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     participants = Ros2Participants(DOMAIN)
-    user = User(participants.transport("test_user"), omits=is_omitted)
+    user = User(participants.transport("test_user"), lambda: None, is_omitted)
+    user.advance = lambda: _wait(user)
     processes, robot = request.getfixturevalue("processes"), request.getfixturevalue("patient_robot")
     for main, parameter in (("mock_main", "patient:=true"), ("main", "use_sim_time:=true")):
         processes.start_node(main, f"robot:={robot}", parameter)
