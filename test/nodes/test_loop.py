@@ -403,6 +403,18 @@ def test_a_loop_in_which_something_fails_sends_zeros_and_damps_with_a_fault(benc
     assert damped[0].fault.sentence == "MemoryError: none left"
 
 
+@pytest.mark.parametrize(("filtered", "share"), [("never", 1.0), ("always", 0.5)])
+def test_solutions_use_the_torque_rate_and_half_of_it_with_a_torque_filter(bench, make, filtered, share):
+    changes = {"limits": {"torque_rate": 1.0}, "estimation": {"torque_filter": filtered}}
+    controller = bench(changes=changes | {"tasks": {"com": {"setpoint_duration": 0.0}}}).activated(800)
+    before = len(controller.efforts())
+    controller.send("setpoint", make.point([0.1, 0.0, 0.4]), "com")
+    controller.cycle(5)
+    step = controller.settings.limits.torque_rate * controller.period * controller.model.effort_limits
+    changed = np.abs(np.diff(controller.efforts()[before - 1 :], axis=0)) / step
+    assert changed.max() == pytest.approx(share, rel=1e-6)
+
+
 def test_a_triggered_loop_waits_until_states_are_stale(bench):
     controller = bench()
     patience, controller.loop.period = controller.loop._wait_time, 0.002

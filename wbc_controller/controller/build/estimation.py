@@ -1,5 +1,6 @@
 """Construction of the estimators."""
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -28,6 +29,9 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 
+#: Largest rate of filtered torques, as a share of the limit; with 1, touchdowns cause torque steps of 0.9 of the limit.
+_FILTERED_RATE = 0.5
+
 
 def imu_frame(settings: Settings, model: RobotModel) -> str:
     """Return the IMU frame."""
@@ -43,6 +47,17 @@ def torque_filter(settings: Settings) -> float:
     """Return the time constant of the torque filter, s; 0 without a filter."""
     known = settings.estimation
     return known.torque_filter_time if known.torque_filter in ("always", known.base_state) else 0.0
+
+
+def solution_torque_rate(settings: Settings) -> float:
+    """Return the rate limit of the solutions' torques, in effort limits per second.
+
+    The torque filter passes the share 1 - e^{-Δt/τ} of their difference to the present torques.
+    """
+    filter_time = torque_filter(settings)
+    if filter_time <= 0.0:
+        return settings.limits.torque_rate
+    return _FILTERED_RATE * settings.limits.torque_rate / -math.expm1(-1.0 / (settings.control.rate * filter_time))
 
 
 def disturbance_limits(settings: Settings) -> DisturbanceLimits:

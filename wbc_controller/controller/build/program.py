@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Iterable
 
 from wbc_controller.controller.build.contacts import make_contact, make_loop_closure
+from wbc_controller.controller.build.estimation import solution_torque_rate
 from wbc_controller.controller.build.limits import make_self_collision, make_torque_speed
 from wbc_controller.controller.build.references import make_tuning
 from wbc_controller.controller.build.tasks import make_task
@@ -48,7 +49,7 @@ def make_qp(
         model,
         all_tasks,
         all_contacts,
-        TorqueLimit(model.effort_limits, own.torque_rate, make_torque_speed(settings, model)),
+        TorqueLimit(model.effort_limits, solution_torque_rate(settings), make_torque_speed(settings, model)),
         JointMotionLimit.of(model, make_tuning(settings, all_tasks), position=own.position, velocity=own.velocity),
         row_limits,
         period=1.0 / settings.control.rate,

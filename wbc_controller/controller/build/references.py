@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from wbc_controller.controller.build.estimation import solution_torque_rate
 from wbc_controller.controller.build.tasks import make_task
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit
 from wbc_controller.inverse_dynamics.references.board import BoardPlan, ContactPlan, ReferenceBoard, TaskPlan
@@ -21,7 +22,7 @@ def make_tuning(settings: Settings, tasks: Iterable[Task]) -> Tuning:
         position_horizon=limits.position_horizon,
         velocity_scale=limits.velocity_scale,
         acceleration=limits.acceleration,
-        torque_rate=limits.torque_rate,
+        torque_rate=solution_torque_rate(settings),
     )
 
 
