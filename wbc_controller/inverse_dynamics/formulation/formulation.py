@@ -10,10 +10,11 @@ import numpy as np
 
 from wbc_controller.errors import MethodError
 from wbc_controller.inverse_dynamics.contacts.contact import Contact, motion_of
+from wbc_controller.inverse_dynamics.formulation.anchors import anchor_feedback
 from wbc_controller.inverse_dynamics.formulation.cost import Errors, LevelCost
 from wbc_controller.inverse_dynamics.formulation.formulation_kernels import Program, fill_program
 from wbc_controller.inverse_dynamics.formulation.layout import ContactPlace, Layout
-from wbc_controller.inverse_dynamics.formulation.plain_qp import Regularization, anchor_feedback, bias_forces
+from wbc_controller.inverse_dynamics.formulation.plain_qp import Regularization, bias_forces
 from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT, Level
 from wbc_controller.inverse_dynamics.formulation.redundancy import (
     EXAMINED_MOBILITY,

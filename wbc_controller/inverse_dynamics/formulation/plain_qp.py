@@ -6,18 +6,17 @@ Decision variables: x = [v̇ (nv), f / FORCE_UNIT (nf)], the accelerations and t
 τ = T (M v̇ + h - Jᵀf) are eliminated (`robot.actuation`), so their bounds are rows of C.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts import AnchoredContact, Contact
 from wbc_controller.inverse_dynamics.contacts.contact import motion_of as contact_motion
+from wbc_controller.inverse_dynamics.formulation.anchors import anchor_feedback
 from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT
 from wbc_controller.inverse_dynamics.formulation.redundancy import separate_redundant_rows
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit, RowLimit, TorqueLimit
-from wbc_controller.inverse_dynamics.method_calls import call, checked, is_finite, require_finite_result
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.tasks import AccelerationTask, EffortTask, Task
 from wbc_controller.inverse_dynamics.tasks.task import Efforts, equation_of
@@ -186,32 +185,6 @@ def contact_accelerations(dynamics: Dynamics, active: Sequence[Contact], referen
         J, at_rest = np.vstack([J, own_J]), np.concatenate([at_rest, own_at_rest])
         D = np.concatenate([D, contact.row_damping()])
     return J, at_rest - D * (J @ dynamics.v) + anchor_feedback(len(J), anchored, dynamics, references.anchors)
-
-
-def anchor_feedback(
-    rows: int, anchored: Sequence[tuple[AnchoredContact, slice]], dynamics: Dynamics, anchors: Mapping[str, Array]
-) -> Array:
-    """Return K e, (nf,) in m/s² and rad/s²; 0 for contacts without an anchor.
-
-    `rows` is nf; `anchored`: contacts with a stiffness, and their rows of J.
-
-    Raises:
-        ConfigurationError: for a contact with a stiffness and without an anchor.
-    """
-    wanted = np.zeros(rows)
-    for contact, own in anchored:
-        anchor = anchors.get(contact.name)
-        if anchor is None:
-            raise ConfigurationError(
-                f"contact {contact.name!r} has stiffness = {contact.stiffness:g} 1/s², but no anchor in the references "
-                f"(anchors: {', '.join(anchors) or 'none'}); make one with `AnchoredContact.anchor`"
-            )
-        found = call(contact, "displacement", dynamics, anchor)
-        displacement = checked(contact, "displacement", found, (contact.size,))
-        if not is_finite(displacement) and is_finite(anchor):
-            require_finite_result(contact, "displacement", displacement)
-        wanted[own] = contact.stiffness * displacement
-    return wanted
 
 
 def torque_bounds(limits: Limits, speeds: Array, tau_before: Array | None) -> tuple[Array, Array]:
