@@ -27,12 +27,13 @@ from wbc_controller.middleware.topics import MOCK_NODE, MOCK_TOPICS, Direction, 
 from wbc_controller.middleware.transports.transport import Publish, Stream, Transport
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings
+from wbc_controller.simulation.absolute_pose import PoseSource
 from wbc_controller.simulation.faults.catalogue import read_faults
 from wbc_controller.simulation.faults.fault import Fault
 from wbc_controller.simulation.faults.injector import Injector
 from wbc_controller.simulation.measurement import STREAMS, WORLD_FRAME, measure
 from wbc_controller.simulation.plant import Plant
-from wbc_controller.simulation.sensors import PARTS, ImperfectSensors, PoseSource
+from wbc_controller.simulation.sensors import PARTS, ImperfectSensors
 from wbc_controller.simulation.speed import Speed
 
 SLOW_RATE = 100.0  # rate of contact wrenches and transform for viewers, Hz of simulated time
