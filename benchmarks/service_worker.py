@@ -52,8 +52,8 @@ class Service:
         odom = encode(make.odom(pose=q[:7], twist=v[:6], child=model.base_link, time=stamp))
         joints = encode(make.joint_state(model.joints, q[model.q_index], v[model.v_index], time=stamp))
         processor, started = time.process_time(), time.perf_counter()
-        bench.raw("odom", odom)
-        bench.raw("joint_states", joints)
+        bench.send_bytes("odom", odom)
+        bench.send_bytes("joint_states", joints)
         report = bench.loop.cycle()
         seconds, processor = time.perf_counter() - started, time.process_time() - processor
         if report.mode.value != "active" or report.command is None:

@@ -77,8 +77,8 @@ def sway(robot, spoil, sensors):
     [
         ("g1", accelerometer_with_the_wrong_sign, "good", ["'activate' is refused", "the accelerometer", "wrong sign"]),
         ("g1", imu_rotated_about_z, "good", ["ESTIMATE_LOST", "the gyroscope contradicts the legs", "° about z"]),
-        ("g1", gyroscope_in_deg, "ideal", ["ESTIMATE_LOST", "the gyroscope contradicts the legs", "in deg/s"]),
-        ("talos", gyroscope_in_deg, "good", ["'activate' is refused", "varies by 0.", "gyroscope in deg/s"]),
+        ("talos", gyroscope_in_deg, "ideal", ["ESTIMATE_LOST", "the gyroscope contradicts the legs", "in deg/s"]),
+        ("g1", gyroscope_in_deg, "good", ["'activate' is refused", "varies by 0.", "gyroscope in deg/s"]),
         ("talos", odometry_with_its_twist_in_the_world, "good", ["IMPLAUSIBLE_STATE", "twist", "axes of the world"]),
         ("g1", odometry_in_deg, "good", ["IMPLAUSIBLE_STATE", "the twist of odometry", "in deg/s"]),
         ("g1", odometry_with_z_down, "good", ["'activate' is refused", "of odometry", "z axis pointing down"]),

@@ -76,7 +76,7 @@ def test_stamps_that_go_back_and_messages_that_are_too_large_are_refused(robot):
     robot.send_pose()
     robot.cycle()
     robot.send_pose(time=robot.bench.time - 50_000_000)
-    robot.bench.raw("pose", b"\x00" * (1 << 17))
+    robot.bench.send_bytes("pose", b"\x00" * (1 << 17))
     robot.cycle()
     assert any("before the last message" in sentence for sentence in robot.refused)
     assert any("more than 65536 bytes" in sentence for sentence in robot.refused)

@@ -303,7 +303,7 @@ def test_an_invalid_force_is_refused_without_effect(robot, changes, said):
     force(robot, **changes)
     assert [said in sentence for sentence in robot.cycle().refused] == [True]
     assert FEET[0] not in holding(robot)
-    robot.bench.raw("measured_wrench", bytes(1 << 15), FEET[0])
+    robot.bench.send_bytes("measured_wrench", bytes(1 << 15), FEET[0])
     assert "more than 16384 bytes" in robot.cycle().refused[0]
 
 

@@ -160,7 +160,7 @@ def test_a_command_that_is_not_finite_or_above_the_limits_is_no_command(on, torq
 @pytest.mark.parametrize("payload", [b"", b"\x00\x01\x00\x00", b"\xff" * 60])
 @pytest.mark.parametrize("key", ["joint_commands", "controller_state", "joint_states"])
 def test_bytes_that_are_no_message_do_no_harm(on, key, payload, caplog):
-    on.raw(key, payload)
+    on.send_bytes(key, payload)
     on.run(0.004, commands=True)
     assert "callback for" not in caplog.text  # refused by the guard, not caught by the transport
     on.run(0.1)

@@ -102,7 +102,7 @@ def test_after_a_bad_joint_state_the_last_good_one_stays_and_ages(go2, state, ma
 def test_bytes_that_are_no_message_are_refused(go2, state, key, payload):
     state(go2)
     go2.inputs.latch()
-    go2.raw(key, payload)
+    go2.send_bytes(key, payload)
     latched = go2.inputs.latch()
     (sentence,) = latched.refused
     assert f"{len(payload)} bytes are not a " in sentence
@@ -319,21 +319,21 @@ def test_the_state_is_that_of_the_newest_accepted_messages(robot_on, stance_of, 
     [("joint_states", "", 1 << 18), ("odom", "", 1 << 16), ("trajectory", "com", 1 << 20), ("command", "", 1 << 18)],
 )
 def test_each_topic_has_its_largest_message(go2, key, subject, largest):
-    go2.raw(key, b"\x00" * (largest + 1), subject)
+    go2.send_bytes(key, b"\x00" * (largest + 1), subject)
     (sentence,) = go2.inputs.latch().refused
     assert sentence.endswith(f": 1 messages dropped: more than {largest} bytes")
-    go2.raw(key, b"\x00" * largest, subject)
+    go2.send_bytes(key, b"\x00" * largest, subject)
     assert "more than" not in go2.inputs.latch().refused[0]
 
 
 def test_an_oversized_message_neither_wakes_nor_displaces(go2, state):
     state(go2)
-    go2.raw("joint_states", b"\x00" * ((1 << 18) + 1))
+    go2.send_bytes("joint_states", b"\x00" * ((1 << 18) + 1))
     assert go2.inputs.wait(0.0)
     latched = go2.inputs.latch()
     assert latched.state is not None
     assert [": 1 messages dropped" in sentence for sentence in latched.refused] == [True]
-    go2.raw("joint_states", b"\x00" * ((1 << 18) + 1))
+    go2.send_bytes("joint_states", b"\x00" * ((1 << 18) + 1))
     assert not go2.inputs.wait(0.01)
 
 

@@ -242,7 +242,7 @@ def test_a_pipe_that_is_full_loses_cycles_and_never_waits(bench, tmp_path, caplo
 def test_messages_that_are_turned_away_for_their_size_are_not_recorded(record, tmp_path):
     run = record(tmp_path / "a.mcap")
     for _ in range(20):
-        run.bench.raw("update", bytes((1 << 20) + 1))
+        run.bench.send_bytes("update", bytes((1 << 20) + 1))
         run.go(1)
     found = run.finish()
     assert found.count == found.last + 1  # without a cycle
@@ -256,11 +256,11 @@ def test_messages_of_a_flooded_topic_are_dropped_and_counted(record, tmp_path, m
     large = encode(make.string("x" * 500_000))
     for _ in range(8):
         for _ in range(50):
-            run.bench.raw("update", nonsense)
+            run.bench.send_bytes("update", nonsense)
         for _ in range(3):  # above the limit of eight cycles
-            run.bench.raw("trajectory", large, "com")
+            run.bench.send_bytes("trajectory", large, "com")
         run.go(1)
-    run.bench.raw("setpoint", large, "com")  # a single message is recorded
+    run.bench.send_bytes("setpoint", large, "com")  # a single message is recorded
     run.go(20)
     found = run.finish()
     assert found.count == found.last + 1

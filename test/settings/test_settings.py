@@ -261,7 +261,7 @@ TASKS = "wbc_controller: {ros__parameters: {robot: {joints: [a], posture: [0.0]}
 def test_too_large_texts_are_refused_before_construction(tmp_path, text, said):
     path = tmp_path / "large.yaml"
     path.write_text(text)
-    faulthandler.dump_traceback_later(20.0, exit=True)  # an endless read ends the tests
+    faulthandler.dump_traceback_later(120.0, exit=True)  # an endless read ends the tests
     try:
         result = CliRunner().invoke(main, ["check", str(path)])
     finally:

@@ -141,7 +141,7 @@ def test_unusable_torques_are_refused_and_the_joints_damped(make, caplog, tau, s
 def test_refused_messages_are_logged_without_a_flood(make, go2, caplog):
     robot, peer = make()
     for key in ("effort", "push", "hold"):
-        peer.raw(key, b"\x00\x01\x00\x00")
+        peer.send_bytes(key, b"\x00\x01\x00\x00")
     step(robot)
     assert sum("are not a" in said for said in caplog.messages) == 3
     caplog.clear()
@@ -178,15 +178,15 @@ def test_grips_by_topic(make, caplog):
     contact = {"type": "fixed", "frame": "FL_hip", "max_force": 500.0, "max_moment": 100.0, "enabled": False}
     robot, peer = make(contacts={"grip": contact})
     close, loose = (messages.encode(messages.message("std_msgs/msg/Bool", data=held)) for held in (True, False))
-    peer.raw("grip", close, "grip")
+    peer.send_bytes("grip", close, "grip")
     peer.hold(False)
     step(robot, 300)
     assert robot.plant.state()[0][2] == pytest.approx(0.3333, abs=0.03)  # hangs from one hip
     last = [content for key, subject, content in peer.received if (key, subject) == ("contact_wrench", "grip")][-1]
     assert last.header.frame_id == "grip"
     assert abs(last.wrench.force.z) > 50.0
-    peer.raw("grip", loose, "grip")
-    peer.raw("grip", close, "front_left_foot")
+    peer.send_bytes("grip", loose, "grip")
+    peer.send_bytes("grip", close, "front_left_foot")
     step(robot, 200)
     assert robot.plant.state()[0][2] < 0.25
     assert any("a grip at 'front_left_foot'" in record.getMessage() for record in caplog.records)

@@ -16,6 +16,7 @@ class Sender:
     """Sends messages to a node, and takes all that it publishes; `all` returns the messages of a topic."""
 
     def __init__(self, transport: MemoryTransport, topics: Iterable[Endpoint]) -> None:
+        self.user = transport
         self._publish: dict[tuple[str, str], Callable[[bytes], None]] = {}
         for topic in topics:
             if topic.direction is Direction.IN:
@@ -34,11 +35,11 @@ class Sender:
         """The values of the newest status by key."""
         return {each.key: each.value for each in self.status.values}
 
-    def raw(self, key: str, payload: bytes, subject: str = "") -> None:
+    def send_bytes(self, key: str, payload: bytes, subject: str = "") -> None:
         self._publish[key, subject](payload)
 
     def send(self, key: str, content: Any, subject: str = "") -> None:
-        self.raw(key, encode(content), subject)
+        self.send_bytes(key, encode(content), subject)
 
     def say(self, key: str, text: str) -> None:
         self.send(key, message("std_msgs/msg/String", data=text))

@@ -183,6 +183,14 @@ class Plant:
             v[3:6] = self.data.qvel[3:6]
         return q, v
 
+    def coupling_error(self) -> float:
+        """Return the largest position error of a mimic joint, rad or m."""
+        followers = self._robot.followers
+        if followers is None:
+            return 0.0
+        qpos, _ = self._addresses(followers.names)
+        return float(np.max(np.abs(self.data.qpos[qpos] - self.state()[0][followers.q_index])))
+
     def acceleration(self) -> Array:
         """Return the generalized acceleration, (nv,), in Pinocchio's conventions: v̇ = Rᵀ a − ω × v of the base."""
         v_dot = np.zeros(self._robot.nv)
