@@ -22,6 +22,7 @@ _LIMIT, _KNOWN_WRONG = 0.002, 0.1
 _EXPLAINED, _SUSPECTED = 0.05, 0.25  # largest E(C) / E(1) of an explanation, and of a suspicion
 _ALIKE = 0.01  # largest difference of equally good explanations, as a share of E(1)
 _ALL_AXES = 0.006  # RMS of a along its smallest axis for a final agreement, rad or m
+_LEAST_ANGLE = 20  # smallest named rotation, degrees: a sole that twists causes smaller ones
 _DEGREES = math.degrees(1.0)  # factor from rad to degrees
 _UNIT = "angular velocities were in deg/s instead of rad/s"  # cause of a rotation in degrees
 _CONTRADICTION = np.kron([[1.0, -1.0], [-1.0, 1.0]], np.eye(3))  # weights of ⟨c cᵀ⟩ with c = (a, b) in E(1), (6, 6)
@@ -123,8 +124,9 @@ def _causes(means: Array, world: Array | None) -> list[tuple[float, str]]:
         i, j = (k + 1) % 3, (k + 2) % 3
         sine, cosine = float(S[j, i] - S[i, j]), float(S[i, i] + S[j, j])
         angle = -round(math.degrees(math.atan2(sine, cosine)))
-        left = size - 2.0 * (float(S[k, k]) + math.hypot(sine, cosine))
-        causes.append((left, f"the axes were rotated by {angle}° about {'xyz'[k]}"))
+        if abs(angle) >= _LEAST_ANGLE:
+            left = size - 2.0 * (float(S[k, k]) + math.hypot(sine, cosine))
+            causes.append((left, f"the axes were rotated by {angle}° about {'xyz'[k]}"))
     fits = _SIGNED @ S.ravel()
     best = int(fits.argmax())
     rows = _SIGNED[best].reshape(3, 3)
