@@ -14,7 +14,8 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 import numpy as np
 
 from wbc_controller.inverse_dynamics.references.changes import Change
-from wbc_controller.inverse_dynamics.references.trajectories import Knot, Ramp, SoftRamp, Trajectory, TuningRamp
+from wbc_controller.inverse_dynamics.references.trajectories import Knot, Ramp, SoftRamp, Trajectory
+from wbc_controller.inverse_dynamics.references.tuning import TuningRamp
 from wbc_controller.records import ChangeSettings, Fault, Infeasibility, Mode, Prediction, Reference, RobotState, Tuning
 from wbc_controller.walking.biped import Step
 from wbc_controller.walking.footstep_plan import Footstep

@@ -5,7 +5,8 @@ import re
 import pytest
 
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.validation.campaign.trial import ALL_KINDS, TrialRecordings, run_trial
+from wbc_controller.validation.campaign.recordings import TrialRecordings
+from wbc_controller.validation.campaign.trial import ALL_KINDS, run_trial
 
 
 @pytest.mark.parametrize("kind", ["stamp_zero", "estop_in_flood"])

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import starmap
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from rich import box
@@ -118,12 +118,15 @@ def status_view(settings: Settings, robot: RobotStatus) -> RenderableType:
     table = Table.grid(padding=(0, 2))
     for row in facts(robot).items():
         table.add_row(*row)
-    details = [key for key in values if key.startswith(("infeasibility/", "publishers/"))]
     return Group(
         Text(f"{robot.status.hardware_id}: {robot.status.message}", style=f"bold {_COLOURS[robot.status.level]}"),
         table,
         _task_table(settings, robot),
-        *(Text(f"{key}: {values[key]}") for key in details),
+        *(
+            Text(f"{key}: {value}")
+            for key, value in values.items()
+            if key.startswith(("infeasibility/", "publishers/"))
+        ),
     )
 
 
@@ -165,7 +168,8 @@ def _milliseconds(age: str) -> str:
     return f"{1e3 * seconds:.1f} ms" if np.isfinite(seconds) else "never"
 
 
-class TaskRow(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class TaskRow:
     """One task in words; unknown values are empty."""
 
     name: str
@@ -199,8 +203,9 @@ def _task_table(settings: Settings, robot: RobotStatus) -> Table:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for column in ("task", "type", "weight", "value", "reference", "error"):
         table.add_column(column, overflow="fold", justify="right" if column in ("weight", "error") else "left")
-    for *cells, off in task_rows(settings, robot):
-        table.add_row(*cells, style="dim" if off else "")
+    for row in task_rows(settings, robot):
+        cells = (row.name, row.kind, row.weight, row.value, row.reference, row.error)
+        table.add_row(*cells, style="dim" if row.off else "")
     return table
 
 

@@ -1,17 +1,15 @@
-"""Trajectories and ramps of references, gains and limits."""
+"""Trajectories and ramps of references."""
 
 import bisect
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 import pinocchio as pin
 
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of, rotation_of
-from wbc_controller.records import Array, Reference, Tuning, frozen
-
-_SCALARS = ("position_margin", "position_horizon", "velocity_scale", "acceleration", "torque_rate")  # of a tuning
+from wbc_controller.records import Array, Reference, frozen
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,9 +105,10 @@ def _jacobian_dot(turn: Array, rate: Array) -> Array:
     return np.asarray((pin.Jexp3(turn + step * rate) - pin.Jexp3(turn - step * rate)) / (2.0 * step))
 
 
-def _quintic(ends: tuple[Array, Array, Array, Array, Array, Array], T: float) -> Array:
-    """Return the coefficients, (6, k) by increasing power, of the quintic of duration T between given ends."""
+def _quintic(ends: tuple[Array, Array, Array, Array, Array, Array], duration: float) -> Array:
+    """Return the coefficients, (6, k) by increasing power, of the quintic between given ends."""
     x0, v0, a0, x1, v1, a1 = ends
+    T = duration
     d = x1 - x0 - v0 * T - 0.5 * a0 * T**2
     e = (v1 - v0 - a0 * T) * T
     f = (a1 - a0) * T**2
@@ -154,39 +153,3 @@ class SoftRamp(Ramp):
             return self.after
         roots = Ramp(self.start, self.duration, float(np.cbrt(self.before)), float(np.cbrt(self.after)))
         return roots.sample(time) ** 3
-
-
-@dataclass(frozen=True, slots=True)
-class TuningRamp:
-    """Linear ramp between two tunings.
-
-    Between critically damped tunings, damping is at most 6 % below critical for a stiffness ratio of 4.
-    """
-
-    share: Ramp  # share of `after`
-    before: Tuning  # until the start
-    after: Tuning  # from the end on
-
-    @classmethod
-    def at(cls, tuning: Tuning) -> "TuningRamp":
-        """Return a constant ramp."""
-        return cls(Ramp(0.0, 0.0, 1.0, 1.0), tuning, tuning)
-
-    def sample(self, time: float) -> Tuning:
-        """Return the tuning at a time in s; the same object without changes."""
-        share = self.share.sample(time)
-        return self.after if share >= 1.0 else _between(self.before, self.after, share)
-
-    def towards(self, target: Tuning, time: float, duration: float) -> "TuningRamp":
-        """Return a ramp from the present tuning to a target."""
-        return TuningRamp(Ramp(time, duration, 0.0, 1.0), self.sample(time), target)
-
-
-def _between(a: Tuning, b: Tuning, share: float) -> Tuning:
-    gains = {
-        task: {key: np.asarray(values[key] + share * (b.gains[task][key] - values[key])) for key in values}
-        for task, values in a.gains.items()
-    }
-    return replace(
-        b, gains=gains, **{key: getattr(a, key) + share * (getattr(b, key) - getattr(a, key)) for key in _SCALARS}
-    )

@@ -9,7 +9,6 @@ import math
 import time
 import zlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,15 +18,13 @@ from wbc_controller.controller.controller import Controller
 from wbc_controller.errors import ConfigurationError, WbcError, require_known
 from wbc_controller.middleware.setpoints import velocity_message
 from wbc_controller.recording.recorder import Recorder
-from wbc_controller.recording.recording_file import Recording
-from wbc_controller.recording.replay.cycle_replay import Replay
-from wbc_controller.recording.replay.recording_summary import summarize
 from wbc_controller.records import Mode
 from wbc_controller.settings.config import load
 from wbc_controller.simulation.faults.catalogue import KINDS, draw
 from wbc_controller.simulation.faults.fault import Fault
 from wbc_controller.validation.campaign.expectations import Expectation, expect
 from wbc_controller.validation.campaign.monitor import MonitoredRobot, logged_errors
+from wbc_controller.validation.campaign.recordings import TrialRecordings
 from wbc_controller.validation.campaign.request_faults import REQUEST_KINDS, RequestFault, RequestFaultState
 from wbc_controller.validation.campaign.results import MAX_FALLEN_TIME, Outcome
 from wbc_controller.walking.gait import Phase
@@ -93,42 +90,6 @@ def run_trial(
     if logged:
         trial.monitor.add_violation("logged", logged[0])
     return trial.outcome(robot, seed, time.perf_counter() - began)
-
-
-@dataclass(frozen=True, slots=True)
-class TrialRecordings:
-    """Fault recordings of one trial: each must name its fault, and its replay must be identical."""
-
-    folder: Path
-    name: str  # beginning of the file names
-
-    def clear(self) -> None:
-        """Remove the recordings of an earlier run of the trial."""
-        for file in self._files():
-            file.unlink()
-
-    def error_of_fault(self, code: str, sentence: str) -> str:
-        """Return the error of a fault's recording, or an empty text."""
-        files = self._files()
-        if not files:
-            return f"no recording of {code}"
-        try:
-            found = [Recording(file) for file in files]
-            named = [each for each in found if f"fault {code} " in (said := summarize(each)) and sentence in said]
-            if not named:
-                return f"{files[-1]} does not name {code}"
-            run = Replay(named[0])
-            with np.errstate(all="ignore"):
-                cycles = list(run.run())
-        except ConfigurationError as error:
-            return str(error)
-        different = sum(not each.is_identical for each in cycles)
-        if different or not cycles:
-            return f"{named[0].path}: the replay of {different} of {len(cycles)} cycles differs from the recording"
-        return ""
-
-    def _files(self) -> list[Path]:
-        return sorted(self.folder.glob(f"{self.name}-[0-9]*-[0-9]*-*.mcap"))
 
 
 class _Trial(MonitoredRobot):
