@@ -4,7 +4,6 @@ import time
 from collections.abc import Callable, Iterable
 
 from wbc_controller.controller.build.contacts import make_contact, make_loop_closure
-from wbc_controller.controller.build.estimation import solution_torque_rate
 from wbc_controller.controller.build.limits import make_self_collision, make_torque_speed
 from wbc_controller.controller.build.references import make_tuning
 from wbc_controller.controller.build.tasks import make_task
@@ -45,12 +44,13 @@ def make_qp(
     own_limits = make_user_objects(limits, model, RowLimit, "limits", [])
     row_limits += own_limits
     check_attributes(own_tasks, own_contacts, own_limits)
+    tuning = make_tuning(settings, all_tasks)
     formulation = Formulation(
         model,
         all_tasks,
         all_contacts,
-        TorqueLimit(model.effort_limits, solution_torque_rate(settings), make_torque_speed(settings, model)),
-        JointMotionLimit.of(model, make_tuning(settings, all_tasks), position=own.position, velocity=own.velocity),
+        TorqueLimit(model.effort_limits, tuning.torque_rate, make_torque_speed(settings, model)),
+        JointMotionLimit.of(model, tuning, position=own.position, velocity=own.velocity),
         row_limits,
         period=1.0 / settings.control.rate,
         regularization_acceleration=settings.solver.regularization_acceleration,
