@@ -1,5 +1,6 @@
 """Nominal steps, their adaptation to the measured state, and the motion of the swing foot."""
 
+import cmath
 import itertools
 import math
 from dataclasses import replace
@@ -15,17 +16,29 @@ from wbc_controller.inverse_dynamics.robot.instruction import placement_numbers
 from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
 from wbc_controller.walking.adaptation_kernels import (
     FOOT_ACCELERATION,
+    FOOT_BRAKING,
     FOOT_SPEED,
     LONGEST,
     SHORTENING,
     SHORTEST,
     adapt,
+    dcm_towards,
     descent_time,
+    steps_again,
+    stopping_time,
 )
 from wbc_controller.walking.feet import Foot, Sole, about_z
 from wbc_controller.walking.footsteps import Stance, Velocity, nominal_step
 from wbc_controller.walking.pendulum_kernels import before, later
-from wbc_controller.walking.swing_kernels import LATE_SPEED, TOUCHDOWN_SPEED, Landing, at_rest, integrate_foot, moved
+from wbc_controller.walking.swing_kernels import (
+    LATE_SPEED,
+    TOUCHDOWN_SPEED,
+    Landing,
+    at_rest,
+    integrate_foot,
+    move_axis,
+    moved,
+)
 from wbc_controller.walking.touchdown import LATEST, SoleTouchdown, lands, rebounds, tips
 
 GAIT = replace(GAIT, braking=4.0)
@@ -81,7 +94,7 @@ def test_a_turning_robot_turns_its_feet_and_walks_on_a_circle():
     assert abs(middle - 0.6j) == pytest.approx(0.6, rel=0.02)  # radius v / ω
 
 
-def walked(disturbance, *, elapsed=0.1, cycles=150):
+def walked(disturbance, *, elapsed=0.1, cycles=150, planned=True):
     """Adapt a step after a change of the DCM, for as long as the swing lasts.
 
     Return the nominal step, each landing with the foot's motion before it, and the last offset.
@@ -96,7 +109,7 @@ def walked(disturbance, *, elapsed=0.1, cycles=150):
     dcm = before(nominal.place + nominal.offset, at.place, at.omega, GAIT.single - elapsed, push()) + disturbance
     for _ in range(cycles):
         *_, place, time, _ = adapt(
-            True, nominal.place, nominal.heading, nominal.offset, 0j, 0.0, landing.place, landing.time,
+            planned, nominal.place, nominal.heading, nominal.offset, 0.2, 0.0, landing.place, landing.time,
             at.place, at.heading, at.side, at.omega, GAIT.sizes, dcm, swing, 0.0, elapsed, DT, SHORTEST * GAIT.single,
         )  # fmt: skip
         landing = Landing(place, 0.0, 0.0, time)
@@ -141,7 +154,7 @@ def test_a_push_moves_the_step_in_its_direction_and_keeps_the_offset(push):
 
 @given(st.complex_numbers(max_magnitude=0.3, allow_nan=False))
 def test_steps_stay_within_reach_and_time(push):
-    _, targets, _ = walked(push, cycles=40)
+    _, targets, _ = walked(push, cycles=40, planned=False)
     time = GAIT.single
     for target, foot, elapsed in targets:
         local = target.place - stance().place
@@ -150,9 +163,42 @@ def test_steps_stay_within_reach_and_time(push):
         time = target.time
         present = complex(*foot[0, :2])
         reached = abs(target.place - present) <= FOOT_SPEED * (target.time - elapsed) + 1e-9
-        inside = abs(local.real) <= GAIT.length + 1e-9 and -1e-9 <= local.imag <= GAIT.greatest_width + 1e-9
+        aside = max(local.imag - GAIT.width, 0.0) / (GAIT.greatest_width - GAIT.width)
         assert reached
-        assert inside
+        assert math.hypot(local.real / GAIT.length, aside) <= 1.0 + 1e-9
+        assert local.imag >= -1e-9
+        assert target.time - elapsed >= stopping_time(math.hypot(*foot[1, :2])) - 1e-9
+
+
+def test_a_planned_step_ends_at_its_place():
+    """Longest and widest at once, which is too far for a step that answers a push."""
+    at, corner = stance(), stance().place + complex(GAIT.length, GAIT.greatest_width)
+    swing = at_rest(corner - 0.1, 0.0, 0.0)
+    dcm = dcm_towards(corner, -0.1j, at.place, at.omega, GAIT.reaction, swing, 0.3)
+    *_, place, _, _ = adapt(
+        True, corner, 0.0, -0.1j, 0j, 0.0, corner, GAIT.single, at.place, at.heading, at.side, at.omega, GAIT.sizes,
+        dcm, swing, 0.0, GAIT.single - 0.3, DT, SHORTEST * GAIT.single,
+    )  # fmt: skip
+    assert place == pytest.approx(corner)
+
+
+@pytest.mark.parametrize(("side", "heading"), [(1, 0.0), (-1, 0.7)])
+def test_a_foot_steps_again_if_the_dcm_has_passed_it_and_is_within_its_reach(side, heading):
+    axes, half, omega = cmath.rect(1.0, heading), 0.5 * GAIT.sole_width, stance().omega
+    place, landed = 1.0 + 2.0j, 1.0 + 2.0j + 0.2j * side * axes
+    farthest = (GAIT.greatest_width + half) * math.exp(-omega * SHORTEST * GAIT.single)
+    for aside, again in (
+        (0.19 + half, False), (0.21 + half, True), (farthest - 0.01, True), (farthest + 0.01, False)
+    ):  # fmt: skip
+        dcm = place + (0.1 + 1j * side * aside) * axes
+        assert steps_again(dcm, place, heading, landed, heading, side, omega, GAIT.sizes) is again
+
+
+def test_the_shortest_stop_brakes_at_the_largest_deceleration():
+    time = stopping_time(3.0)
+    moves = [move_axis(0.0, 3.0, 0.0, 1.5 * time, 0.0, time, t) for t in np.linspace(0.0, time, 101)]
+    assert moves[-1] == pytest.approx((1.5 * time, 0.0, 0.0), abs=1e-9)
+    assert min(a for _, _, a in moves) == pytest.approx(-FOOT_BRAKING)
 
 
 @pytest.mark.parametrize(("height", "speed"), [(0.0, 0.0), (0.05, 0.0), (0.01, 0.4), (0.04, -0.3)])

@@ -138,6 +138,17 @@ def test_a_stepping_robot_survives_a_change_of_its_velocity(kick):
     assert np.abs(moved).max() < 0.2  # about 0.1 m of sway
 
 
+def test_a_foot_that_lands_after_an_outward_push_steps_again():
+    """One wide step of the right foot stops the robot, and the next step takes its nominal time."""
+    simulation, walker = stepping_g1(0.36)
+    simulation.plant.data.qvel[1] -= 0.5
+    swings, stance = [], walker._stance
+    simulation.run(1.1, lambda _: swings.append((walker.phase, walker._stance, walker._since)))
+    begun = [swing for i, swing in enumerate(swings) if swing[0] is Phase.SINGLE and swing not in swings[:i]]
+    assert [side for _, side, _ in begun] == [stance, stance, -stance, stance]
+    assert begun[3][2] - begun[2][2] > 0.9 * walker.gait.step_time
+
+
 @pytest.mark.parametrize(("unevenness", "beyond"), [(0.0, True), (0.01, False)])
 def test_trunk_and_arms_help_after_an_outward_push_on_even_ground(unevenness, beyond):
     """The demanded centre of pressure leaves the sole, unless an edge may support it."""

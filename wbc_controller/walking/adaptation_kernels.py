@@ -11,7 +11,8 @@ which the next step starts. Like Khadiv et al., the walker minimizes
 
 with the nominal u*, b* and T*, and u within the reach of the leg. For a given T, u follows in closed form. The cost is
 convex in e^{ωT}, so one step of T towards lower cost per cycle finds the minimum; then T changes continuously. After an
-outward push, the swing foot lands early and near the stance foot, so that the stance leg can step.
+outward push, the swing foot lands early and near the stance foot, so that the stance leg can step. A foot that has
+landed too near to the stance foot steps again (`steps_again`).
 
 Source: Khadiv, Herzog, Moosavian and Righetti, Walking control based on step timing adaptation, IEEE T-RO 36, 2020.
 """
@@ -32,6 +33,8 @@ SHORTEST, SHORTEST_ROUGH, LONGEST = 0.4, 0.65, 1.6
 TIME_RATE, SHORTENING = 1.0, 10.0  # rate of change of the step time, and the one of a large decrease
 _AHEAD = 0.04  # shortest remaining time of an adaptation, s
 FOOT_SPEED, FOOT_ACCELERATION = 3.0, 20.0  # largest mean speed of the swing foot, m/s, and vertical acceleration, m/s²
+#: Largest horizontal deceleration of the swing foot, m/s²: a leg that stops faster lifts the body and lands late.
+FOOT_BRAKING = 80.0
 #: Distance between soles that pass each other, m, and longest duration of such a step, as a share of the nominal one.
 _APART, _PASSING = 0.01, 0.6
 
@@ -44,6 +47,12 @@ def descent_time(height: float, speed: float) -> float:
     """
     h = max(height, 0.0)
     return (speed + 2.0 * math.sqrt(0.5 * speed * speed + FOOT_ACCELERATION * h)) / FOOT_ACCELERATION
+
+
+@compiled
+def stopping_time(speed: float) -> float:
+    """Return the shortest time to rest, s: within T, a quintic brakes from a speed v at up to 1.5 v / T."""
+    return 1.5 * speed / FOOT_BRAKING
 
 
 @part
@@ -63,13 +72,18 @@ def _least_width(x: float, foot_x: float, foot_y: float, sizes: StepSizes) -> fl
 
 @part
 def _within_reach(
-    place: complex, foot: complex, time: float, stance: complex, axes: complex, side: int, sizes: StepSizes
-) -> complex:
+    place: complex, foot: complex, time: float, stance: complex, axes: complex, side: int, sizes: StepSizes,
+    planned: bool,
+) -> complex:  # fmt: skip
     local, present, least = (place - stance) / axes, (foot - stance) / axes, sizes.least_width
     x = max(-sizes.length, min(sizes.length, local.real))
     if time < _PASSING * sizes.single:
         least = _least_width(x, present.real, side * present.imag, sizes)
     y = max(least, min(sizes.greatest_width, side * local.imag))
+    aside = max(y - sizes.width, 0.0)
+    far = math.hypot(x / sizes.length, aside / (sizes.greatest_width - sizes.width))
+    if far > 1.0 and not planned:  # one leg does not reach far ahead and aside at once
+        x, y = x / far, y - aside * (1.0 - 1.0 / far)
     return stance + complex(x, side * y) * axes
 
 
@@ -109,7 +123,8 @@ def adapt(
             velocity, turning, time, stance, heading, side, omega, sizes
         )
     single, reaction = sizes.single, sizes.reaction
-    earliest = max(shortest, elapsed + max(_AHEAD, descent_time(swing[0, 2] - ground, swing[1, 2])))
+    braking = stopping_time(math.hypot(swing[1, 0], swing[1, 1]))
+    earliest = max(shortest, elapsed + max(_AHEAD, braking, descent_time(swing[0, 2] - ground, swing[1, 2])))
     latest = max(LONGEST * single, earliest)
     axes, lowest, best = cmath.rect(1.0, heading), math.inf, (place, time)
     for rate in (0.0, -TIME_RATE, TIME_RATE, -SHORTENING):
@@ -119,7 +134,7 @@ def adapt(
         end = later(dcm, stance, omega, left) + push  # ξ_T
         u = nominal_place + W_OFFSET / (W_PLACE + W_OFFSET) * (end - nominal_offset - nominal_place)
         foot = complex(swing[0, 0], swing[0, 1])
-        u = _within_reach(u, foot, T, stance, axes, side, sizes)
+        u = _within_reach(u, foot, T, stance, axes, side, sizes, planned)
         far, reachable = abs(u - foot), FOOT_SPEED * max(left, 0.0)
         if far > reachable:
             u = foot + (u - foot) * (reachable / far)
@@ -131,3 +146,26 @@ def adapt(
     left = max(best[1] - elapsed, 0.0)
     wanted = dcm_towards(nominal_place, nominal_offset, stance, omega, reaction, swing, left)
     return nominal_place, nominal_heading, nominal_offset, best[0], best[1], wanted
+
+
+@compiled
+def steps_again(
+    dcm: complex, stance: complex, heading: float, landed: complex, landed_heading: float, side: int, omega: float,
+    sizes: StepSizes,
+) -> bool:  # fmt: skip
+    """Return whether the foot that has landed steps again, while the stance foot remains.
+
+    It does if the DCM is beyond its outer side, but within its reach at the end of the fastest step: the other foot
+    cannot land there, and would only prepare a later step.
+
+    Args:
+        dcm: ξ, measured.
+        stance, heading: place and heading of the stance foot.
+        landed, landed_heading, side: those of the other foot; 1 if this is the left one, -1 for the right one.
+        omega: ω, 1/s.
+        sizes: of the steps.
+    """
+    half = 0.5 * sizes.sole_width
+    outside = side * ((dcm - landed) * cmath.rect(1.0, -landed_heading)).imag
+    aside = side * ((dcm - stance) * cmath.rect(1.0, -heading)).imag * math.exp(omega * SHORTEST * sizes.single)
+    return outside > half and aside < sizes.greatest_width + half

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from wbc_controller.inverse_dynamics.references.changes import EnableContact
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.records import Array
-from wbc_controller.walking.adaptation_kernels import SHORTEST, SHORTEST_ROUGH, adapt, dcm_towards
+from wbc_controller.walking.adaptation_kernels import SHORTEST, SHORTEST_ROUGH, adapt, dcm_towards, steps_again
 from wbc_controller.walking.fall_kernels import STANDING, missed, nearest_support
 from wbc_controller.walking.feet import Foot, Sole, mean_angle
 from wbc_controller.walking.footstep_plan import Footstep, planned, step_towards
@@ -288,15 +288,19 @@ class BipedWalker(Walker):
 
     def _lift_off(self, cycle: _Cycle, decision: Decision) -> None:
         foot, sole = cycle.soles[-self._stance], cycle.soles[self._stance]
-        self.phase, self._since, self._lifted = Phase.SINGLE, cycle.time, ()
         decision.changes.append(EnableContact(self._feet[-self._stance].contact, False, 0.0))
-        stance, nominal, start = self._next_step(self.velocity, cycle)
-        planned, self.footsteps = bool(self.footsteps), self.footsteps[1:]
         # The estimated height has drifted since the swing foot became the stance foot.
         drift = foot.height - self._footholds[0].height
         earlier = [replace(each, height=each.height + drift) for each in self._footholds[: FOOTHOLDS - 1]]
         self._footholds = (sole.ground, *earlier)
-        ground = plane_through(self._footholds)
+        self._swing(cycle, plane_through(self._footholds))
+
+    def _swing(self, cycle: _Cycle, ground: Ground) -> None:
+        """Begin a single support on a plane through the footholds."""
+        foot = cycle.soles[-self._stance]
+        self.phase, self._since, self._lifted = Phase.SINGLE, cycle.time, ()
+        stance, nominal, start = self._next_step(self.velocity, cycle)
+        planned, self.footsteps = bool(self.footsteps), self.footsteps[1:]
         self._step = Step(
             stance=stance,
             nominal=nominal,
@@ -349,7 +353,12 @@ class BipedWalker(Walker):
         self._step = step = Step(stance, nominal, landing, swing, acceleration, step.ground, slope, step.planned)
         sole, sensor = cycle.soles[-self._stance], self._sensor(foot.contact, cycle.touching)
         if self._touchdown_detection.update(cycle.time, elapsed, swing, landing, clearance, sole, sensor):
-            self._land(step, cycle, elapsed - landing.time, decision)
+            if not (step.planned or self.footsteps) and steps_again(
+                cycle.dcm, stance.place, stance.heading, sole.place, sole.heading, stance.side, cycle.omega, gait.sizes
+            ):
+                self._swing(cycle, step.ground)
+            else:
+                self._land(step, cycle, elapsed - landing.time, decision)
         beyond = _BEYOND * self._clearance * max(0.0, 1.0 - self._roughness.unevenness / _EDGES)
         return self._corrected(stance.place, cycle, stance.place, stance.place, beyond)
 
