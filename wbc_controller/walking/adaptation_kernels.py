@@ -11,8 +11,7 @@ which the next step starts. Like Khadiv et al., the walker minimizes
 
 with the nominal u*, b* and T*, and u within the reach of the leg. For a given T, u follows in closed form. The cost is
 convex in e^{ωT}, so one step of T towards lower cost per cycle finds the minimum; then T changes continuously. After an
-outward push, the swing foot lands early and near the stance foot, so that the stance leg can step. A foot that has
-landed too near to the stance foot steps again (`steps_again`).
+outward push, the swing foot lands early and near the stance foot, so that the stance leg can step.
 
 Source: Khadiv, Herzog, Moosavian and Righetti, Walking control based on step timing adaptation, IEEE T-RO 36, 2020.
 """
@@ -33,9 +32,9 @@ SHORTEST, SHORTEST_ROUGH, LONGEST = 0.4, 0.65, 1.6
 TIME_RATE, SHORTENING = 1.0, 10.0  # rate of change of the step time, and the one of a large decrease
 _AHEAD = 0.04  # shortest remaining time of an adaptation, s
 FOOT_SPEED, FOOT_ACCELERATION = 3.0, 20.0  # largest mean speed of the swing foot, m/s, and vertical acceleration, m/s²
-#: Largest horizontal deceleration of the swing foot, m/s²: a leg that stops faster lifts the body and lands late.
+#: Largest horizontal deceleration of the swing foot, m/s²: a faster stop lifts the body.
 FOOT_BRAKING = 80.0
-#: Distance between soles that pass each other, m, and longest duration of such a step, as a share of the nominal one.
+#: Distance between passing soles, m, and longest duration of such a step, as a share of the nominal one.
 _APART, _PASSING = 0.01, 0.6
 
 
@@ -80,10 +79,11 @@ def _within_reach(
     if time < _PASSING * sizes.single:
         least = _least_width(x, present.real, side * present.imag, sizes)
     y = max(least, min(sizes.greatest_width, side * local.imag))
-    aside = max(y - sizes.width, 0.0)
-    far = math.hypot(x / sizes.length, aside / (sizes.greatest_width - sizes.width))
-    if far > 1.0 and not planned:  # one leg does not reach far ahead and aside at once
-        x, y = x / far, y - aside * (1.0 - 1.0 / far)
+    aside = y - sizes.width
+    if aside > 0.0 and not planned:  # the leg does not reach far ahead and aside at once
+        far = math.hypot(x / sizes.length, aside / (sizes.greatest_width - sizes.width))
+        if far > 1.0:
+            x, y = x / far, sizes.width + aside / far
     return stance + complex(x, side * y) * axes
 
 
@@ -104,7 +104,7 @@ def adapt(
     """Return the nominal step, place and time of the touchdown for the measured DCM, and the DCM that leads to them.
 
     Args:
-        planned: the nominal step, u*, heading and b*, is that of the last cycle; otherwise it follows the velocity.
+        planned: keep the nominal step, u*, heading and b*, of the last cycle; otherwise it follows the velocity.
         velocity, turning: command, m/s and rad/s.
         place, time: u and T of the last cycle, x + i y in m in the world, and s.
         stance, heading: place p and heading of the stance foot.
@@ -153,17 +153,12 @@ def steps_again(
     dcm: complex, stance: complex, heading: float, landed: complex, landed_heading: float, side: int, omega: float,
     sizes: StepSizes,
 ) -> bool:  # fmt: skip
-    """Return whether the foot that has landed steps again, while the stance foot remains.
+    """Return whether a foot that has landed steps again: the DCM is beyond its outer side, but within its reach.
 
-    It does if the DCM is beyond its outer side, but within its reach at the end of the fastest step: the other foot
-    cannot land there, and would only prepare a later step.
+    The other foot cannot land there.
 
     Args:
-        dcm: ξ, measured.
-        stance, heading: place and heading of the stance foot.
-        landed, landed_heading, side: those of the other foot; 1 if this is the left one, -1 for the right one.
-        omega: ω, 1/s.
-        sizes: of the steps.
+        landed, landed_heading: place and heading of this foot; others as of `adapt`.
     """
     half = 0.5 * sizes.sole_width
     outside = side * ((dcm - landed) * cmath.rect(1.0, -landed_heading)).imag

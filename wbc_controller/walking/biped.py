@@ -27,20 +27,20 @@ from wbc_controller.walking.touchdown import SoleTouchdown
 from wbc_controller.walking.walker import Decision, TaskSets, Walker
 
 GAIN = 5.0  # feedback gain on the DCM, 1/s
-_BLEND = 0.2  # time in which the reference of the DCM blends from one phase to the next, s
+_BLEND = 0.2  # blending time of the DCM's reference between phases, s
 _FREEZE = 0.05  # time before touchdown in which the target of the step is constant, s
 _ON_TIME, _SHORTEST_DOUBLE = 0.03, 0.02  # error of the planned touchdown on flat ground, and shortest double support, s
 #: Least duration of a step that measures the roughness, as a share of the nominal one: faster feet land tilted.
 _MEASURES = 0.75
 #: Distance beyond the side of the stance foot to which the demanded centre of pressure may move, m per m of height:
-#: the angular momentum of trunk and arms replaces the missing moment. None of it on ground of this unevenness, m, where
-#: an edge may support the sole.
+#: the angular momentum of trunk and arms replaces the missing moment. None on ground of this unevenness, m, where an
+#: edge may support the sole.
 _BEYOND, _EDGES = 0.16, 0.01
 #: Errors of the DCM at touchdown along and across the heading, m, after which the double support is the shortest one.
 _ASTRAY = 0.1, 0.03
 _LEVELLING = 0.05  # time constant of the swing foot's rotation to the slope of the ground, s
 _HEADING_RATE = 6.0  # rate at which the heading follows its goal, 1/s
-#: Largest distance between the feet along the heading for a stop, m: in the first steps, and after a number of steps.
+#: Largest distance between the feet along the heading for a stop, m: at first, and after a number of steps.
 _BESIDE, _NEAR, _AT_LAST = 0.04, 0.1, 3
 _SLOW = 0.02  # largest commanded speed for a stop, m/s
 
