@@ -149,6 +149,18 @@ def test_a_foot_that_lands_after_an_outward_push_steps_again():
     assert begun[3][2] - begun[2][2] > 0.9 * walker.gait.step_time
 
 
+def test_a_foot_does_not_repeat_a_planned_step():
+    """The next one of the plan belongs to the other foot."""
+    simulation, walker = stepping_g1(0.36)
+    simulation.plant.data.qvel[1] -= 0.5
+    walker._step.planned, steps = True, walker.steps
+    while walker.phase is Phase.SINGLE:
+        begun = walker._since
+        simulation.run(0.002)
+        assert walker.phase is not Phase.SINGLE or walker._since == begun
+    assert walker.steps == steps + 1
+
+
 @pytest.mark.parametrize(("unevenness", "beyond"), [(0.0, True), (0.01, False)])
 def test_trunk_and_arms_help_after_an_outward_push_on_even_ground(unevenness, beyond):
     """The demanded centre of pressure leaves the sole, unless an edge may support it."""
