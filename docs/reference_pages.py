@@ -117,7 +117,7 @@ def _rows(section: type[BaseModel]) -> dict[str, str]:
 def _kind(field: FieldInfo) -> str:
     """Return type and range of a value."""
     annotation = field.annotation
-    choices = [value for value in get_args(annotation) if isinstance(value, str)]
+    choices = [value for value in get_args(_members(annotation)[0]) if isinstance(value, str)]
     if choices:
         return ", ".join(f"`{choice}`" for choice in choices)
     name, interval = _name(annotation), _interval([*field.metadata, *_bounds(annotation)])

@@ -21,3 +21,7 @@ def test_every_topic_and_every_section_is_there():
         assert topic.meaning in table
     for section in Settings.model_fields:
         assert f"## `{section}`" in configuration_page()
+
+
+def test_values_are_listed_also_for_an_optional_key():
+    assert "| `gait` | `trot`, `walk` | – |" in configuration_page()

@@ -17,7 +17,7 @@ class WalkingSettings(Section):
     """
 
     gait: Literal["trot", "walk"] | None = key(
-        None, "Of a quadruped: `trot` (default, diagonal feet together) or `walk` (one foot at a time)."
+        None, "Of a quadruped: `trot` (default): diagonal feet together; `walk`: one foot at a time."
     )
     left: str | None = key(None, "Contact of the left foot; default by position.")
     right: str | None = key(None, "Contact of the right foot; default by position.")
