@@ -186,12 +186,13 @@ def test_a_planned_step_ends_at_its_place():
 def test_a_foot_steps_again_if_the_dcm_has_passed_it_and_is_within_its_reach(side, heading):
     axes, half, omega = cmath.rect(1.0, heading), 0.5 * GAIT.sole_width, stance().omega
     place, landed = 1.0 + 2.0j, 1.0 + 2.0j + 0.2j * side * axes
-    farthest = (GAIT.greatest_width + half) * math.exp(-omega * SHORTEST * GAIT.single)
+    shortest = 0.3 * GAIT.single
+    farthest = (GAIT.greatest_width + half) * math.exp(-omega * shortest)
     for aside, again in (
         (0.19 + half, False), (0.21 + half, True), (farthest - 0.01, True), (farthest + 0.01, False)
     ):  # fmt: skip
         dcm = place + (0.1 + 1j * side * aside) * axes
-        assert steps_again(dcm, place, heading, landed, heading, side, omega, GAIT.sizes) is again
+        assert steps_again(dcm, place, heading, landed, heading, side, omega, GAIT.sizes, shortest) is again
 
 
 def test_the_shortest_stop_brakes_at_the_largest_deceleration():

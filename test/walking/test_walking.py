@@ -18,6 +18,7 @@ from wbc_controller.recording.json_records import from_json, to_json
 from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 from wbc_controller.walking.biped import BipedWalker
 from wbc_controller.walking.feet import Foot
+from wbc_controller.walking.footstep_plan import Footstep
 from wbc_controller.walking.footsteps import Velocity
 from wbc_controller.walking.gait import Phase
 from wbc_controller.walking.goal import Goal
@@ -149,11 +150,13 @@ def test_a_foot_that_lands_after_an_outward_push_steps_again():
     assert begun[3][2] - begun[2][2] > 0.9 * walker.gait.step_time
 
 
-def test_a_foot_does_not_repeat_a_planned_step():
-    """The next one of the plan belongs to the other foot."""
+@pytest.mark.parametrize("planned", ["this step", "the next step"])
+def test_a_foot_does_not_step_again_before_a_planned_step_of_the_other_foot(planned):
     simulation, walker = stepping_g1(0.36)
     simulation.plant.data.qvel[1] -= 0.5
-    walker._step.planned, steps = True, walker.steps
+    walker._step.planned, steps = planned == "this step", walker.steps
+    if planned == "the next step":
+        walker.footsteps = (Footstep(walker._stance, walker._step.landing.place + 0.2j * walker._stance, 0.0),)
     while walker.phase is Phase.SINGLE:
         begun = walker._since
         simulation.run(0.002)

@@ -151,16 +151,16 @@ def adapt(
 @compiled
 def steps_again(
     dcm: complex, stance: complex, heading: float, landed: complex, landed_heading: float, side: int, omega: float,
-    sizes: StepSizes,
+    sizes: StepSizes, shortest: float,
 ) -> bool:  # fmt: skip
     """Return whether a foot that has landed steps again: the DCM is beyond its outer side, but within its reach.
 
     The other foot cannot land there.
 
     Args:
-        landed, landed_heading: place and heading of this foot; others as of `adapt`.
+        landed, landed_heading: place and heading of it; others as of `adapt`.
     """
     half = 0.5 * sizes.sole_width
     outside = side * ((dcm - landed) * cmath.rect(1.0, -landed_heading)).imag
-    aside = side * ((dcm - stance) * cmath.rect(1.0, -heading)).imag * math.exp(omega * SHORTEST * sizes.single)
+    aside = side * ((dcm - stance) * cmath.rect(1.0, -heading)).imag * math.exp(omega * shortest)
     return outside > half and aside < sizes.greatest_width + half

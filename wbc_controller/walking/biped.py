@@ -27,10 +27,10 @@ from wbc_controller.walking.touchdown import SoleTouchdown
 from wbc_controller.walking.walker import Decision, TaskSets, Walker
 
 GAIN = 5.0  # feedback gain on the DCM, 1/s
-_BLEND = 0.2  # blending time of the DCM's reference between phases, s
+_BLEND = 0.2  # blending time of the DCM reference between phases, s
 _FREEZE = 0.05  # time before touchdown in which the target of the step is constant, s
 _ON_TIME, _SHORTEST_DOUBLE = 0.03, 0.02  # error of the planned touchdown on flat ground, and shortest double support, s
-#: Least duration of a step that measures the roughness, as a share of the nominal one: faster feet land tilted.
+#: Least share of the nominal duration of a step that measures the roughness: faster feet land tilted.
 _MEASURES = 0.75
 #: Distance beyond the side of the stance foot to which the demanded centre of pressure may move, m per m of height:
 #: the angular momentum of trunk and arms replaces the missing moment. None on ground of this unevenness, m, where an
@@ -39,8 +39,8 @@ _BEYOND, _EDGES = 0.16, 0.01
 #: Errors of the DCM at touchdown along and across the heading, m, after which the double support is the shortest one.
 _ASTRAY = 0.1, 0.03
 _LEVELLING = 0.05  # time constant of the swing foot's rotation to the slope of the ground, s
-_HEADING_RATE = 6.0  # rate at which the heading follows its goal, 1/s
-#: Largest distance between the feet along the heading for a stop, m: at first, and after a number of steps.
+_HEADING_RATE = 6.0  # rate of the heading towards its goal, 1/s
+#: Largest distance between the feet along the heading for a stop, m: first, and after a number of steps.
 _BESIDE, _NEAR, _AT_LAST = 0.04, 0.1, 3
 _SLOW = 0.02  # largest commanded speed for a stop, m/s
 
@@ -325,8 +325,8 @@ class BipedWalker(Walker):
         gait, elapsed, dt = self.gait, cycle.time - self._since, cycle.dt
         foot, stance, nominal = self._feet[-self._stance], step.stance, step.nominal
         landing, swing, slope = step.landing, step.swing, step.slope
+        shortest = gait.single * (SHORTEST + (SHORTEST_ROUGH - SHORTEST) * landing.roughness)
         if landing.time - elapsed > _FREEZE:
-            shortest = gait.single * (SHORTEST + (SHORTEST_ROUGH - SHORTEST) * landing.roughness)
             to, facing, offset, place, duration, wanted = adapt(
                 step.planned, nominal.place, nominal.heading, nominal.offset, self.velocity.linear,
                 self.velocity.turning, landing.place, landing.time, stance.place, stance.heading, stance.side,
@@ -354,8 +354,9 @@ class BipedWalker(Walker):
         sole, sensor = cycle.soles[-self._stance], self._sensor(foot.contact, cycle.touching)
         if self._touchdown_detection.update(cycle.time, elapsed, swing, landing, clearance, sole, sensor):
             if not (step.planned or self.footsteps) and steps_again(
-                cycle.dcm, stance.place, stance.heading, sole.place, sole.heading, stance.side, cycle.omega, gait.sizes
-            ):
+                cycle.dcm, stance.place, stance.heading, sole.place, sole.heading, stance.side, cycle.omega, gait.sizes,
+                shortest,
+            ):  # fmt: skip
                 self._swing(cycle, step.ground)
             else:
                 self._land(step, cycle, elapsed - landing.time, decision)

@@ -79,7 +79,7 @@ def periodic_offset(
         progress: part of the step that repeats, m.
         width: part that alternates, from the stance foot to the new one, m.
         single: T_s, duration of the single support, s.
-        double: T_d, duration of the double support, in which the centre of pressure moves linearly, s.
+        double: T_d, duration of the double support, in which the centre of pressure moves linearly, s; may be 0.
         push: ρ, change of the DCM at the end of the step by a swing foot that moves by 1 m.
     """
     E, G, kappa = _factors(omega, single, double)
