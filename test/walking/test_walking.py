@@ -150,10 +150,10 @@ def test_a_foot_that_lands_after_an_outward_push_steps_again():
     assert begun[3][2] - begun[2][2] > 0.9 * walker.gait.step_time
 
 
-@pytest.mark.parametrize("planned", ["this step", "the next step"])
-def test_a_foot_does_not_step_again_before_a_planned_step_of_the_other_foot(planned):
+@pytest.mark.parametrize(("planned", "kick"), [("this step", 0.5), ("the next step", 0.5), ("nothing", 1.0)])
+def test_a_foot_does_not_step_again_before_a_planned_step_of_the_other_foot_or_out_of_reach(planned, kick):
     simulation, walker = stepping_g1(0.36)
-    simulation.plant.data.qvel[1] -= 0.5
+    simulation.plant.data.qvel[1] -= kick
     walker._step.planned, steps = planned == "this step", walker.steps
     if planned == "the next step":
         walker.footsteps = (Footstep(walker._stance, walker._step.landing.place + 0.2j * walker._stance, 0.0),)
