@@ -311,32 +311,13 @@ class Schedule(threading.Event):
     def __init__(self, clock, until):
         super().__init__()
         self.clock, self.until = clock, until
-        self.waits = []
 
     def is_set(self):
         return self.clock.time >= self.until
 
     def wait(self, timeout=None):
-        self.waits.append(timeout)
         self.clock.time += timeout
         return self.is_set()
-
-
-def timed(controller, monkeypatch, costs, until):
-    """Run the timer mode with cycle times from `costs`; return the start of each cycle."""
-    began = []
-    costs = iter(costs)
-
-    def cycle():
-        began.append(controller.clock.time)
-        controller.clock.time += next(costs, 0.0)
-
-    monkeypatch.setattr(controller.loop, "cycle", cycle)
-    stop = Schedule(controller.clock, until)
-    controller.clock.time = 0.0
-    controller.loop.period, controller.loop.triggered = 0.25, False
-    controller.loop.run(stop)
-    return began
 
 
 @pytest.mark.parametrize(
@@ -347,18 +328,23 @@ def timed(controller, monkeypatch, costs, until):
     ],
 )
 def test_the_timer_keeps_absolute_deadlines_and_counts_lateness(bench, monkeypatch, costs, starts, missed):
-    controller = bench()
-    assert timed(controller, monkeypatch, costs, starts[-1] + 0.25) == starts
-    assert controller.loop._deadlines_missed == missed
+    controller, began, left = bench(), [], iter(costs)
+    loop, clock = controller.loop, controller.clock
+
+    def cycle():
+        began.append(clock.time)
+        clock.time += next(left, 0.0)
+
+    monkeypatch.setattr(loop, "cycle", cycle)
+    clock.time, loop.period, loop.triggered = 0.0, 0.25, False
+    loop.run(Schedule(clock, starts[-1] + 0.25))
+    assert (began, loop._deadlines_missed) == (starts, missed)
 
 
 @pytest.mark.parametrize("active", [True, False])
 def test_the_end_of_the_loop_leaves_no_torque(bench, active):
-    controller = bench()
-    if active:
-        controller.activate()
-        controller.cycle(20)
-        assert controller.efforts()[-1].any()
+    controller = bench().activated(20) if active else bench()
+    assert not active or controller.efforts()[-1].any()
     before = len(controller.received("effort"))
     stop = threading.Event()
     stop.set()

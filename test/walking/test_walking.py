@@ -193,7 +193,7 @@ def test_a_touchdown_counts_only_near_the_ground(monkeypatch, on_the_ground):
 
     `on_the_ground`: the walker believes that the reference is there; the foot follows the true one.
     """
-    monkeypatch.setattr("wbc_controller.walking.touchdown.lands", lambda share, *others: share > 0.6 and others[-2])
+    monkeypatch.setattr("wbc_controller.walking.touchdown.lands", lambda *others: others[-2])
     monkeypatch.setattr(BipedWalker, "_sensor", lambda *_: True)
     swung, motions = Foot.swung, []
 
@@ -261,11 +261,11 @@ def touchdown_delay(monkeypatch, **replaced):
 
 def test_a_foot_that_moves_high_above_the_ground_has_not_landed(monkeypatch):
     """Limited torques slow a foot down in the air."""
-    assert touchdown_delay(monkeypatch, _LOW=0.0, lands=lambda share, *_: share > 0.6) > -0.02
+    assert touchdown_delay(monkeypatch, _LOW=0.0, lands=lambda *_: True) > -0.02
 
 
 def test_a_late_foot_has_landed_at_any_height(monkeypatch):
-    delay = touchdown_delay(monkeypatch, _HIGHER=-1.0, lands=lambda share, late, *_: late >= LATEST)
+    delay = touchdown_delay(monkeypatch, _HIGHER=-1.0, lands=lambda late, *_: late >= LATEST)
     assert delay == pytest.approx(LATEST, abs=0.005)
 
 

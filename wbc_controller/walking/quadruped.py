@@ -223,12 +223,11 @@ class QuadrupedWalker(Walker):
                 swing = moved(swing, landing, gait.clearance, elapsed - cycle.dt, cycle.dt, descent=0.0)
                 self._swings[name] = swing
             self._references[foot.task] = Reference(swing[0, :3], swing[1, :3], swing[2, :3])
-            share, late = elapsed / gait.swing, elapsed - gait.swing
             sensor = self._sensor(name, cycle.touching) if cycle.touching else None
-            if share >= COUNTS:
+            if elapsed >= COUNTS * gait.swing:
                 wanted, (vx, vy, vz) = swing.item(1, 2), cycle.feet[foot.row, 3:].tolist()
                 speed = math.hypot(vx, vy, vz)
-                if rebounds(wanted, vz) or lands(share, late, wanted, landing.speed, vz, speed, sensor):
+                if rebounds(wanted, vz) or lands(elapsed - gait.swing, wanted, landing.speed, vz, speed, sensor):
                     decision.changes.append(EnableContact(name, True, 0.0))
                     del self._swings[name]
         if not self._swings:

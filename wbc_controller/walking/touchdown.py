@@ -48,23 +48,25 @@ class SoleTouchdown:
             clearance: of the reference above the ground, m.
             touching: as of `lands`.
         """
-        share, late = elapsed / landing.time, elapsed - landing.time
+        late = elapsed - landing.time
+        if elapsed < COUNTS * landing.time:
+            self._moved = time
+            return False
         wanted, higher = swing.item(1, 2), sole.height - landing.height
         low = max(swing.item(0, 2) - landing.height, higher) < _LOW * clearance
         slow = _SLIDES if late > 0.0 else max(_SLOW, _SLOWED * math.hypot(swing.item(1, 0), swing.item(1, 1)))
         stopped = (low or late >= LATEST or sole.speed < _AT_REST) and lands(
-            share, late, wanted, landing.speed, sole.rise, sole.speed, touching if low else None, slow
+            late, wanted, landing.speed, sole.rise, sole.speed, touching if low else None, slow
         )
         if not stopped:
             self._moved = time
         counts = stopped and (late >= LATEST or (low and (touching or higher < _HIGHER)))
         rested = time - self._moved > (_RESTS if low else _RESTS_HIGH)
-        tipped = tips(share, wanted, landing.speed, sole.rise, sole.speed, sole.turning)
+        tipped = tips(wanted, landing.speed, sole.rise, sole.speed, sole.turning)
         return bool(counts or rested or tipped)
 
 
 def lands(
-    share: float,
     late: float,
     wanted: float,
     landing: float,
@@ -73,30 +75,27 @@ def lands(
     touching: bool | None,
     slow: float = _SLOW,
 ) -> bool:
-    """Return whether the ground has stopped the foot.
+    """Return whether the ground has stopped the foot, after the share `COUNTS` of the swing.
 
     Args:
-        share: elapsed share of the planned swing.
         late: time after the planned touchdown, s; negative before.
         wanted, landing: vertical velocity of the reference, and its downward speed at the planned touchdown, m/s.
         rise, speed: vertical velocity and speed of the centre of the sole, m/s.
         touching: state of the contact sensor; None to judge by the motion alone.
         slow: largest speed of a stopped foot, m/s.
     """
-    if share < COUNTS:
-        return False
     if late >= LATEST or touching:
         return True
     return _is_stopped(wanted, landing, rise) and speed < slow
 
 
-def tips(share: float, wanted: float, landing: float, rise: float, speed: float, turning: float) -> bool:
-    """Return whether an edge turns a descending sole; the swing would tip it.
+def tips(wanted: float, landing: float, rise: float, speed: float, turning: float) -> bool:
+    """Return whether an edge turns a descending sole.
 
     `turning`: horizontal angular velocity, rad/s; others as of `lands`.
     """
     turned = turning > _TURNED and speed < _TURNED_SPEED and rise < _TURNED_RISE
-    return share >= COUNTS and turned and _is_stopped(wanted, landing, rise)
+    return turned and _is_stopped(wanted, landing, rise)
 
 
 def _is_stopped(wanted: float, landing: float, rise: float) -> bool:
