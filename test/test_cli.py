@@ -5,50 +5,36 @@ import sys
 
 import pytest
 import yaml
-from click.testing import CliRunner
+from command_line import wbc
 
 from wbc_controller.cli import COMMANDS, main
 
 
-def invoke(*words):
-    return CliRunner().invoke(main, list(words))
-
-
 def test_invalid_options_and_unknown_commands_are_refused(monkeypatch):
-    result = invoke("demo", "go2", "--sensors", "perfect")
-    assert result.exit_code == 2
-    assert "'ideal', 'good', 'cheap'" in result.output
+    assert "'ideal', 'good', 'cheap'" in wbc("demo", "go2", "--sensors", "perfect", status=2).output
     monkeypatch.setenv("ROS_DOMAIN_ID", "many")
-    result = invoke("run", "go2")
-    assert result.exit_code == 2
+    result = wbc("run", "go2", status=2)
     assert "ROS_DOMAIN_ID" in result.stderr
     assert "many" in result.stderr
-    result = invoke("rnu")
-    assert result.exit_code == 2
-    assert "rnu" in result.output
+    assert "rnu" in wbc("rnu", status=2).output
 
 
 def test_help_lists_all_commands_in_order_and_the_table_of_topics_is_printed():
-    result = invoke("--help")
-    assert result.exit_code == 0
+    result = wbc("--help")
     for command in ("new", "run", "mock", "guard", "check", "demo", "fuzz", "bench", "topics"):
         assert f"  {command} " in result.output
     assert "g1, talos, go2" in result.output
     assert list(COMMANDS) == sorted(COMMANDS)
     for name in COMMANDS:
         assert main.get_command(None, name).name == name
-    result = invoke("topics")
-    assert result.exit_code == 0
-    assert "`~/command`" in result.output
+    assert "`~/command`" in wbc("topics").output
 
 
 @pytest.mark.parametrize("option", ["-h", "--help"])
 def test_help_of_each_command(option):
     """`test_interface.py` finds the removal of an option."""
     for command in COMMANDS:
-        result = invoke(command, option)
-        assert result.exit_code == 0
-        assert f"Usage: main {command} [OPTIONS]" in result.output
+        assert f"Usage: main {command} [OPTIONS]" in wbc(command, option).output
 
 
 @pytest.mark.parametrize(
@@ -60,8 +46,7 @@ def test_help_of_each_command(option):
     ],
 )
 def test_check_prints_findings(robot, said):
-    result = invoke("check", robot)
-    assert result.exit_code == 0, result.output
+    result = wbc("check", robot)
     lines = result.output.splitlines()
     assert lines[0].endswith(f"config/{robot}.yaml")
     assert lines[-1] == "ok"
@@ -71,8 +56,7 @@ def test_check_prints_findings(robot, said):
 
 
 def test_a_new_configuration_is_all_of_stdout_and_doubts_and_findings_are_on_stderr():
-    result = invoke("new", "package://example-robot-data/robots/go1_description/urdf/go1.urdf")
-    assert result.exit_code == 0, result.stderr
+    result = wbc("new", "package://example-robot-data/robots/go1_description/urdf/go1.urdf")
     values = yaml.safe_load(result.stdout)["wbc_controller"]["ros__parameters"]
     assert len(values["robot"]["joints"]) == 12
     for part in ("robot.armature: Fill in: ", "robot.joints: Guess: ", "  standing         possible on "):
@@ -82,21 +66,19 @@ def test_a_new_configuration_is_all_of_stdout_and_doubts_and_findings_are_on_std
 
 
 def test_draft_with_which_the_robot_cannot_stand_has_a_status_and_a_missing_urdf_is_refused():
-    result = invoke("new", "package://example-robot-data/robots/bolt_description/robots/bolt.urdf")
-    assert result.exit_code == 2
+    result = wbc("new", "package://example-robot-data/robots/bolt_description/robots/bolt.urdf", status=2)
     assert yaml.safe_load(result.stdout)["wbc_controller"]["ros__parameters"]["contacts"]
     assert "contacts: Fill in: " in result.stderr
     assert "outside the support" in result.stderr.splitlines()[-1]
-    result = invoke("new", "no.urdf")
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert result.stderr == "error: ROBOT.urdf = 'no.urdf': file no.urdf does not exist\n"
+    result = wbc("new", "no.urdf", status=2)
+    assert (result.stdout, result.stderr) == ("", "error: ROBOT.urdf = 'no.urdf': file no.urdf does not exist\n")
 
 
 @pytest.mark.parametrize("command", ["run", "mock", "guard", "check", "demo"])
 def test_a_robot_that_is_not_shipped_suggests_one(command, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    result = invoke(command, "g2")
-    assert (result.exit_code, list(tmp_path.iterdir())) == (2, [])
+    result = wbc(command, "g2", status=2)
+    assert list(tmp_path.iterdir()) == []
     assert result.stderr == (
         "error: unknown configuration 'g2'; did you mean 'go2'? Valid: g1, go2, talos, or the path of a .yaml file\n"
     )
@@ -105,8 +87,7 @@ def test_a_robot_that_is_not_shipped_suggests_one(command, tmp_path, monkeypatch
 @pytest.mark.parametrize("command", ["run", "mock", "guard"])
 @pytest.mark.parametrize("remapping", ["odom", "odom=/x", ":=x"])
 def test_a_remapping_of_another_form_is_refused_before_anything_starts(command, remapping):
-    result = invoke(command, "go2", "--remap", remapping)
-    assert result.exit_code == 2
+    result = wbc(command, "go2", "--remap", remapping, status=2)
     assert result.stderr.startswith(f"error: invalid remapping {remapping!r}; valid: from:=to")
 
 

@@ -3,10 +3,8 @@
 import re
 
 import pytest
-from click.testing import CliRunner
+from command_line import wbc
 from pages import page
-
-from wbc_controller.cli import main
 
 PAGE = page("bring-up")
 FILES = dict(re.findall(r"```yaml\n# (\w+\.yaml)\n(.*?)```", PAGE, re.DOTALL))
@@ -14,10 +12,10 @@ SHOWN = re.findall(r"```console\n\$ wbc check (\w+\.yaml)\n(.*?)```", PAGE, re.D
 MISTAKES = re.findall(r"^\| `([^`]+)` \| `([^`]+)` \| `([^`]+)` \|$", PAGE, re.MULTILINE)
 
 
-def check(tmp_path, monkeypatch, name, text):
+def check(tmp_path, monkeypatch, name, text, status=0):
     monkeypatch.chdir(tmp_path)
     (tmp_path / name).write_text(text, encoding="utf-8")
-    return CliRunner().invoke(main, ["check", name])
+    return wbc("check", name, status=status)
 
 
 def test_the_page_was_read():
@@ -28,17 +26,14 @@ def test_the_page_was_read():
 
 @pytest.mark.parametrize(("name", "printed"), SHOWN, ids=[name for name, _ in SHOWN])
 def test_what_is_printed(tmp_path, monkeypatch, name, printed):
-    result = check(tmp_path, monkeypatch, name, FILES[name])
-    assert result.exit_code == 0, result.stderr
-    assert result.stdout == printed
+    assert check(tmp_path, monkeypatch, name, FILES[name]).stdout == printed
 
 
 @pytest.mark.parametrize(("instead", "written", "said"), MISTAKES, ids=[written for _, written, _ in MISTAKES])
 def test_what_a_mistake_looks_like(tmp_path, monkeypatch, instead, written, said):
     text = FILES["anymal.yaml"]
     assert instead in text
-    result = check(tmp_path, monkeypatch, "anymal.yaml", text.replace(instead, written))
-    assert result.exit_code == 2
+    result = check(tmp_path, monkeypatch, "anymal.yaml", text.replace(instead, written), status=2)
     start, *rest = said.split("…")
     assert result.stderr.startswith(f"error: anymal.yaml: {start}")
     for part in rest:

@@ -5,10 +5,9 @@ from pathlib import Path
 
 import pytest
 import yaml
-from click.testing import CliRunner
+from command_line import wbc
 from refusals import refusal
 
-from wbc_controller.cli import main
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.settings import Settings
@@ -40,8 +39,7 @@ def test_every_broken_file_has_its_expectation():
 @pytest.mark.parametrize("name", BROKEN)
 def test_check_refuses_a_broken_file_with_one_readable_error(name):
     path = FOLDER / f"{name}.yaml"
-    result = CliRunner().invoke(main, ["check", str(path)])
-    assert result.exit_code == 2
+    result = wbc("check", path, status=2)
     assert isinstance(result.exception, SystemExit)  # no other exception
     lines = result.stderr.strip().splitlines()
     assert len(lines) == 1
@@ -53,8 +51,7 @@ def test_check_refuses_a_broken_file_with_one_readable_error(name):
 
 def test_a_file_that_does_not_exist_is_no_text_or_too_long_is_refused(tmp_path):
     path = str(tmp_path / "g2.yaml")
-    result = CliRunner().invoke(main, ["check", path])
-    assert result.exit_code == 2
+    result = wbc("check", path, status=2)
     assert repr(path) in result.stderr
     assert "did you mean 'go2'? Valid: g1, go2, talos" in result.stderr
     path = tmp_path / "robot.srdf"
@@ -72,8 +69,7 @@ def test_node_names_the_invalid_file(command, monkeypatch):
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("ROS_DOMAIN_ID", "77")
     path = FOLDER / "unknown_joint.yaml"
-    result = CliRunner().invoke(main, [command, str(path)])
-    assert result.exit_code == 2
+    result = wbc(command, path, status=2)
     assert result.stderr.startswith(f"error: {path}: robot.joints: 'RR_claf_joint'")
 
 
@@ -263,10 +259,9 @@ def test_too_large_texts_are_refused_before_construction(tmp_path, text, said):
     path.write_text(text)
     faulthandler.dump_traceback_later(120.0, exit=True)  # an endless read ends the tests
     try:
-        result = CliRunner().invoke(main, ["check", str(path)])
+        result = wbc("check", path, status=2)
     finally:
         faulthandler.cancel_dump_traceback_later()
-    assert result.exit_code == 2
     assert result.stderr.startswith(f"error: {path}:")
     assert said in result.stderr
     assert len(result.stderr.splitlines()) == 1

@@ -4,10 +4,9 @@ import json
 import re
 
 import pytest
-from click.testing import CliRunner
+from command_line import wbc
 
 from wbc_controller.apps.terminal.check_page import write_check_page
-from wbc_controller.cli import main
 from wbc_controller.controller.check.preflight import check
 from wbc_controller.settings.config import load
 
@@ -53,8 +52,7 @@ def test_page_has_findings_soles_and_forces(page):
 def test_failed_check_writes_a_page_with_its_error(tmp_path):
     path = tmp_path / "wide.yaml"
     path.write_text(load("talos").replace(WIDE).to_yaml(), encoding="utf-8")
-    result = CliRunner().invoke(main, ["check", str(path), "--html", str(tmp_path / "page.html")])
-    assert result.exit_code == 2
+    result = wbc("check", path, "--html", tmp_path / "page.html", status=2)
     assert "reach 54 mm beyond the sole" in result.stderr
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "reach 54 mm beyond the sole" in page
@@ -66,8 +64,7 @@ def test_failed_check_writes_a_page_with_its_error(tmp_path):
 def test_check_without_a_drawing(tmp_path):
     path = tmp_path / "none.yaml"
     path.write_text(load("g1").to_yaml().replace("left_knee_joint", "no_such_joint"), encoding="utf-8")
-    result = CliRunner().invoke(main, ["check", str(path), "--html", str(tmp_path / "page.html")])
-    assert result.exit_code == 2
+    result = wbc("check", path, "--html", tmp_path / "page.html", status=2)
     assert "no_such_joint" in result.stderr
     assert "page.html: not written" in result.stderr
     assert not (tmp_path / "page.html").exists()

@@ -7,13 +7,12 @@ import signal
 import termios
 
 import pytest
-from click.testing import CliRunner
+from command_line import wbc
 from domains import own_domain
 from forked import fork_wbc
 from waiting import until
 
 from wbc_controller.apps.terminal.keyboard import Drive
-from wbc_controller.cli import main
 from wbc_controller.middleware.codec import decode, diagnostics, encode, message
 from wbc_controller.middleware.transports.dds import DdsTransport
 from wbc_controller.nodes.wiring import topics_of
@@ -48,8 +47,7 @@ def test_keys(keys, velocity):
     [("g1", "standard input is not a terminal"), ("examples/a1.yaml", "a1.yaml cannot walk: its configuration")],
 )
 def test_refusals(robot, text):
-    result = CliRunner().invoke(main, ["drive", robot])
-    assert result.exit_code == 2
+    result = wbc("drive", robot, status=2)
     assert result.stderr.startswith("error: ")
     assert text in result.stderr
 

@@ -4,6 +4,7 @@ import re
 
 import pytest
 from click.testing import CliRunner
+from command_line import wbc
 
 from wbc_controller.apps.terminal.command_options import next_words
 from wbc_controller.apps.terminal.terminal_commands import as_text, find_topic
@@ -36,8 +37,7 @@ def test_topics_and_messages():
     assert (found.direction, found.qos.latched) == (Direction.OUT, True)
     with pytest.raises(InputRefused, match=re.escape("unknown topic '/wbc_controller/stat'; did you mean")):
         find_topic("/wbc_controller/stat", topics_of(G1))
-    result = CliRunner().invoke(main, ["send", "g1", "com", "0.02", "forwards"])
-    assert result.exit_code == 2
+    result = wbc("send", "g1", "com", "0.02", "forwards", status=2)
     assert "did you mean 'forward'?" in result.stderr
     text = as_text(diagnostics(1_500_000_000, 1, "wbc: loop", "active", "g1", {"mode": "active"}))
     assert text.splitlines()[:4] == ["header:", "  stamp:", "    sec: 1", "    nanosec: 500000000"]

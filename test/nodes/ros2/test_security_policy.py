@@ -3,11 +3,10 @@
 from xml.etree import ElementTree
 
 import pytest
-from click.testing import CliRunner
+from command_line import wbc
 from policies import read_policy
 from services import make_estimator, make_guard
 
-from wbc_controller.cli import main
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.controller import Controller
 from wbc_controller.middleware.topics import ESTIMATOR_NODE, Direction
@@ -144,8 +143,7 @@ def test_it_follows_the_schema_and_has_no_wildcard(robot_of):
 
 def test_the_command_prints_it(robot_of):
     settings, model = robot_of("go2")
-    result = CliRunner().invoke(main, ["security-policy", "go2", "--namespace", "/r1", "--remap", "odom:=/base"])
-    assert result.exit_code == 0
+    result = wbc("security-policy", "go2", "--namespace", "/r1", "--remap", "odom:=/base")
     assert result.stdout == security_policy(settings, model, "/r1", {"odom": "/base"})
 
 

@@ -6,19 +6,13 @@ from functools import partial
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from command_line import wbc
 from recorded_run import copied, make_run
 
-from wbc_controller.cli import main
 from wbc_controller.recording.replay.comparison import compare
 from wbc_controller.recording.replay.cycle_replay import Replay
 from wbc_controller.recording.replay.recording_summary import summarize
 from wbc_controller.recording.report.run_from_recording import make_run_data
-
-
-def wbc(*words: object) -> tuple[int, str]:
-    result = CliRunner().invoke(main, [str(word) for word in words])
-    return result.exit_code, result.output
 
 
 def busy(run, make) -> None:
@@ -195,31 +189,26 @@ def test_a_solver_with_a_memory_of_its_own_is_exact_from_the_start_alone(record,
 
 def test_the_commands(recorded, tmp_path):
     path = recorded.path
-    status, said = wbc("replay", path)
-    assert status == 0
+    said = wbc("replay", path).output
     assert f"{recorded.count} cycles replayed: all torques are equal bit for bit" in said
     for words in ("no fault", "command activate", "contact front_left_foot off", "settings changed"):
         assert words in said
-    status, said = wbc("replay", path, "--cycle", 60)
-    assert status == 0
+    said = wbc("replay", path, "--cycle", 60).output
     for words in ("cycle 60 at", "com", "bit for bit", "equations_of_motion", "joint_states", "share of the solution"):
         assert words in said
-    status, said = wbc("replay", path, "--cycle", 99999)
-    assert status == 2
+    said = wbc("replay", path, "--cycle", 99999, status=2).output
     assert f"--cycle 99999: valid: 0 to {recorded.last}" in said
     (tmp_path / "b.mcap").write_bytes(path.read_bytes()[:40])
-    assert wbc("replay", tmp_path / "b.mcap")[0] == 2
+    wbc("replay", tmp_path / "b.mcap", status=2)
     (tmp_path / "c.mcap").write_text("a text")
-    status, said = wbc("replay", tmp_path / "c.mcap")
-    assert (status, "not an MCAP file" in said) == (2, True)
+    assert "not an MCAP file" in wbc("replay", tmp_path / "c.mcap", status=2).output
 
 
 def test_comparison_with_another_configuration(recorded, tmp_path):
     other = tmp_path / "other.yaml"
     other.write_text(recorded.config.replace({"tasks.com.stiffness": 400.0}).to_yaml())
     plots = tmp_path / "plots.html"
-    status, said = wbc("replay", recorded.path, "--config", other, "--plot", plots)
-    assert status == 0
+    said = wbc("replay", recorded.path, "--config", other, "--plot", plots).output
     assert "different modes in 0 cycles, " in said
     assert float(re.search(r"largest torque difference ([\d.]+) N", said).group(1)) > 1e-3
     assert "Plotly.newPlot" in plots.read_text()
@@ -230,9 +219,9 @@ def test_comparison_with_another_configuration(recorded, tmp_path):
     for config, differs in ((same, False), (light, True)):  # from a later memory, with its weights
         solved = [each for each in Replay(recorded, config).run(recorded.last) if each.cycle.number > recorded.last - 5]
         assert [each.difference > 1e-3 for each in solved] == [differs] * 5
-    status, said = wbc("replay", recorded.path, "--config", "g1")
-    assert (status, "the joints must be those of the recording" in said) == (2, True)
-    assert wbc("replay", recorded.path, "--plot", plots)[0] == 2
+    said = wbc("replay", recorded.path, "--config", "g1", status=2).output
+    assert "the joints must be those of the recording" in said
+    wbc("replay", recorded.path, "--plot", plots, status=2)
 
 
 def test_a_long_story_is_cut_in_the_middle(recorded):
@@ -249,8 +238,7 @@ def test_a_long_story_is_cut_in_the_middle(recorded):
 def test_the_report_of_a_recording_has_no_simulation_truth(recorded, tmp_path, monkeypatch):
     monkeypatch.setattr("wbc_controller.recording.report.run_report.make_run_data", partial(make_run_data, largest=100))
     every = -(-recorded.count // 100)
-    status, said = wbc("report", recorded.path, "--out", tmp_path / "a.html")
-    assert status == 0
+    said = wbc("report", recorded.path, "--out", tmp_path / "a.html").output
     assert "does not contain the true contact forces" in said
     page = (tmp_path / "a.html").read_text()
     assert f"One of {every} cycles is shown." in page

@@ -6,11 +6,10 @@ import sys
 from types import SimpleNamespace
 
 import pytest
-from click.testing import CliRunner
+from command_line import wbc
 from outcomes import outcome, repeatable
 from rich.console import Console
 
-from wbc_controller.cli import main
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.validation.campaign import run as run_module
 from wbc_controller.validation.campaign.results import FILE, Results, TrialKey
@@ -152,8 +151,7 @@ def test_trial_is_the_same_in_a_new_process_and_in_one_of_the_command(tmp_path):
     here = repeatable(run_module.run_trial(*key))
     assert repeatable(run_module._in_new_process(key, run_module.run_trial)) == here
     words = ["faults", "go2", "--kinds", "estop,kick", "--seed", "4", "--jobs", "2", "--out", str(tmp_path)]
-    result = CliRunner().invoke(main, words)
-    assert result.exit_code == 0, result.output
+    result = wbc(*words)
     assert "1 of 1 faults with a deadline were detected in time; 0 trials with violations" in " ".join(
         result.output.split()
     )

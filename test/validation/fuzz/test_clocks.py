@@ -1,9 +1,8 @@
 """Fuzzer of clocks and load: robots stand or are damped by a fault; injected defects are detected."""
 
 import numpy as np
-from click.testing import CliRunner
+from command_line import wbc
 
-from wbc_controller.cli import main
 from wbc_controller.nodes.inputs import Inputs
 from wbc_controller.validation.campaign.monitor import TrueFall
 from wbc_controller.validation.fuzz import clocks
@@ -11,8 +10,7 @@ from wbc_controller.validation.fuzz.clocks import CLOCKS, ClockTrial, run_trial
 
 
 def test_no_fall_without_a_fault():
-    result = CliRunner().invoke(main, ["fuzz", "clocks", "go2", "--count", "9", "--first", "9"])
-    assert result.exit_code == 0, result.output
+    result = wbc("fuzz", "clocks", "go2", "--count", "9", "--first", "9")
     lines = result.stdout.splitlines()
     assert [line.split()[:2] for line in lines] == [["go2", clock] for clock in CLOCKS]
     for outcome in ("survived", "refused", "STALE_INPUT", "CLOCK"):
@@ -32,8 +30,7 @@ def test_torques_from_stale_states_are_detected(monkeypatch):
 
 def test_exit_status_after_a_fall_without_a_fault(monkeypatch):
     monkeypatch.setattr(TrueFall, "has_fallen", lambda self: True)
-    result = CliRunner().invoke(main, ["fuzz", "clocks", "go2", "--count", "1", "--first", "15"])
-    assert result.exit_code == 1
+    result = wbc("fuzz", "clocks", "go2", "--count", "1", "--first", "15", status=1)
     assert "go2, trial 15" in result.output
     assert "; the robot fell without a fault" in result.output
 

@@ -5,10 +5,9 @@ import re
 
 import pytest
 from bad_readers import dies_and_hangs
-from click.testing import CliRunner
+from command_line import wbc
 from hypothesis import strategies as st
 
-from wbc_controller.cli import main
 from wbc_controller.validation.fuzz import files
 from wbc_controller.validation.fuzz.files import case_folder, fuzz_files, make_case, read_case
 from wbc_controller.validation.fuzz.hostile_files import structures
@@ -18,8 +17,7 @@ URDF = files._originals("go2")[1]
 
 
 def test_the_command_reads_hostile_files(tmp_path):
-    result = CliRunner().invoke(main, ["fuzz", "urdf", "go2", "--count", "6", "--out", str(tmp_path)])
-    assert result.exit_code == 0, result.output
+    result = wbc("fuzz", "urdf", "go2", "--count", "6", "--out", tmp_path)
     assert re.fullmatch(r"6 cases in \d+ s: (\d+ (refused|works)(, |\n)){2}", result.stdout)
     assert list(tmp_path.iterdir()) == []
 

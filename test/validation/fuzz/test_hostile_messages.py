@@ -7,9 +7,8 @@ import weakref
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from command_line import wbc
 
-from wbc_controller.cli import main
 from wbc_controller.controller.cycle import ControlCycle
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.estimation.base_estimator import BaseEstimator
@@ -183,8 +182,7 @@ def test_invalid_failure_files_and_nodes_are_refused(tmp_path):
         path.write_text(text)
         with pytest.raises(ConfigurationError, match="not a file of fuzzer messages"):
             load(path)
-    result = CliRunner().invoke(main, ["fuzz", "messages", "--nodes", "controler"])
-    assert result.exit_code == 2
+    result = wbc("fuzz", "messages", "--nodes", "controler", status=2)
     valid = "Valid: controller, estimator, guard, mock, urdf"
     assert f"unknown node 'controler'; did you mean 'controller'? {valid}" in result.output
 
@@ -195,19 +193,16 @@ def test_command_reports_messages_and_saves_failures_for_replay(tmp_path, monkey
     def broken(vocabulary, subject, content):
         raise KeyError("weight")
 
-    arguments = ["fuzz", "messages", "--count", "50", "--seed", "2", "--nodes", "controller", "--out", str(tmp_path)]
+    seed_and_nodes = ("--seed", "2", "--nodes", "controller")
     with monkeypatch.context() as patch:
         patch.setitem(decoding.READERS, "weight", broken)
-        result = CliRunner().invoke(main, arguments)
+        result = wbc("fuzz", "messages", "--count", "50", *seed_and_nodes, "--out", tmp_path, status=1)
         (path, *_) = sorted(tmp_path.iterdir())
-        assert result.exit_code == 1
         assert "controller, 1 messages: logged error: decoding a message on /wbc_controller/tasks/" in result.output
         assert f"--replay {path}" in result.output
-        result = CliRunner().invoke(main, ["fuzz", "messages", "--replay", str(path)])
-        assert result.exit_code == 1
+        result = wbc("fuzz", "messages", "--replay", path, status=1)
         assert "KeyError: 'weight'" in result.output
-    result = CliRunner().invoke(main, ["fuzz", "messages", "--replay", str(path)])
-    assert (result.exit_code, result.output) == (0, "controller, 1 messages: no failure\n")
+    assert wbc("fuzz", "messages", "--replay", path).output == "controller, 1 messages: no failure\n"
     node, robot, ((_, payload),) = load(path)
     assert (node, robot) == ("controller", ROBOT)
     assert decode(payload, "std_msgs/msg/Float64") is not None

@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from command_line import wbc
 
-from wbc_controller.cli import main
 from wbc_controller.validation.fuzz import problems
 from wbc_controller.validation.fuzz.problems import NO_SOLUTION, feasibility_margin, relaxation_error
 
@@ -15,8 +14,7 @@ def qp_and_draw():
 
 
 def test_no_unnecessary_relaxation():
-    result = CliRunner().invoke(main, ["fuzz", "problems", "go2,g1", "--count", "40"])
-    assert result.exit_code == 0, result.output
+    result = wbc("fuzz", "problems", "go2,g1", "--count", "40")
     found = [line.split()[:3] for line in result.stdout.splitlines()]
     assert found == [[robot, "40", "problems"] for robot in ("go2", "g1")]
     assert result.output.count("relaxed too much: 0") == 2
@@ -45,8 +43,7 @@ def test_exit_status_after_a_solver_failure(monkeypatch):
     draw = problems.random_problem
     monkeypatch.setattr(problems, "random_problem", lambda *given: draw(*given[:3], 0))
     monkeypatch.setattr(problems.WholeBodyQP, "solve", give_up)
-    result = CliRunner().invoke(main, ["fuzz", "problems", "go2", "--count", "1", "--first", "4"])
-    assert result.exit_code == 1
+    result = wbc("fuzz", "problems", "go2", "--count", "1", "--first", "4", status=1)
     assert "problem 4: feasible with a margin of" in result.output
 
 

@@ -3,9 +3,8 @@
 import re
 
 import pytest
-from click.testing import CliRunner
+from command_line import wbc
 
-from wbc_controller.cli import main
 from wbc_controller.settings.config import load
 from wbc_controller.simulation.simulation import Simulation
 from wbc_controller.validation.fuzz import setpoints
@@ -19,8 +18,7 @@ def go2():
 
 def test_joints_keep_their_limits(monkeypatch):
     monkeypatch.setattr(setpoints, "DURATION", 1.0)
-    result = CliRunner().invoke(main, ["fuzz", "setpoints", "go2,g1", "--minutes", "0.01"])
-    assert result.exit_code == 0, result.output
+    result = wbc("fuzz", "setpoints", "go2,g1", "--minutes", "0.01")
     line = re.compile(r"(go2|g1) +\d+ trials, \d+ s under control, \d+ ended in damping; .*above 0.02 in 0 trials; .*")
     assert [line.fullmatch(said)[1] for said in result.stdout.splitlines()] == ["go2", "g1"]
 
@@ -44,8 +42,7 @@ def test_trials_continue_for_the_given_time_and_a_violated_limit_is_a_status(mon
     assert f"({worst.joint}, trial {worst.number}, {worst.kind})" in line
     monkeypatch.setattr(setpoints, "MAX_EXCESS", -10.0)
     monkeypatch.setattr(setpoints, "DURATION", 0.2)
-    result = CliRunner().invoke(main, ["fuzz", "setpoints", "go2", "--minutes", "0.001"])
-    assert result.exit_code == 1
+    result = wbc("fuzz", "setpoints", "go2", "--minutes", "0.001", status=1)
     assert re.search(r"above -10 in [1-9]\d* trials", result.output)
 
 

@@ -7,11 +7,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from command_line import wbc
 from domains import own_domain
 from launching import patient
 
-from wbc_controller.cli import main
 from wbc_controller.errors import ConfigurationError, WbcError
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.settings.service import RealtimeSettings
@@ -92,8 +91,7 @@ def test_invalid_options_and_an_ended_controller_are_reported(tmp_path, monkeypa
     for seconds in (0.0, -1.0, float("nan"), float("inf")):
         with pytest.raises(ConfigurationError, match=r"seconds = .*; valid: positive and finite"):
             measure_latency("go2", tmp_path, seconds=seconds)
-    result = CliRunner().invoke(main, ["bench", "latency", "go2", "--rate", "0", "--out", str(tmp_path)])
-    assert result.exit_code == 2
+    result = wbc("bench", "latency", "go2", "--rate", "0", "--out", tmp_path, status=2)
     assert "control.rate = 0.0" in result.stderr
     monkeypatch.setattr(latency.sys, "platform", "darwin")
     with pytest.raises(ConfigurationError, match=r"requires /proc .Linux., got darwin"):
@@ -116,9 +114,7 @@ def test_command_measures_controller_and_echo(forks, tmp_path, monkeypatch, tran
     if transport == "rclpy":
         pytest.importorskip("rclpy", reason="rclpy is not importable")
     words = ["--seconds", "1", "--transport", transport, "--domain", str(own_domain()), "--out", str(tmp_path)]
-    result = CliRunner().invoke(main, ["bench", "latency", str(patient("go2", tmp_path)), *words, *driver])
-    print(result.output)
-    assert result.exit_code == 0, (result.output, (tmp_path / "controller.log").read_text())
+    result = wbc("bench", "latency", patient("go2", tmp_path), *words, *driver)
     kept = json.loads((tmp_path / "latency.json").read_text())
     for path in ("controller", "echo"):
         states, without = kept[path]["states"], kept[path]["without_torques"]
