@@ -72,16 +72,10 @@ class SafetySettings(Section):
         "simulator at least the interval of its clock messages.",
         le=0.5,
     )
-    activation_ramp: NonNegative = key(
-        0.2, "Ramp time of the torques, s; an unsupported robot falls meanwhile.", le=60.0
-    )
-    hold_time: NonNegative = key(
-        0.1, "Longest time without a solution within `hold_window`, s; then damping mode.", le=1.0
-    )
+    activation_ramp: NonNegative = key(0.2, "Torque ramp time, s; an unsupported robot falls meanwhile.", le=60.0)
+    hold_time: NonNegative = key(0.1, "Longest time without solution within `hold_window`, s; then damping.", le=1.0)
     hold_window: NonNegative = key(1.0, "Window for `hold_time`, s; 0 counts uninterrupted time only.", le=60.0)
-    relax_time: NonNegative = key(
-        0.5, "Longest time with relaxed constraints within `relax_window`, s; then damping mode.", le=60.0
-    )
+    relax_time: NonNegative = key(0.5, "Longest time of relaxation within `relax_window`, s; then damping.", le=60.0)
     relax_window: Positive = key(2.0, "Window for `relax_time`, s; longer than `relax_time`.", le=600.0)
     damping_time: NonNegative = key(5.0, "Duration of damping before zero torque, s.", le=60.0)
     damping: Damping = key(
@@ -96,9 +90,7 @@ class SafetySettings(Section):
         "contact, times 1/5 in m/s for prismatic joints.",
         le=1.0e3,
     )
-    max_tilt: Positive = key(
-        1.0, "Tilt of a floating base relative to activation that counts as a fall, rad; 3.2 for none.", le=3.2
-    )
+    max_tilt: Positive = key(1.0, "Tilt of a floating base since activation that is a fall, rad; 3.2 for none.", le=3.2)
     min_height: NonNegative = key(
         0.4,
         "Height of a floating base above the lowest limb end that counts as a fall, as a share of that at "
@@ -215,9 +207,7 @@ class MockSettings(Section):
     damping: Damping = key(2.0, "Joint damping without torque commands, N·m·s/rad.")
     joint_friction: NonNegative = key(0.0, "Dry friction of each joint in the simulation, N·m.", le=1.0e3)
     joint_viscosity: NonNegative = key(0.0, "Viscous friction, N·m·s/rad.", le=1.0e3)
-    sensors: SensorQuality = key(
-        "ideal", "Quality of IMU, encoders and motors (docs/estimation.md). Odometry is exact."
-    )
+    sensors: SensorQuality = key("ideal", "Quality of IMU, encoders, motors (docs/estimation.md). Odometry is exact.")
     sensor_seed: int = key(0, "Random seed of the sensors.", ge=0, le=2**31 - 1)
     pose_rate: NonNegative = key(0.0, "Rate of the topic `pose`, Hz; 0 for none.", le=1.0e3)
     pose_delay: NonNegative = key(0.0, "Latency of these poses, s.", le=10.0)

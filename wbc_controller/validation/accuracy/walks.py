@@ -139,8 +139,7 @@ def walk(
         command: a name of `COMMANDS`, `DIAGONAL` or `RANDOM`.
         scale: factor of the velocities.
 
-    Raises:
-        ConfigurationError: if the robot cannot be controlled or simulated.
+    Raises `ConfigurationError` if the robot cannot be controlled or simulated.
     """
     trial = WalkTrial(robot, sensors, seed, changes, scale)
     rng = np.random.default_rng(seed)
@@ -225,8 +224,7 @@ class Starts:
 def start_and_stop(robot: str, sensors: SensorQuality, seed: int, count: int) -> Starts:
     """Start at random velocities and stop after random times.
 
-    Raises:
-        ConfigurationError: if the robot cannot be controlled or simulated.
+    Raises `ConfigurationError` if the robot cannot be controlled or simulated.
     """
     trial, rng = WalkTrial(robot, sensors, seed), np.random.default_rng(seed)
     steps: list[int] = []
