@@ -54,7 +54,6 @@ class SymmetryReport:
     """Symmetry check of a perturbation (equations (23) and (28))."""
 
     variation: float  # largest |δL| relative to its terms
-    conserved: Array  # pᵀδq at each state, (k,) in N·s or N·m·s
     invariant: bool  # True if the variation is within the tolerance
 
 
@@ -69,7 +68,7 @@ def check_symmetry(
 
     Raises `InputRefused` if the perturbation is invalid.
     """
-    worst, conserved = 0.0, []
+    worst = 0.0
     for q, v in states:
         delta = as_array("δq(q)", perturbation(q), (model.nv,))
         p = generalized_momentum(model, q, v)
@@ -77,8 +76,7 @@ def check_symmetry(
         gravity = pin.computeGeneralizedGravity(model, model.createData(), q)
         scale = np.linalg.norm(delta) * (np.linalg.norm(gravity) + np.linalg.norm(p) * (1.0 + np.linalg.norm(v)))
         worst = max(worst, abs(lagrangian_variation(model, q, v, perturbation)) / (float(scale) + 1.0e-12))
-        conserved.append(float(p @ delta))
-    return SymmetryReport(variation=worst, conserved=np.array(conserved), invariant=bool(worst <= tolerance))
+    return SymmetryReport(variation=worst, invariant=bool(worst <= tolerance))
 
 
 def _require_free_flyer(model: pin.Model) -> None:

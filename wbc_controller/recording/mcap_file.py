@@ -16,21 +16,9 @@ from pathlib import Path
 from typing import BinaryIO
 
 import zstandard
+from mcap import records as rec
 from mcap.data_stream import RecordBuilder
 from mcap.exceptions import EndOfFile, McapError, RecordLengthLimitExceeded
-from mcap.records import (
-    Channel,
-    Chunk,
-    ChunkIndex,
-    DataEnd,
-    Footer,
-    Header,
-    McapRecord,
-    Message,
-    MessageIndex,
-    Schema,
-    Statistics,
-)
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -57,7 +45,7 @@ class PackedChunk:
     """Serialized, compressed messages."""
 
     data: bytes  # chunk record, and one message index per channel
-    index: ChunkIndex  # entry of the file's index, with offsets from the start of `data`
+    index: rec.ChunkIndex  # entry of the file's index, with offsets from the start of `data`
     counts: dict[int, int]  # messages per channel
 
 
@@ -74,7 +62,7 @@ class ChunkBuilder:
     def __init__(self) -> None:
         self._newest = 0
         self._messages = RecordBuilder()
-        self._indexes: dict[int, MessageIndex] = {}
+        self._indexes: dict[int, rec.MessageIndex] = {}
 
     @property
     def size(self) -> int:
@@ -84,9 +72,9 @@ class ChunkBuilder:
     def add(self, channel: int, time: int, payload: bytes) -> None:
         """Add a message; time in ns."""
         self._newest = max(time, self._newest)
-        index = self._indexes.setdefault(channel, MessageIndex(channel, []))
+        index = self._indexes.setdefault(channel, rec.MessageIndex(channel, []))
         index.records.append((self._newest, self._messages.count))
-        Message(
+        rec.Message(
             channel_id=channel, sequence=0, log_time=self._newest, publish_time=max(time, 0), data=payload
         ).write(self._messages)  # fmt: skip
 
@@ -96,7 +84,7 @@ class ChunkBuilder:
             return None
         indexes, self._indexes = self._indexes, {}
         raw = self._messages.end()
-        chunk = Chunk(
+        chunk = rec.Chunk(
             compression="zstd",
             data=zstandard.compress(raw, _COMPRESSION_LEVEL),
             message_start_time=min(index.records[0][0] for index in indexes.values()),
@@ -110,7 +98,7 @@ class ChunkBuilder:
         for channel, index in indexes.items():
             offsets[channel] = builder.count
             index.write(builder)
-        entry = ChunkIndex(
+        entry = rec.ChunkIndex(
             chunk_start_offset=0,
             chunk_length=length,
             message_index_offsets=offsets,
@@ -131,18 +119,18 @@ class McapFile:
         """Create or replace the file; raises `OSError`, also for a symbolic link to a missing file."""
         self.path = path
         self.end = 0  # size without the end records, bytes
-        schemas: dict[str, Schema] = {}
+        schemas: dict[str, rec.Schema] = {}
         channels = []
         metadata = {"offered_qos_profiles": ""}  # for rosbag2
         for topic in topics:
-            new = Schema(id=len(schemas) + 1, name=topic.type, encoding="ros2msg", data=topic.definition.encode())
+            new = rec.Schema(id=len(schemas) + 1, name=topic.type, encoding="ros2msg", data=topic.definition.encode())
             schema = schemas.setdefault(topic.type, new)
-            channels.append(Channel(topic.number, topic.name, "cdr", metadata, schema.id))
-        self._definitions: tuple[McapRecord, ...] = (*schemas.values(), *channels)
-        self._indexes: list[ChunkIndex] = []
+            channels.append(rec.Channel(topic.number, topic.name, "cdr", metadata, schema.id))
+        self._definitions: tuple[rec.McapRecord, ...] = (*schemas.values(), *channels)
+        self._indexes: list[rec.ChunkIndex] = []
         self._counts: Counter[int] = Counter()  # messages by topic
         self._file: BinaryIO = path.open("wb" if exists(path) else "xb", buffering=0)
-        self._append(MAGIC + _serialized(Header("ros2", "wbc_controller"), *self._definitions))
+        self._append(MAGIC + _serialized(rec.Header("ros2", "wbc_controller"), *self._definitions))
 
     def write(self, chunk: PackedChunk | None) -> None:
         """Append a chunk, if any; after an `OSError` the earlier chunks remain."""
@@ -158,11 +146,11 @@ class McapFile:
         """Write the index and close; after an `OSError` the file stays readable without index."""
         try:
             if self._indexes:
-                statistics = Statistics(
+                statistics = rec.Statistics(
                     attachment_count=0,
                     metadata_count=0,
-                    schema_count=sum(isinstance(record, Schema) for record in self._definitions),
-                    channel_count=sum(isinstance(record, Channel) for record in self._definitions),
+                    schema_count=sum(isinstance(record, rec.Schema) for record in self._definitions),
+                    channel_count=sum(isinstance(record, rec.Channel) for record in self._definitions),
                     chunk_count=len(self._indexes),
                     message_count=self._counts.total(),
                     channel_message_counts=dict(self._counts),
@@ -202,25 +190,27 @@ def write_messages(path: Path, topics: Iterable[Topic], messages: Iterable[tuple
     file.close()
 
 
-def _serialized(*records: McapRecord) -> bytes:
+def _serialized(*records: rec.McapRecord) -> bytes:
     builder = RecordBuilder()
     for record in records:
         record.write(builder)
     return bytes(builder.end())
 
 
-def _end_of_file(data_size: int, *summary: McapRecord) -> bytes:
+def _end_of_file(data_size: int, *summary: rec.McapRecord) -> bytes:
     """Return the end records after `data_size` bytes."""
-    data_end = _serialized(DataEnd(0))
-    footer = Footer(summary_start=data_size + len(data_end) if summary else 0, summary_offset_start=0, summary_crc=0)
+    data_end = _serialized(rec.DataEnd(0))
+    footer = rec.Footer(
+        summary_start=data_size + len(data_end) if summary else 0, summary_offset_start=0, summary_crc=0
+    )
     return data_end + _serialized(*summary, footer) + MAGIC
 
 
-def _records(file: BinaryIO, size: int) -> Iterator[McapRecord]:
+def _records(file: BinaryIO, size: int) -> Iterator[rec.McapRecord]:
     expanded = 0
     reader = StreamReader(file, skip_magic=True, emit_chunks=True, validate_crcs=True, record_size_limit=size)
     for record in reader.records:
-        if not isinstance(record, Chunk):
+        if not isinstance(record, rec.Chunk):
             yield record
             continue
         if record.compression not in ("", "zstd"):
@@ -248,7 +238,7 @@ class McapMessages:
 
     def __iter__(self) -> Iterator[tuple[Topic, int, bytes]]:
         """Yield topic, time of arrival in ns, and serialized message; another file type raises `ValueError`."""
-        schemas: dict[int, Schema] = {}
+        schemas: dict[int, rec.Schema] = {}
         with self.path.open("rb") as file:
             if file.read(len(MAGIC)) != MAGIC:
                 raise ValueError("not an MCAP file")
@@ -257,14 +247,14 @@ class McapMessages:
             while True:
                 try:
                     record = next(records)
-                    if isinstance(record, DataEnd):
+                    if isinstance(record, rec.DataEnd):
                         return
-                    if isinstance(record, Schema):
+                    if isinstance(record, rec.Schema):
                         schemas[record.id] = record
-                    elif isinstance(record, Channel):
+                    elif isinstance(record, rec.Channel):
                         schema = schemas[record.schema_id]
                         self.topics[record.id] = Topic(record.id, record.topic, schema.name, schema.data.decode())
-                    topic = self.topics[record.channel_id] if isinstance(record, Message) else None
+                    topic = self.topics[record.channel_id] if isinstance(record, rec.Message) else None
                 except (EndOfFile, RecordLengthLimitExceeded):
                     self.damage = "the last record is incomplete"
                     return
@@ -272,5 +262,5 @@ class McapMessages:
                     at_end = file.read(1) == b""
                     self.damage = "the last record is incomplete" if at_end else f"a record is damaged ({error})"
                     return
-                if topic is not None and isinstance(record, Message):
+                if topic is not None and isinstance(record, rec.Message):
                     yield topic, record.publish_time, record.data

@@ -49,12 +49,7 @@ class DemoFailed(WbcError):
 
 
 class Director:
-    """Executes a scenario.
-
-    Attributes:
-        frames: frame of each frame task.
-        arrived: set by each joint state, on the transport's thread.
-    """
+    """Executes a scenario."""
 
     def __init__(
         self,
@@ -72,11 +67,12 @@ class Director:
             advance: waits for `arrived`, or in lockstep executes one step.
             record: records the messages of `truth_topics` and the phases.
         """
-        self.arrived = threading.Event()
+        self.arrived = threading.Event()  # set by each joint state, on the transport's thread
         self.windows: dict[str, tuple[float, float]] = {}
         #: Start, s, and trajectory of the centre of mass; None while the robot walks.
         self.references: list[tuple[float, Trajectory | None]] = []
         self.targets: dict[str, Array] = {}  # by task, (3,) in m
+        #: Frame of each frame task.
         self.frames = {name: task.frame for name, task in settings.tasks.items() if hasattr(task, "frame")}
         self._model, self._scenario = model, scenario
         self._data = model.pinocchio.createData()

@@ -24,7 +24,6 @@ from urllib.parse import parse_qs, urlsplit
 import viser
 import websockets.asyncio.server
 from websockets.asyncio.server import Server, ServerConnection
-from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 from websockets.server import ServerProtocol
 from websockets.typing import Data
@@ -52,9 +51,11 @@ _POLICY = (
     "connect-src 'self' ws://{host} wss://{host} data: blob:; base-uri 'none'; form-action 'none'"
 )
 
+_HEADERS = {
+    "X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer", "X-Frame-Options": "DENY",
+    "Cache-Control": "no-store",
+}  # fmt: skip
 _Process = Callable[[ServerConnection, Request], Response | None]
-
-
 _log = logging.getLogger(__name__)
 
 RATE, BURST = 300.0, 300.0  # rate limit, messages per second, and burst; a page sends at most 90 per second
@@ -144,28 +145,19 @@ class Gate:
         def checked(connection: ServerConnection, request: Request) -> Response | None:
             why = self.refusal(request)
             if why:
-                return _plain(http.HTTPStatus.FORBIDDEN, why)
+                return connection.respond(http.HTTPStatus.FORBIDDEN, why)
             response = process(connection, request)
             if response is None:  # a request for a connection
                 full = len(connection.server.connections) >= MAX_PAGES
-                return _plain(http.HTTPStatus.SERVICE_UNAVAILABLE, _TOO_MANY_PAGES) if full else None
+                return connection.respond(http.HTTPStatus.SERVICE_UNAVAILABLE, _TOO_MANY_PAGES) if full else None
+            response.headers.update(_HEADERS)
             response.headers["Content-Security-Policy"] = _POLICY.format(host=request.headers["Host"])
-            response.headers["X-Content-Type-Options"] = "nosniff"
-            response.headers["Referrer-Policy"] = "no-referrer"
-            response.headers["X-Frame-Options"] = "DENY"
-            response.headers["Cache-Control"] = "no-store"
             if self.token:
                 name = _COOKIE.format(port=self.port)
                 response.headers["Set-Cookie"] = f"{name}={self.token}; Path=/; HttpOnly; SameSite=Strict"
             return response
 
         return checked
-
-
-def _plain(status: http.HTTPStatus, text: str) -> Response:
-    body = text.encode()
-    headers = Headers({"Content-Type": "text/plain; charset=utf-8", "Content-Length": str(len(body))})
-    return Response(status, status.phrase, headers, body)
 
 
 def _bytes(token: str) -> bytes:

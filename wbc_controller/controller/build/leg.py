@@ -38,10 +38,6 @@ class Leg:
     """One leg or arm, with the base upright at the origin.
 
     Offsets of the foot, (4,), count from the nominal posture: forward, left and up in m, and turned to the left in rad.
-
-    Attributes:
-        joints: indices in `model.joints` of the joints that move this foot alone.
-        place: of the foot in the nominal posture, (3,) in m.
     """
 
     def __init__(
@@ -56,13 +52,14 @@ class Leg:
             sole: placement of the flat sole in the frame; None for a point foot, which may have any orientation.
         """
         own = _chain(model, frame).difference(*(_chain(model, other) for other in others))
+        #: Indices in `model.joints` of the joints that move this foot alone.
         self.joints = [i for i, name in enumerate(model.joints) if model.pinocchio.getJointId(name) in own]
         self._frame, self._sole = frame, pin.SE3.Identity() if sole is None else sole
         self._rows = 3 if sole is None else 6  # controlled directions
         self._model, self._data = model, model.pinocchio.createData()
         self._margin = margin
         self._start = pin.SE3(self.kinematics(np.array(model.posture))[0])
-        self.place: Array = self._start.translation
+        self.place: Array = self._start.translation  # of the foot in the nominal posture, (3,) in m
 
     def posture(self, offset: Array, start: Array) -> tuple[Array, str]:
         """Return the posture, (nj,) in rad, with the foot at an offset, and the limit that it exceeds, or "".

@@ -1,7 +1,7 @@
 """Summary of a recording, of its replay, and of a cycle."""
 
 import datetime
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -146,7 +146,7 @@ def _history(recorded: Recording) -> list[str]:
 
 def _event_texts(event: Mapping[str, Any]) -> list[tuple[str, str]]:
     words = [("command", str(word)) for word in event.get("requests", ())]
-    words += [("change", describe_change(change)) for each in event.get("changes", ()) for change in each]
+    words += [("change", _TEXTS.get(type(change), str)(change)) for each in event.get("changes", ()) for change in each]
     words += [("refused", str(sentence)) for sentence in event.get("refused", ())]
     words += [("dropped", f"{count} messages on {topic}") for topic, count in event.get("left out", {}).items()]
     if "settings" in event:
@@ -157,29 +157,29 @@ def _event_texts(event: Mapping[str, Any]) -> list[tuple[str, str]]:
     return words
 
 
-def describe_change(change: object) -> str:
-    """Describe a change."""
-    if isinstance(change, changes.SetSetpoint):
-        where = f" in {change.frame}" if change.frame else ""
-        return f"setpoint of {change.task}: {np.array2string(change.position, precision=3, threshold=8)}{where}"
-    if isinstance(change, changes.SetTrajectory):
-        return f"trajectory of {change.task}: {len(change.points)} points"
-    if isinstance(change, changes.SetWeight):
-        return f"weight of {change.task}: {change.weight:g}"
-    if isinstance(change, changes.EnableTask):
-        return f"task {change.task} {'on' if change.enabled else 'off'}"
-    if isinstance(change, changes.EnableContact):
-        return f"contact {change.contact} {'on' if change.enabled else 'off'}"
-    if isinstance(change, changes.SetSlippingContacts):
-        return f"slipping contacts: {', '.join(change.contacts) or 'none'}"
-    if isinstance(change, changes.SetExternalWrench):
-        return f"external wrench at {change.frame}: {np.array2string(change.wrench, precision=3)}"
-    if isinstance(change, changes.Walk):
-        v = change.velocity
-        return "walking stops" if v is None else f"walk at {v[0]:g}, {v[1]:g} m/s and {v[2]:g} rad/s"
-    if isinstance(change, changes.WalkTo):
-        x, y, heading = change.pose
-        return f"walk to {x:g}, {y:g} m and {heading:g} rad"
-    if isinstance(change, changes.WalkFootsteps):
-        return f"walk by {len(change.poses)} footsteps"
-    return f"settings: {dict(change.settings)}" if isinstance(change, ChangeSettings) else str(change)
+def _describe_setpoint(change: changes.SetSetpoint) -> str:
+    where = f" in {change.frame}" if change.frame else ""
+    return f"setpoint of {change.task}: {np.array2string(change.position, precision=3, threshold=8)}{where}"
+
+
+def _describe_walk(change: changes.Walk) -> str:
+    v = change.velocity
+    return "walking stops" if v is None else f"walk at {v[0]:g}, {v[1]:g} m/s and {v[2]:g} rad/s"
+
+
+#: Text of each kind of change.
+_TEXTS: Mapping[type, Callable[[Any], str]] = {
+    changes.SetSetpoint: _describe_setpoint,
+    changes.SetTrajectory: lambda change: f"trajectory of {change.task}: {len(change.points)} points",
+    changes.SetWeight: lambda change: f"weight of {change.task}: {change.weight:g}",
+    changes.EnableTask: lambda change: f"task {change.task} {'on' if change.enabled else 'off'}",
+    changes.EnableContact: lambda change: f"contact {change.contact} {'on' if change.enabled else 'off'}",
+    changes.SetSlippingContacts: lambda change: f"slipping contacts: {', '.join(change.contacts) or 'none'}",
+    changes.SetExternalWrench: lambda change: (
+        f"external wrench at {change.frame}: {np.array2string(change.wrench, precision=3)}"
+    ),
+    changes.Walk: _describe_walk,
+    changes.WalkTo: lambda change: "walk to {:g}, {:g} m and {:g} rad".format(*change.pose),
+    changes.WalkFootsteps: lambda change: f"walk by {len(change.poses)} footsteps",
+    ChangeSettings: lambda change: f"settings: {dict(change.settings)}",
+}

@@ -2,20 +2,9 @@
 
 import numpy as np
 
+from wbc_controller.controller.visualization import plots as style
 from wbc_controller.controller.visualization.page_report import Plot
-from wbc_controller.controller.visualization.plots import (
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    PALETTE,
-    RED,
-    Line,
-    Panel,
-    Series,
-    by_category,
-    line_panels,
-)
+from wbc_controller.controller.visualization.plots import Line, Panel, Series, by_category, line_panels
 from wbc_controller.recording.report.run_data import RunData
 from wbc_controller.records import Array
 
@@ -51,8 +40,8 @@ def friction_use(wrench: Array, coefficient: float) -> Array:
 def _com(run: RunData) -> Plot:
     panels = []
     for i, axis in enumerate("xyz"):
-        com = Line("centre of mass", run.time, run.com[:, i], BLUE)
-        reference = Line("reference", run.time, run.com_reference[:, i], ORANGE, dash="dash", width=1.4)
+        com = Line("centre of mass", run.time, run.com[:, i], style.BLUE)
+        reference = Line("reference", run.time, run.com_reference[:, i], style.ORANGE, dash="dash", width=1.4)
         panels.append(Panel(f"{axis} [m]", [com, reference], span=0.02))
     return _over_time(run, "com", "Centre of mass", "Position in the world, and its reference.", panels, 500)
 
@@ -60,8 +49,8 @@ def _com(run: RunData) -> Plot:
 def _torques(run: RunData) -> Plot:
     use = 100.0 * np.abs(run.tau) / run.effort_limits  # (n, na) in %
     peaks = np.max(np.nan_to_num(use), axis=0, initial=0.0)  # (na,)
-    lines = [Line("largest of all joints", run.time, use.max(axis=1, initial=0.0), GREY, width=0.8, filled=True)]
-    for joint, color in zip(np.argsort(-peaks)[:DRAWN_JOINTS], PALETTE, strict=False):
+    lines = [Line("largest of all joints", run.time, use.max(axis=1, initial=0.0), style.GREY, width=0.8, filled=True)]
+    for joint, color in zip(np.argsort(-peaks)[:DRAWN_JOINTS], style.PALETTE, strict=False):
         lines.append(Line(run.actuators[joint].removesuffix("_joint"), run.time, use[:, joint], color, width=1.2))
     caption = "Joints with the largest torques, and the envelope of all joints. Dotted: effort limit."
     panel = Panel("|torque| / limit [%]", lines, range=(0.0, 108.0), limit=100.0)
@@ -71,9 +60,11 @@ def _torques(run: RunData) -> Plot:
 def _forces(run: RunData) -> Plot:
     panels = []
     for name, wrench in run.contact_wrenches.items():
-        lines = [Line("force in the QP", run.time, wrench[:, 2], BLUE)]
+        lines = [Line("force in the QP", run.time, wrench[:, 2], style.BLUE)]
         if name in run.true_wrenches:  # below the other line
-            lines.insert(0, Line("force of the ground", run.time, run.true_wrenches[name][:, 2], ORANGE, width=1.2))
+            lines.insert(
+                0, Line("force of the ground", run.time, run.true_wrenches[name][:, 2], style.ORANGE, width=1.2)
+            )
         panels.append(Panel(f"{name.replace('_', ' ')}<br>f<sub>z</sub> [N]", lines, from_zero=True))
     truth = ", and true force of the ground," if run.true_wrenches else ""
     caption = f"Force in the solution of the quadratic program{truth} along each contact's normal."
@@ -83,7 +74,7 @@ def _forces(run: RunData) -> Plot:
 def _friction(run: RunData) -> Plot:
     lines = []
     for i, (name, coefficient) in enumerate(run.friction.items()):  # a fixed contact has no friction cone
-        color = PALETTE[i % len(PALETTE)]
+        color = style.PALETTE[i % len(style.PALETTE)]
         label = f"{name.replace('_', ' ')} (μ = {coefficient:g})"
         lines.append(Line(label, run.time, friction_use(run.contact_wrenches[name], coefficient), color))
         if name in run.true_wrenches:
@@ -103,8 +94,8 @@ def _errors(run: RunData) -> Plot:
 
 
 def _audit(run: RunData) -> Plot:
-    force = Line("force on the centre of mass", run.time, run.audit["force"], RED)
-    energy = Line("energy residual", run.time, run.audit["energy"], PALETTE[4])
+    force = Line("force on the centre of mass", run.time, run.audit["force"], style.RED)
+    energy = Line("energy residual", run.time, run.audit["energy"], style.PALETTE[4])
     caption = "Forces and power that the model does not explain: zero without disturbance."
     panels = [Panel("force [N]", [force], from_zero=True), Panel("power [W]", [energy])]
     return _over_time(run, "audit", "Model audit", caption, panels, 360)
@@ -118,9 +109,9 @@ def _cycles(run: RunData) -> Plot:
     share = 100.0 * counts / len(milliseconds)
     top = np.array([0.0, share.max()])
     lines = [
-        Line(f"{len(milliseconds):,} cycles", np.repeat(edges, 2)[1:-1], np.repeat(share, 2), BLUE, filled=True),
-        Line(f"median {median:.2f} ms", np.full(2, median), top, GREEN, dash="dash"),
-        Line(f"99th percentile {p99:.2f} ms", np.full(2, p99), top, ORANGE, dash="dash"),
+        Line(f"{len(milliseconds):,} cycles", np.repeat(edges, 2)[1:-1], np.repeat(share, 2), style.BLUE, filled=True),
+        Line(f"median {median:.2f} ms", np.full(2, median), top, style.GREEN, dash="dash"),
+        Line(f"99th percentile {p99:.2f} ms", np.full(2, p99), top, style.ORANGE, dash="dash"),
     ]
     figure = line_panels([Panel("share of cycles [%]", lines)], height=320, axis="time of one control cycle [ms]")
     late = int((milliseconds > end).sum())
@@ -136,8 +127,8 @@ def _stages(run: RunData) -> Plot:
         for share in (50.0, 99.0)
     )
     series = [
-        Series("median", names, median, BLUE, "bar", [f"{value:.3f} ms" for value in median]),
-        Series("99th percentile", names, p99, ORANGE, "line-ns", [f"{value:.3f} ms" for value in p99]),
+        Series("median", names, median, style.BLUE, "bar", [f"{value:.3f} ms" for value in median]),
+        Series("99th percentile", names, p99, style.ORANGE, "line-ns", [f"{value:.3f} ms" for value in p99]),
     ]
     figure = by_category(series, axis="time in one cycle [ms]")
     return Plot("stages", "Stages of a cycle", "Duration of each stage.", figure)

@@ -24,15 +24,11 @@ _FALL_TIME = 2.0  # longest time of a fall, s
 
 
 class EstimationTrial(Lockstep):
-    """A mock robot on its estimate, and a user for motions of the centre of mass.
-
-    Attributes:
-        true_state: true q and v of the last cycle; None before the first.
-        origin: reference of the centre of mass while standing, (3,) in m; set by `stand`.
-        shift: offset from the true world to the estimate's world at rest, (3,) in m.
-    """
+    """A mock robot on its estimate, and a user for motions of the centre of mass."""
 
     report: CycleReport
+    origin: Array  # reference of the centre of mass while standing, (3,) in m; set by `stand`
+    shift: Array  # offset from the true world to the estimate's world at rest, (3,) in m; set by `stand`
 
     def __init__(self, robot: str | Config, changes: Mapping[str, Any], *, force_sensors: bool = False) -> None:
         """Build a robot on its hoist; raise `ConfigurationError` if this fails."""
@@ -43,7 +39,7 @@ class EstimationTrial(Lockstep):
         remappings = {f"~/contacts/{each.subject}/wrench": each.name for each in measured if force_sensors}
         super().__init__(settings, model=model, mock={"remappings": remappings})
         self.faults: Sequence[Fault] = ()
-        self.true_state: tuple[Array, Array] | None = None
+        self.true_state: tuple[Array, Array] | None = None  # true q and v of the last cycle
         self._com = next(iter(self.user.tasks("com")), "")
 
     @property

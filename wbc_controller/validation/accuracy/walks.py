@@ -59,12 +59,7 @@ class Walk:
 
 
 class WalkTrial(EstimationTrial):
-    """A robot that walks on its estimate by ``cmd_vel``.
-
-    Attributes:
-        fastest: largest velocities forward, sideways and turning, times `scale`, (3,) in m/s and rad/s.
-        begun: simulated time of the start of the walk, s.
-    """
+    """A robot that walks on its estimate by ``cmd_vel``."""
 
     def __init__(
         self,
@@ -76,11 +71,11 @@ class WalkTrial(EstimationTrial):
     ) -> None:
         """Build a robot; raise `ConfigurationError` if this fails."""
         fastest = np.max([np.abs(each) for each in COMMANDS[robot].values()], axis=0)
-        self.fastest = scale * fastest
+        self.fastest = scale * fastest  # forward, sideways and turning, (3,) in m/s and rad/s
         own = {"estimation.base_state": "imu", "mock.sensors": sensors, "mock.sensor_seed": seed}
         limits = {"walking.max_speed": float(max(1.0, scale) * fastest[0])}
         super().__init__(robot, {**sensor_settings(sensors), **own, **limits, **changes})
-        self.begun = math.inf
+        self.begun = math.inf  # simulated time of the start of the walk, s
         self.meter = WalkMeter(self)
 
     def walk(
@@ -88,8 +83,7 @@ class WalkTrial(EstimationTrial):
     ) -> None:
         """Send velocities for a time in s; raise `NoSolution` if the robot falls.
 
-        Args:
-            velocity: returns the velocity forward, to the left and turning, (3,), at a time in s; None to send nothing.
+        `velocity` returns those forward, to the left and turning, (3,), at a time in s; None to send nothing.
         """
         self.begun = min(self.begun, self.time)
         begin, sent = self.time, -math.inf
@@ -222,10 +216,7 @@ class Starts:
 
 
 def start_and_stop(robot: str, sensors: SensorQuality, seed: int, count: int) -> Starts:
-    """Start at random velocities and stop after random times.
-
-    Raises `ConfigurationError` if the robot cannot be controlled or simulated.
-    """
+    """Start at random velocities and stop after random times; errors as of `walk`."""
     trial, rng = WalkTrial(robot, sensors, seed), np.random.default_rng(seed)
     steps: list[int] = []
     walker = trial.controller.walker

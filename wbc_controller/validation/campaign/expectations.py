@@ -92,10 +92,6 @@ def _lost(fault: Any, context: RuleContext) -> Expectation:
     return context.expect_stale(fault.duration) if fault.share == 1.0 else STALE_OR_BALANCE
 
 
-def _missing(fault: Any, context: RuleContext) -> Expectation:
-    return context.expect_stale(fault.duration)
-
-
 def _growing_delay(fault: Any, context: RuleContext) -> Expectation:
     """Without synchronized clocks, a growing delay looks like a slow clock."""
     visible_growth = fault.growth if context.settings.safety.synchronized_clocks else fault.growth - 1.0
@@ -118,6 +114,9 @@ def _clock(fault: Any, context: RuleContext) -> Expectation:
 def _refused_for(key: str) -> _Rule:
     """Messages are refused for the time in a parameter, at most for the duration."""
     return lambda fault, context: context.expect_stale(min(getattr(fault, key), fault.duration))
+
+
+_missing = _refused_for("duration")
 
 
 def _harmless_below(limits: Mapping[str, float], otherwise: Expectation = EITHER) -> _Rule:

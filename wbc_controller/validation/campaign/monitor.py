@@ -57,24 +57,17 @@ def logged_errors() -> Iterator[list[str]]:
 
 
 class OutputMonitor:
-    """Checks every torque message and the report of every cycle.
-
-    Attributes:
-        now: true simulated time, s; set by the trial.
-        violations: text of the first violation of each kind.
-        deactivation: end of the active mode: time, fault code and text.
-        longest: longest processor time of a cycle, s.
-    """
+    """Checks every torque message and the report of every cycle."""
 
     def __init__(
         self, model: RobotModel, settings: Settings, names: Mapping[str, str], *, stamps_lie: bool = False
     ) -> None:
         """Start; `names` are the topics of the state's streams, `stamps_lie` permits advanced stamps."""
-        self.now = 0.0
-        self.violations: dict[str, str] = {}
+        self.now = 0.0  # true simulated time, s; set by the trial
+        self.violations: dict[str, str] = {}  # text of the first violation of each kind
         self.mode: Mode | None = None
-        self.deactivation: tuple[float, str, str] | None = None
-        self.longest = 0.0
+        self.deactivation: tuple[float, str, str] | None = None  # end of the active mode: time, fault code and text
+        self.longest = 0.0  # longest processor time of a cycle, s
         self._model, self._settings, self._limits = model, settings, model.effort_limits
         self._period = 1.0 / settings.control.rate
         self._timeout = settings.safety.state_timeout + (settings.safety.clock_tolerance if stamps_lie else 0.0)

@@ -77,20 +77,14 @@ class Outcome:
 
 
 class Results:
-    """Outcomes of a campaign, in memory and on disk.
-
-    Attributes:
-        outcomes: newest outcomes of this version of code and configuration.
-        repeated: earlier outcomes.
-        other_versions: number of unused lines of other versions.
-    """
+    """Outcomes of a campaign, in memory and on disk."""
 
     def __init__(self, folder: Path) -> None:
         """Open and read the file of a folder; raise `ConfigurationError` if this fails."""
         self.path = folder / FILE
-        self.outcomes: dict[TrialKey, Outcome] = {}
-        self.repeated: dict[TrialKey, Outcome] = {}
-        self.other_versions = 0
+        self.outcomes: dict[TrialKey, Outcome] = {}  # newest, of this version of code and configuration
+        self.repeated: dict[TrialKey, Outcome] = {}  # earlier outcomes
+        self.other_versions = 0  # number of unused lines of other versions
         self._version = functools.cache(version_of)
         try:
             folder.mkdir(parents=True, exist_ok=True)

@@ -38,12 +38,7 @@ def _store(messages: deque[tuple[float, bytes]], payload: bytes) -> None:
 
 
 class RobotProcesses(Processes):
-    """Mock robot, controller and guard as processes, and a user in the same domain.
-
-    Attributes:
-        inputs: topics of the controller, by key and subject, such as ``setpoint/com``.
-        messages: arrival times and payloads by node and key, such as ``mock/odom``.
-    """
+    """Mock robot, controller and guard as processes, and a user in the same domain."""
 
     def __init__(
         self, robot: str, folder: Path, domain: int = DOMAIN, changes: Mapping[str, Any] | None = None
@@ -53,6 +48,7 @@ class RobotProcesses(Processes):
         self.model = make_model(self.settings)
         self.record = folder / "cycles.mcap"
         self.lateness = Lateness()
+        #: Arrival times and payloads by node and key, such as ``mock/odom``.
         self.messages: dict[str, deque[tuple[float, bytes]]] = {}
         self._types: dict[str, str] = {}
         self._transport = DdsTransport("trial_user", domain_id=domain, discovery_range="LOCALHOST")
@@ -62,6 +58,7 @@ class RobotProcesses(Processes):
                 self._types[name] = topic.type
                 self._transport.subscribe(reliable_counterpart(topic), partial(_store, messages))
         topics = controller_endpoints(self.settings, self.model)
+        #: Topics of the controller, by key and subject, such as ``setpoint/com``.
         self.inputs = {
             f"{topic.key}/{topic.subject}".rstrip("/"): topic for topic in topics if topic.direction is Direction.IN
         }

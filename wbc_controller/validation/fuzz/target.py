@@ -3,7 +3,7 @@
 import contextlib
 import gc
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache
 from typing import Any
 
@@ -34,24 +34,16 @@ class TimeLimitExceeded(InvariantViolation):
 
 
 class Target:
-    """A deterministic, fresh node under test on its own bus and simulated time.
-
-    Attributes:
-        topics: incoming topics by name, except the URDF.
-        alive: True while the node works; a valid message may end this.
-        outputs: messages on the subscribed outgoing topics by key.
-    """
+    """A deterministic, fresh node under test on its own bus and simulated time."""
 
     def __init__(self, topics: Sequence[Endpoint], subscribed: Sequence[str] = ()) -> None:
-        self.bus, self.clock, self.alive = MemoryBus(), ManualClock(1.0), True
-        self.topics: Mapping[str, Endpoint] = {
-            topic.name: topic
-            for topic in topics
-            if topic.direction is Direction.IN and topic.key != "robot_description"
-        }
+        self.bus, self.clock = MemoryBus(), ManualClock(1.0)
+        self.alive = True  # while the node works; a valid message may end this
+        received = [each for each in topics if each.direction is Direction.IN and each.key != "robot_description"]
+        self.topics = {topic.name: topic for topic in received}
         self.by_key = {topic.key: topic for topic in self.topics.values()}
         self.types = {topic.key: topic.type for topic in topics}
-        self.outputs: dict[str, list[bytes]] = {key: [] for key in subscribed}
+        self.outputs: dict[str, list[bytes]] = {key: [] for key in subscribed}  # messages on outgoing topics
         other_end = self.transport()
         for topic in topics:
             if topic.key in self.outputs:
