@@ -9,6 +9,7 @@ import time
 
 import pytest
 from busy import patience
+from waiting import has_ended
 
 from wbc_controller.errors import WbcError
 from wbc_controller.nodes.processes import Processes, memory, processor_time, until, waiting_time
@@ -65,15 +66,7 @@ def test_processes_end_with_their_killed_parent(tmp_path, own_sessions, stopped)
         os.kill(child, signal.SIGSTOP)
     parent.kill()
     parent.wait()
-    until(lambda: _ended(child), "the process to end", patience=5.0)
-
-
-def _ended(process):
-    try:
-        with open(f"/proc/{process}/stat", encoding="ascii") as stat:
-            return stat.read().rpartition(")")[2].split()[0] == "Z"  # not waited for yet
-    except FileNotFoundError:
-        return True
+    until(lambda: has_ended(child), "the process to end", patience=5.0)
 
 
 def test_a_process_hears_a_hang_up_also_under_nohup(tmp_path):

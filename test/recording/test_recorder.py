@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from busy import patience
 from recorded_run import by_rosbags
+from waiting import has_ended, until
 
 from wbc_controller.middleware.codec import encode
 from wbc_controller.middleware.topics import CONTROLLER_TOPICS, endpoints
@@ -279,9 +279,7 @@ def test_a_file_is_readable_after_a_kill(tmp_path, whom):
     path, counter = tmp_path / "a.mcap", tmp_path / "count"
     counter.write_bytes(bytes(8))
     process = subprocess.Popen([sys.executable, str(SCRIPT), str(path), str(counter)])
-    deadline = time.monotonic() + patience(60.0)
-    while struct.unpack("<q", counter.read_bytes())[0] < 300 and time.monotonic() < deadline:
-        time.sleep(0.01)
+    until(lambda: struct.unpack("<q", counter.read_bytes())[0] >= 300, "300 cycles", patience=60.0)
     time.sleep(np.random.default_rng().uniform(0.0, 0.3))
     writers = [int(each) for each in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()]
     if whom == "both":
@@ -290,18 +288,10 @@ def test_a_file_is_readable_after_a_kill(tmp_path, whom):
     process.kill()
     process.wait()
     (last,) = struct.unpack("<q", counter.read_bytes())
-    while any(Path(f"/proc/{each}").exists() and state(each) != "Z" for each in writers):
-        time.sleep(0.01)
+    until(lambda: all(map(has_ended, writers)), "the writers to end")
     found = Recording(path)
     assert found.last >= last - 1 - (500 if whom == "both" else 20)
     assert len(by_rosbags(path)) == sum(found.counts.values())
     if whom == "controller":  # on a busy computer its end may fall into the recording of an earlier fault
         kept = [Recording(each).last for each in (tmp_path / "faults").glob("go2-*.mcap")]
         assert max(kept) >= last - 1 - 20
-
-
-def state(pid: int) -> str:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
-    except FileNotFoundError:
-        return "Z"

@@ -17,6 +17,12 @@ _BAD_VISUALS = (
     '<visual><geometry><mesh filename="absent.dae"/></geometry><material name="none"/></visual>',
     '<visual><geometry><torus radius="1"/></geometry></visual>',
 )
+
+
+def _renamed(**names: str):
+    return lambda name: names.get(name, name), lambda name: f"{name}_joint"
+
+
 #: Ways of naming links and joints, from the readable name of a link.
 _NAMES = {
     "plain": (lambda name: name, lambda name: f"{name}_joint"),
@@ -27,18 +33,9 @@ _NAMES = {
     "spaces": (lambda name: name.replace("_", " "), lambda name: name.replace("_", " ") + " joint"),
     "umlauts": (lambda name: f"Fuß_{name}", lambda name: f"Gelenk_{name}"),
     "quoted": (lambda name: f"{name}&<'>", lambda name: f"{name}: {{}}#"),
-    "tasks": (
-        lambda name: {"left_foot": "com", "right_foot": "posture", "torso": "base"}.get(name, name),
-        lambda name: f"{name}_joint",
-    ),
-    "colliding": (
-        lambda name: {"left_foot": "a-b", "right_foot": "a_b", "left_hand": "a b", "right_hand": "a.b"}.get(name, name),
-        lambda name: f"{name}_joint",
-    ),
-    "worlds": (
-        lambda name: {"torso": "world", "left_foot": "universe", "link2": "world"}.get(name, name),
-        lambda name: f"{name}_joint",
-    ),
+    "tasks": _renamed(left_foot="com", right_foot="posture", torso="base"),
+    "colliding": _renamed(left_foot="a-b", right_foot="a_b", left_hand="a b", right_hand="a.b"),
+    "worlds": _renamed(torso="world", left_foot="universe", link2="world"),
 }
 
 

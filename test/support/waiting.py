@@ -4,6 +4,7 @@ import contextlib
 import threading
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 from busy import slowness
 
@@ -31,6 +32,12 @@ def until(
         if now - began >= patience * slowness():
             raise AssertionError(f"waited {now - began:.0f} s in vain for {what() if callable(what) else what}")
         advance()
+
+
+def has_ended(process: int) -> bool:
+    """Return True for a process that has ended, also if nobody has waited for it."""
+    stat = Path(f"/proc/{process}/stat")
+    return not stat.exists() or stat.read_text(encoding="ascii").rpartition(")")[2].split()[0] == "Z"
 
 
 @contextlib.contextmanager

@@ -3,10 +3,10 @@
 import os
 import subprocess
 import sys
-from pathlib import Path
 from types import SimpleNamespace
 
 from busy import patience
+from waiting import has_ended
 
 from wbc_controller.nodes.processes import end_with_parent, until
 from wbc_controller.validation.accuracy.parallel import run_parallel
@@ -25,18 +25,13 @@ with _parallel(2, "loky", None, work) as run:
 """
 
 
-def runs(process: int) -> bool:
-    stat = Path(f"/proc/{process}/stat")
-    return stat.exists() and stat.read_text().rpartition(")")[2].split()[0] != "Z"
-
-
 def test_workers_end_with_their_killed_parent(tmp_path):
     parent = subprocess.Popen([sys.executable, "-c", SCRIPT, str(tmp_path)])
     until(lambda: len(os.listdir(tmp_path)) == 2, "two workers", patience=patience(60.0))
     parent.kill()
     parent.wait()
     workers = [int(name) for name in os.listdir(tmp_path)]
-    until(lambda: not any(map(runs, workers)), "the workers to end", patience=patience(5.0))
+    until(lambda: all(map(has_ended, workers)), "the workers to end", patience=patience(5.0))
 
 
 def test_workers_of_accuracy_trials_end_with_their_parent_too(monkeypatch):

@@ -266,10 +266,8 @@ def test_curve_and_rate_never_conflict():
 def test_torque_speed_curve_has_an_effect(bench):
     """An elbow at half of its largest speed has a quarter of its torque; without the curve it needs more."""
     curve, tau = TorqueSpeedSettings(enabled=True, corner=0.2, no_load=0.6), {}
-    for name, robot in (
-        ("held", bench("g1", limits={**FREE, "torque_speed": curve})),
-        ("free", bench("g1", limits=FREE)),
-    ):
+    for name, limits in (("held", {**FREE, "torque_speed": curve}), ("free", FREE)):
+        robot = bench("g1", limits=limits)
         i, v = robot.model.joints.index(ELBOW), np.zeros(robot.model.nv)
         v[robot.model.v_index[i]] = 0.5 * robot.model.velocity_limits[i]
         solution = robot.controller.solve(robot.state(v=v), fling(robot, ELBOW, 2000.0))

@@ -75,19 +75,6 @@ def test_burst_of_ten_requests_arrives_whole_and_in_order(join, eventually):
     eventually(lambda: texts(received)[-10:] == burst)
 
 
-def test_namespaces_do_not_mix(join, eventually):
-    received = {"/a": [], "/b": []}
-    publish = {}
-    for namespace, messages in received.items():
-        transport = join("node", namespace)
-        transport.subscribe(endpoint(f"{namespace}/odom"), messages.append)
-        publish[namespace] = transport.advertise(endpoint(f"{namespace}/odom"))
-    eventually(lambda: received["/a"], lambda: publish["/a"](text("for a")))
-    eventually(lambda: received["/b"], lambda: publish["/b"](text("for b")))
-    assert set(texts(received["/a"])) == {"for a"}
-    assert set(texts(received["/b"])) == {"for b"}
-
-
 @pytest.mark.parametrize("join", ["dds", "ros2"], indirect=True)  # memory carries bytes of any type
 def test_unknown_type_is_refused(join):
     with pytest.raises(TransportError, match="std_msgs/msg/Strin"):

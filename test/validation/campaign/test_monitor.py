@@ -32,15 +32,9 @@ class Cycles:
     def cycle(self, tau, *, passed=0.002, mode=Mode.ACTIVE, code=None, solution=True, refused=()) -> dict:
         self.monitor.now += passed
         self.monitor.torques(encode(torques(np.asarray(tau, dtype=float))))
-        self.monitor.cycle(
-            SimpleNamespace(
-                mode=mode,
-                fault=Fault(code, "why") if code else None,
-                command=object(),
-                solution=object() if solution else None,
-                refused=refused,
-            )
-        )
+        fault, solved = Fault(code, "why") if code else None, object() if solution else None
+        result = SimpleNamespace(mode=mode, fault=fault, command=object(), solution=solved, refused=refused)
+        self.monitor.cycle(result)
         return self.monitor.violations
 
 
