@@ -93,9 +93,7 @@ def test_contestants_get_all_states_in_turn(monkeypatch):
         asked.append((name, touched, rows[:, 0].tolist()))
         return Answers(*(rows for _ in range(4)), rows[:, 0])
 
-    parties = [
-        SimpleNamespace(name=name, solve=lambda *question, name=name: solve(name, *question)) for name in ("a", "b")
-    ]
+    parties = [SimpleNamespace(name=name, solve=lambda *asked, name=name: solve(name, *asked)) for name in ("a", "b")]
     rows = np.arange(60.0)[:, None]
     warm, cold = compare.take_turns(parties, rows, blocks=2, warm=20, cold=10, touched=7)
     assert [(name, touched, states[0], len(states)) for name, touched, states in asked] == [

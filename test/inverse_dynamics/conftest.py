@@ -56,9 +56,8 @@ class Bench:
     def near_stance(self, rng: np.random.Generator, position: float = 0.1, velocity: float = 0.3) -> RobotState:
         """Return a random state within joint limits, near the stance."""
         q = pin.integrate(self.model.pinocchio, self.stance, position * rng.uniform(-1, 1, self.model.nv))
-        q[self.model.q_index] = np.clip(
-            q[self.model.q_index], self.model.position_lower + 0.05, self.model.position_upper - 0.05
-        )
+        lower, upper = self.model.position_lower + 0.05, self.model.position_upper - 0.05
+        q[self.model.q_index] = np.clip(q[self.model.q_index], lower, upper)
         return self.state(q, velocity * rng.uniform(-1, 1, self.model.nv))
 
     def random_problem(self, seed: int) -> tuple[RobotState, References, Array | None]:

@@ -111,10 +111,7 @@ def test_centroidal_momentum_rate_is_the_external_wrench(name, seed):
     frames = [str(f) for f in rng.choice(links(model), 2, replace=False)]
     force = np.zeros(model.nv)
     force[6:] = 30.0 * rng.normal(size=model.nv - 6)
-    contacts = [
-        wbm.SurfaceContact(frame=frames[0]),
-        wbm.PointContact(frame=frames[1], offset=np.array([0.1, 0.0, 0.0])),
-    ]
+    contacts = [wbm.SurfaceContact(frame=frames[0]), wbm.PointContact(frame=frames[1], offset=np.array([0.1, 0, 0]))]
     equation = wbm.constraint_equation(contacts, wbm.Kinematics(model, q, v))
     if np.linalg.cond(equation.A) > 1e6:
         return

@@ -243,9 +243,7 @@ FEET = ("front_left_foot", "front_right_foot", "rear_left_foot", "rear_right_foo
 
 def force(robot, newtons, foot=FEET[0], frame="", time=None):
     stamp = robot.bench.time if time is None else time
-    robot.bench.send(
-        "measured_wrench", wrench_stamped(np.array([0.0, 0.0, newtons, 0.0, 0.0, 0.0]), frame, stamp), foot
-    )
+    robot.bench.send("measured_wrench", wrench_stamped(newtons * np.eye(6)[2], frame, stamp), foot)
 
 
 def holding(robot):

@@ -87,9 +87,7 @@ def test_the_forces_counted_on_are_published_in_the_contact_frame(bench, name, f
 )
 def test_topics_are_published_on_demand(bench, monkeypatch, found, least):
     readers = set()
-    monkeypatch.setattr(
-        MemoryTransport, "has_reader", lambda self, endpoint: (endpoint.key, endpoint.subject) in readers
-    )
+    monkeypatch.setattr(MemoryTransport, "has_reader", lambda _, endpoint: (endpoint.key, endpoint.subject) in readers)
     controller = bench(changes={"control": {"markers_rate": 50.0}}).activated(10)
 
     def came():

@@ -145,9 +145,7 @@ def test_a_restarted_controller_that_waits_does_not_end_the_damping(rig):
     assert np.allclose(rig.run(0.1)[-1], -2.0 * SPEED)
 
 
-@pytest.mark.parametrize(
-    "velocity", [None, [np.nan, 0.0, 0.0], [0.0, np.inf, 0.0]], ids=["none", "not a number", "infinite"]
-)
+@pytest.mark.parametrize("velocity", [None, [np.nan, 0.0, 0.0], [0.0, np.inf, 0.0]], ids=["none", "nan", "infinite"])
 def test_without_usable_velocities_the_torques_sink_to_zero(rig, velocity):
     sent = [tau for tau in rig.run(0.1, velocity=velocity) if tau is not None]
     assert np.isfinite(sent).all()

@@ -231,9 +231,7 @@ def random_robot(seed):
 
 
 def height_of(model, q):
-    watch = FallWatch(
-        SimpleNamespace(floating_base=True, pinocchio=model), SafetySettings(max_tilt=1.0, min_height=0.5)
-    )
+    watch = FallWatch(SimpleNamespace(floating_base=True, pinocchio=model), SafetySettings(max_tilt=1, min_height=0.5))
     return watch._height_of(RobotState(0, q, np.zeros(model.nv)))
 
 

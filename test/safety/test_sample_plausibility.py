@@ -78,9 +78,8 @@ def test_fast_motions_and_impacts_are_within_reach(base, joints):
     v, q = np.zeros(model.nj), model.posture.copy()
     rng = np.random.default_rng(1)
     for i in range(2, 500):
-        new = np.clip(
-            v + rng.uniform(-0.5, 0.5, model.nj) * model.velocity_limits, -model.velocity_limits, model.velocity_limits
-        )
+        limits = model.velocity_limits
+        new = np.clip(v + rng.uniform(-0.5, 0.5, model.nj) * limits, -limits, limits)
         q = q + 0.5e-9 * DT * (v + new)
         assert check.check(i * DT, q, new) == ""
         v = new

@@ -49,9 +49,7 @@ def shorten_demos(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
     def shorten(*kept: str) -> None:
         def scenario(settings: Settings, model: RobotModel) -> Scenario:
             whole = derived_scenario(settings, model)
-            moves, shoves = (
-                tuple(part for part in parts if part.name in kept) for parts in (whole.moves, whole.shoves)
-            )
+            moves, shoves = (tuple(one for one in parts if one.name in kept) for parts in (whole.moves, whole.shoves))
             reaches = tuple(replace(reach, duration=2.0) for reach in whole.reaches if "reach" in kept)
             return replace(whole, stand=0.5, moves=moves, reaches=reaches, shoves=shoves, recovery=1.0)
 

@@ -28,10 +28,7 @@ from wbc_controller.controller.build.robot import make_model
 from wbc_controller.settings.config import load
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-pytestmark = [
-    pytest.mark.browser,
-    pytest.mark.skipif(CHROMIUM is None, reason="neither chromium nor google-chrome is installed"),
-]
+pytestmark = [pytest.mark.browser, pytest.mark.skipif(CHROMIUM is None, reason="no chromium or google-chrome")]
 # A browser without a GPU uses both processors of a small computer. Slow motion keeps the torques in time.
 CONFIG = load("g1").replace({"safety.state_timeout": 1.0})
 SLOW_MOTION = "0.3"

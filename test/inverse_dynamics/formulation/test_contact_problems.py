@@ -50,9 +50,7 @@ def test_bolt_carries_the_weight(bench):
     solution = robot.controller.solve(robot.state(), robot.references())
     assert solution.forces["bolt"][2] == pytest.approx(weight, rel=1e-4)
     assert solution.residuals["contact_motion"] < 1e-9
-    down = replace(
-        robot.references(), external_wrenches={robot.model.base_link: np.array([0, 0, 3.0 * weight, 0, 0, 0])}
-    )
+    down = replace(robot.references(), external_wrenches={robot.model.base_link: np.array([0, 0, 3 * weight, 0, 0, 0])})
     assert robot.controller.solve(robot.state(), down).forces["bolt"][2] == pytest.approx(-2.0 * weight, rel=1e-4)
 
 

@@ -32,10 +32,7 @@ def plain_bounds(position, velocity, most, ahead, q, v, period):
     lower, upper = np.where(crossed & up, upper, lower), np.where(crossed & ~up, lower, upper)
     slowing = max(period, min(ahead, VELOCITY_HORIZON))
     fast_down, fast_up = (velocity / slowing - each / np.where(each > 0.0, slowing, period) for each in (-v, v))
-    return (
-        np.clip(np.clip(-fast_down, -most, most), lower, upper),
-        np.clip(np.clip(fast_up, -most, most), lower, upper),
-    )
+    return np.clip(np.clip(-fast_down, -most, most), lower, upper), np.clip(np.clip(fast_up, -most, most), lower, upper)
 
 
 @given(

@@ -133,10 +133,8 @@ def test_mimic_joint_equals_reduced_coordinates(small):
 def test_equations_of_motion_with_all_actuation(solver, robot_changes):
     """Floating base on two points, with a transmission, a spring and a mimic joint; the remainder is Cᵀλ."""
     ball = {"type": "point", "max_normal_force": 500.0}
-    changes = {
-        "contacts": {"foot": ball | {"frame": "foot"}, "stump": ball | {"frame": "carriage"}},
-        "solver": {"name": solver},
-    }
+    contacts = {"foot": ball | {"frame": "foot"}, "stump": ball | {"frame": "carriage"}}
+    changes = {"contacts": contacts, "solver": {"name": solver}}
     settings = menagerie(base="floating", **robot_changes)
     settings = Settings.model_validate(settings.model_dump() | changes)
     model = make_model(settings, MENAGERIE)

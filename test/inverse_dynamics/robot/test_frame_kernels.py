@@ -73,9 +73,8 @@ def test_frame_task_rows_equal_pinocchio(robot, seed):
             task = kind("task", dynamics.model, frame, chosen, stiffness=gains[0], damping=gains[1])
             there = pin.SE3.Random() if rng.random() < 0.8 else dynamics.placement(task._frame_id)
             pose = pin.SE3ToXYZQUAT(there)
-            wanted = Reference(
-                {0: pose[:3], 3: pose[3:]}[kind.part.start] if size == 3 else pose, *rng.normal(size=(2, size))
-            )
+            position = {0: pose[:3], 3: pose[3:]}[kind.part.start] if size == 3 else pose
+            wanted = Reference(position, *rng.normal(size=(2, size)))
             (rows, right), error = filled(dynamics, tasks=[(task, wanted)])
             plain = task.equation(dynamics, wanted)
             displaced = task.error(dynamics, wanted.position)

@@ -94,9 +94,7 @@ def chain(links: int) -> str:
 
 def test_longest_chain():
     assert build_model(chain(1000), ["j0"], [0.0], floating_base=False).joints == ("j0",)
-    with pytest.raises(
-        ConfigurationError, match="link 'l1000' is number 1001 in a chain of links; the maximum is 1000"
-    ):
+    with pytest.raises(ConfigurationError, match="'l1000' is number 1001 in a chain of links; the maximum is 1000"):
         parse_urdf(chain(1001))
     star = [joint(f"j{i}", "l0", f"l{i}") for i in range(1, 5001)]
     with pytest.raises(ConfigurationError, match="the number of links is 5001; the maximum is 5000"):

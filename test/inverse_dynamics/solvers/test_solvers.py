@@ -10,10 +10,8 @@ from wbc_controller.inverse_dynamics.solvers.daqp import solve_carefully
 from wbc_controller.inverse_dynamics.solvers.factory import require_solver
 from wbc_controller.validation.fuzz.problems import feasibility_margin
 
-pytestmark = [
-    pytest.mark.filterwarnings("ignore:.*Clarabel:UserWarning"),
-    pytest.mark.filterwarnings("ignore:Converted matrix"),
-]
+IGNORED = "ignore:.*Clarabel:UserWarning", "ignore:Converted matrix"
+pytestmark = [pytest.mark.filterwarnings(text) for text in IGNORED]
 SOLVERS = available_solvers()
 FIELDS = ("H", "g", "A", "b", "C", "bounds", "lower", "upper", "x_lower", "x_upper")
 

@@ -281,9 +281,7 @@ def test_default_reference_of_an_axis(g1, random_state, kind):
 RATES = {
     "linear_momentum": lambda model, **options: tasks.LinearMomentumTask("task", **options),
     "angular_momentum": lambda model, **options: tasks.AngularMomentumTask("task", **options),
-    "capture_point": lambda model, **options: tasks.CapturePointTask(
-        "task", model.gravity, support_height=-1.0, **options
-    ),
+    "capture_point": lambda model, **keys: tasks.CapturePointTask("task", model.gravity, support_height=-1.0, **keys),
 }
 
 

@@ -146,9 +146,7 @@ def warned(monkeypatch, caplog, eventually):
     monkeypatch.setattr(ros2_graph, "PERIOD", 0.02)
     caplog.set_level(logging.WARNING, "wbc_controller")
     participants = Ros2Participants(), Ros2Participants()  # on Fast DDS a topic has one type per participant
-    reader, writer = (
-        each.transport(name, "/ns") for each, name in zip(participants, ("reader", "writer"), strict=True)
-    )
+    reader, writer = (one.transport(name, "/ns") for one, name in zip(participants, ("reader", "writer"), strict=True))
 
     def warned(subscription, publication, expected=1):
         writer.advertise(publication)

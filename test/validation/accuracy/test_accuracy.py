@@ -124,9 +124,7 @@ class Motions:
         Motions.made = self
         self.shift = np.zeros(3)
         self.settings, self.asked, self.faults = config.settings, [], ()
-        self.controller = SimpleNamespace(
-            model=SimpleNamespace(actuators=("a", "b"), effort_limits=np.array([10.0, 10.0]))
-        )
+        self.controller = SimpleNamespace(model=SimpleNamespace(actuators=("a", "b"), effort_limits=np.full(2, 10.0)))
         self.origin = np.zeros(3)
         self.report = SimpleNamespace(command=SimpleNamespace(tau=np.ones(2)))
 
