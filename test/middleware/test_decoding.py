@@ -291,13 +291,11 @@ class TestUpdate:
             "{tasks: {com: {weight: 5, enabled: true, setpoint: [0, 0, 0.7]}, hand: {setpoint: [1,2,3,0,0,0,1.005]},"
             " posture: {setpoint: [1, 2, 3]}, torso: {setpoint: [0, 0, 0, 1]}}, contacts: {left_foot: {enabled: off}}}",
         )
-        assert changes[0] == requests.SetWeight("com", 5.0)
-        assert changes[1] == requests.EnableTask("com", True)
+        assert (changes[0], changes[1]) == (requests.SetWeight("com", 5.0), requests.EnableTask("com", True))
         np.testing.assert_array_equal(changes[2].position, [0, 0, 0.7])
         np.testing.assert_array_equal(changes[3].position, [1, 2, 3, 0, 0, 0, 1])
         np.testing.assert_array_equal(changes[4].position, [1, 2, 3])
-        assert changes[-1] == requests.EnableContact("left_foot", False)
-        assert len(changes) == 7
+        assert (changes[-1], len(changes)) == (requests.EnableContact("left_foot", False), 7)
 
     @pytest.mark.parametrize(
         ("text", "said"),

@@ -60,8 +60,7 @@ def state(make):
 
 def test_no_state_without_all_parts(go2, make):
     latched = go2.inputs.latch()
-    assert latched.state is None
-    assert latched.joint_velocity is None
+    assert (latched.state, latched.joint_velocity) == (None, None)
     assert latched.ages == {"joint_states": np.inf, "odom": np.inf}
     assert not latched.refused
     assert not go2.inputs.wait(0.0)
@@ -181,8 +180,7 @@ def test_changes_of_settings_are_prepared_on_the_reader_thread(go2, make):
     go2.send("update", make.string("{safety: {damping: 1.0}}"))
     latched = go2.inputs.latch()
     assert prepared == [{"control": {"weight_ramp": 0.9}}, {"safety": {"damping": 1.0}}]
-    assert len(latched.requests.changes) == 1
-    assert latched.refused == ("/wbc_controller/update: not while it runs",)
+    assert (len(latched.requests.changes), latched.refused) == (1, ("/wbc_controller/update: not while it runs",))
 
 
 def test_requests_are_decoded_on_the_reader_thread(go2, make, monkeypatch):
@@ -333,8 +331,7 @@ def test_states_before_the_start_are_dropped(go2, state):
     state(go2, time=2_000_000_000)
     go2.inputs.discard_pending()
     latched = go2.inputs.latch()
-    assert latched.state is None
-    assert latched.ages == {"joint_states": np.inf, "odom": np.inf}
+    assert (latched.state, latched.ages) == (None, {"joint_states": np.inf, "odom": np.inf})
 
 
 def test_wake_and_an_emergency_stop_end_the_wait(go2, make):

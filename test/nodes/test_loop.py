@@ -228,8 +228,7 @@ def test_several_publishers_of_joint_states_are_on_diagnostics_and_in_the_reason
         if topic.key == "joint_states":
             second.advertise(counterpart(topic))
     controller.cycle(190)  # the graph is checked four times per second
-    assert controller.status.level == 0
-    assert controller.values["publishers//joint_states"] == "/gui, /memory"
+    assert (controller.status.level, controller.values["publishers//joint_states"]) == (0, "/gui, /memory")
     controller.give_state(joints=False)
     zeros_on_joint_states(controller)
     (sentence,) = controller.loop.cycle().refused
@@ -385,8 +384,7 @@ def test_a_loop_in_which_something_fails_sends_zeros_and_damps_with_a_fault(benc
     zeros = int((~efforts.any(axis=1)).argmax())
     assert (np.abs(np.diff(efforts[zeros:], axis=0)) <= step + 1e-9).all()
     damped = [report for report in controller.reports if report.mode is Mode.DAMPING]
-    assert damped[0].fault.code == "INTERNAL_ERROR"
-    assert damped[0].fault.sentence == "MemoryError: none left"
+    assert (damped[0].fault.code, damped[0].fault.sentence) == ("INTERNAL_ERROR", "MemoryError: none left")
 
 
 @pytest.mark.parametrize(("filtered", "share"), [("never", 1.0), ("always", 0.5)])
