@@ -76,9 +76,7 @@ class LimitSettings(Section):
     velocity: bool = key(True, "Enforce the URDF's joint velocity limits.")
     velocity_scale: Positive = key(1.0, "Usable share of the velocity limits.", le=1.0)
     acceleration: Positive = key(
-        200.0,
-        "Largest joint acceleration, rad/s², also for braking before position limits: the motors must reach it.",
-        le=1.0e5,
+        200.0, "Largest joint acceleration, rad/s², also for braking before limits: the motors must reach it.", le=1.0e5
     )
     torque_rate: Positive = key(100.0, "Largest torque rate, effort limits per second; applied per period.", le=1.0e3)
     self_collision: SelfCollisionSettings = key(SelfCollisionSettings(), "Distances between links.")

@@ -52,9 +52,7 @@ class SolverSettings(Section):
         "Weight of ½(‖q̈‖² + ‖ḣ_G/m‖²), joint accelerations and centroidal momentum rate; (rad/s²)⁻², (m/s²)⁻².",
         le=1.0,
     )
-    regularization_force: Positive = key(
-        1.0e-6, "Weight of ½‖f‖², N⁻²; moments of a sole are converted to forces at its corners.", le=1.0
-    )
+    regularization_force: Positive = key(1.0e-6, "Weight of ½‖f‖², N⁻²; moments as forces at a sole's corners.", le=1.0)
 
 
 class SafetySettings(Section):
@@ -78,9 +76,7 @@ class SafetySettings(Section):
     relax_time: NonNegative = key(0.5, "Longest time of relaxation within `relax_window`, s; then damping.", le=60.0)
     relax_window: Positive = key(2.0, "Window for `relax_time`, s; longer than `relax_time`.", le=600.0)
     damping_time: NonNegative = key(5.0, "Duration of damping before zero torque, s.", le=60.0)
-    damping: Damping = key(
-        2.0, "Joint damping while holding and damping, N·m·s/rad; reduced at light joints for stability at this rate."
-    )
+    damping: Damping = key(2.0, "Joint damping when holding or damping, N·m·s/rad; less at light joints for stability.")
     bring_up_time: NonNegative = key(
         5.0, "First active time in which unexplained motion stops the robot without damping, s; 0 for never.", le=3600.0
     )
@@ -104,21 +100,17 @@ class SafetySettings(Section):
     max_base_speed: Positive = key(20.0, "Largest plausible base velocity along an axis, m/s.", le=1.0e3)
     max_base_turn: Positive = key(50.0, "Largest plausible angular base velocity about an axis, rad/s.", le=1.0e3)
     joint_mismatch: Positive = key(
-        0.2,
-        "Largest plausible difference between joint displacement and integrated joint velocity over 0.2 s, rad.",
-        le=100.0,
+        0.2, "Largest plausible difference between joint displacement and integrated velocity in 0.2 s, rad.", le=100.0
     )
     base_mismatch: Positive = key(
-        0.1, "The same for the base position along an axis, m; larger jumps of the odometry are a fault.", le=100.0
+        0.1, "The same for the base position per axis, m; larger jumps are a fault.", le=100.0
     )
     base_turn_mismatch: Positive = key(0.2, "The same for the base orientation about an axis, rad.", le=10.0)
     frozen_motion: Positive = key(
         0.03, "Largest integrated velocity over 0.2 s of a joint with bitwise constant position, rad.", le=100.0
     )
     frozen_time: Positive = key(
-        0.1,
-        "Longest repetition of equal joint or base states at non-zero velocity, s; at least `state_timeout`.",
-        le=60.0,
+        0.1, "Longest repetition of equal joint or base states in motion, s; at least `state_timeout`.", le=60.0
     )
 
     torque_publishers: list[NodeName] = key(
@@ -146,9 +138,7 @@ class GuardSettings(Section):
     patience: Positive = key(0.012, "Delay of a command, in wall time, after which the guard takes over, s.", le=1.0)
     damping: Damping = key(2.0, "Joint damping, N·m·s/rad; reduced at light joints, as `safety.damping`.")
     damping_time: NonNegative = key(5.0, "Duration of damping before zero torque, s.", le=60.0)
-    torque: Positive = key(
-        0.2, "Largest damping torque, and torque at the return of a controller, as a share of the effort limit.", le=1.0
-    )
+    torque: Positive = key(0.2, "Largest torque in damping, and at the controller's return, in effort limits.", le=1.0)
 
 
 class AuditSettings(Section):

@@ -65,22 +65,23 @@ class Row:
 
 def rows_of(outcomes: Sequence[Outcome]) -> list[Row]:
     """Return the trials by kind and robot."""
-    groups: dict[tuple[str, str], list[Outcome]] = {}
-    for outcome in outcomes:
-        groups.setdefault((outcome.kind, outcome.robot), []).append(outcome)
     order = list(ALL_KINDS)
-    return [_row(*key, groups[key]) for key in sorted(groups, key=lambda key: (order.index(key[0]), key[1]))]
+
+    def place(outcome: Outcome) -> tuple[int, str]:
+        return order.index(outcome.kind), outcome.robot
+
+    return [_row(list(group)) for _, group in groupby(sorted(outcomes, key=place), place)]
 
 
-def _row(kind: str, robot: str, group: Sequence[Outcome]) -> Row:
+def _row(group: Sequence[Outcome]) -> Row:
     survived = sum(not outcome.code for outcome in group)
     low, high = stats.binomtest(survived, len(group)).proportion_ci(0.95, method="wilson")
     deadlines = [outcome.deadline for outcome in group if outcome.deadline is not None]
     delays = [outcome.after for outcome in group if outcome.deadline is not None and outcome.after is not None]
     return Row(
-        place=ALL_KINDS[kind].place,
-        kind=kind,
-        robot=robot,
+        place=ALL_KINDS[group[0].kind].place,
+        kind=group[0].kind,
+        robot=group[0].robot,
         trials=len(group),
         survived=survived,
         share_low=float(low),

@@ -31,6 +31,7 @@ _IN_CONTROL = (Mode.ACTIVE, Mode.HOLDING)  # modes with torques from a solution
 _SLOW_CLOCK, _GAP = 0.5, 0.025
 #: Tilt of a fallen base, rad, and its height above the lowest foot as a share of the initial height.
 _TILT, _HEIGHT = math.radians(75.0), 0.3
+MAX_FALLEN_TIME = 0.2  # with an active controller, s
 
 
 @contextlib.contextmanager
@@ -183,7 +184,12 @@ class TrueFall:
 
     def __init__(self, model: RobotModel, plant: Plant) -> None:
         self._model, self._plant = model, plant
-        self._height = self._height_above_feet()
+        self._height, self._since = self._height_above_feet(), math.inf
+
+    def lasts(self, now: float) -> bool:
+        """Return True if the robot has lain on the ground in all calls for `MAX_FALLEN_TIME`."""
+        self._since = min(self._since, now) if self.has_fallen() else math.inf
+        return now - self._since > MAX_FALLEN_TIME
 
     def has_fallen(self) -> bool:
         """True if the robot lies on the ground."""

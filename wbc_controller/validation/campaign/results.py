@@ -11,10 +11,9 @@ from typing import Any, NamedTuple
 
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.settings.files import find_configuration
-from wbc_controller.validation.campaign.monitor import STALL
+from wbc_controller.validation.campaign.monitor import MAX_FALLEN_TIME, STALL
 
 FILE = "trials.jsonl"
-MAX_FALLEN_TIME = 0.2  # with an active controller, s
 #: Violations by decreasing severity.
 VIOLATIONS: Mapping[str, str] = {
     "not_finite": "a torque of NaN or infinity",

@@ -26,7 +26,7 @@ from wbc_controller.validation.campaign.expectations import Expectation, expect
 from wbc_controller.validation.campaign.monitor import MonitoredRobot, logged_errors
 from wbc_controller.validation.campaign.recordings import TrialRecordings
 from wbc_controller.validation.campaign.request_faults import REQUEST_KINDS, RequestFault, RequestFaultState
-from wbc_controller.validation.campaign.results import MAX_FALLEN_TIME, Outcome
+from wbc_controller.validation.campaign.results import Outcome
 from wbc_controller.walking.gait import Phase
 
 ALL_KINDS: Mapping[str, type[Fault]] = {**KINDS, **REQUEST_KINDS}
@@ -169,7 +169,7 @@ class _Trial(MonitoredRobot):
                 return
 
     def _run_fault(self, begins: float, ends: float) -> None:
-        plant, checked_at, fallen_since, origin = self.mock.plant, -math.inf, math.inf, self.com()
+        plant, checked_at, origin = self.mock.plant, -math.inf, self.com()
         while plant.time < ends + _AFTER_FAULT:
             now = plant.time
             if now - checked_at >= _CHECK_PERIOD:
@@ -177,14 +177,8 @@ class _Trial(MonitoredRobot):
                 if now < begins:
                     origin = com
                 self._moved = max(self._moved, float(np.linalg.norm(com - origin)))
-                if not self.fall.has_fallen():
-                    fallen_since = math.inf
-                elif self.monitor.deactivation is None:
-                    fallen_since = min(fallen_since, now)
-                    if now - fallen_since > MAX_FALLEN_TIME:
-                        self.monitor.add_violation(
-                            "fell", f"mode {self.monitor.mode.value if self.monitor.mode else ''}"
-                        )
+                if self.fall.lasts(now) and self.monitor.deactivation is None:
+                    self.monitor.add_violation("fell", f"mode {self.monitor.mode.value if self.monitor.mode else ''}")
             if self.monitor.deactivation is not None and now > self.monitor.deactivation[0] + _AFTER_DAMPING:
                 return
             if isinstance(self._fault, RequestFault) and begins - 1e-9 <= now < ends:

@@ -14,7 +14,6 @@ from wbc_controller.simulation.faults.catalogue import KINDS, draw
 from wbc_controller.simulation.faults.fault import Fault, FaultContext, MeasurementFault, number
 from wbc_controller.simulation.measurement import Measurement
 from wbc_controller.validation.campaign.monitor import MonitoredRobot, logged_errors
-from wbc_controller.validation.campaign.results import MAX_FALLEN_TIME
 
 CLOCKS = ("simulated", "synchronized", "own")  # clocks of the controller
 _DURATION, _HANGING_PERIODS = 1.2, 10  # s, and periods on the hoist before
@@ -122,11 +121,10 @@ class _Standing(MonitoredRobot):
             self.mock.plan(self._faults, self.time)
         if self._trial.late:
             self._pauses_at = self.time
-        end, fallen_since = self.time + _DURATION, math.inf
+        end = self.time + _DURATION
         while self.time < end and self.monitor.deactivation is None:
             self._period()
-            fallen_since = min(fallen_since, self.time) if self.fall.has_fallen() else math.inf
-            if self.time - fallen_since > MAX_FALLEN_TIME:
+            if self.fall.lasts(self.time):
                 self._trial.why = "the robot fell without a fault"
                 return None
         return self._judge()
