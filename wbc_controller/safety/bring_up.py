@@ -16,6 +16,7 @@ from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array, Fault, JointCommand, RobotState, Solution
 
+Jacobian = Callable[[tuple[str, ...]], Array]  # Jacobian of the named contacts, (k, nv)
 UNEXPLAINED_MOTION = "UNEXPLAINED_MOTION"  # code of the fault
 _MEMORY = 0.1  # time constant of the decay, s
 _LARGEST_GAP = 3.5  # largest time between two compared states, in control periods
@@ -46,7 +47,7 @@ class BringUpWatch:
         dynamics: Dynamics,
         solution: Solution | None,
         command: JointCommand | None,
-        jacobian: Callable[[tuple[str, ...]], Array],
+        jacobian: Jacobian,
     ) -> None:
         """Compare a state with its prediction, and set `fault`; arguments of `ModelAudit.check`."""
         self.fault = None
@@ -70,13 +71,7 @@ class BringUpWatch:
                 self._judge(state.v, jacobian(tuple(solution.forces)))
         self._before = state, self._predictions(dynamics, solution, command, jacobian)
 
-    def _predictions(
-        self,
-        dynamics: Dynamics,
-        solution: Solution,
-        command: JointCommand,
-        jacobian: Callable[[tuple[str, ...]], Array],
-    ) -> Array:
+    def _predictions(self, dynamics: Dynamics, solution: Solution, command: JointCommand, jacobian: Jacobian) -> Array:
         """Return v̇ with a free and with a held base, (2, nv), or (nv,) if they are equal."""
         missing = command.tau - solution.tau
         if all_true(np.abs(missing) <= self._negligible):

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,8 @@ from wbc_controller.validation.lockstep import Lockstep
 #: Additional times for the torque ramp, and for settling after the release of the base, s.
 _RAMP_TIME, _REST_TIME = 0.2, 1.0
 _TIMEOUT = 5.0  # s
+Changes = Mapping[str, Any]  # changed settings by dotted key
+NO_CHANGES: Changes = MappingProxyType({})
 _FALL_TIME = 2.0  # longest time of a fall, s
 
 
@@ -30,7 +33,7 @@ class EstimationTrial(Lockstep):
     origin: Array  # reference of the centre of mass while standing, (3,) in m; set by `stand`
     shift: Array  # offset from the true world to the estimate's world at rest, (3,) in m; set by `stand`
 
-    def __init__(self, robot: str | Config, changes: Mapping[str, Any], *, force_sensors: bool = False) -> None:
+    def __init__(self, robot: str | Config, changes: Changes, *, force_sensors: bool = False) -> None:
         """Build a robot on its hoist; raise `ConfigurationError` if this fails."""
         values = {"control.markers_rate": 0.0, "safety.bring_up_time": 0.0, **changes}
         settings = load(robot).replace(values).settings

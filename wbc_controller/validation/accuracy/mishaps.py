@@ -1,10 +1,8 @@
 """Faults of contacts and sensors without odometry."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -17,7 +15,7 @@ from wbc_controller.simulation.faults.delivery import MessageDropout
 from wbc_controller.simulation.faults.fault import LONGEST, Fault
 from wbc_controller.simulation.faults.joint_sensors import JointBias
 from wbc_controller.simulation.faults.world import SlipperyFloor
-from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
+from wbc_controller.validation.accuracy.estimation_trial import NO_CHANGES, Changes, EstimationTrial
 
 #: Error of the base velocity of a wrong estimate, m/s, and its largest time without a fault, s.
 WRONG, MAX_UNDETECTED = 0.2, 0.3
@@ -117,7 +115,7 @@ def run_mishap(
     sensors: str = "good",
     seed: int = 0,
     force_sensors: bool = False,
-    changes: Mapping[str, Any] = MappingProxyType({}),
+    changes: Changes = NO_CHANGES,
 ) -> Outcome:
     """Apply a mishap; `force_sensors` provides the true contact forces at 100 Hz."""
     mishap = next(mishap for mishap in MISHAPS if mishap.name == name)

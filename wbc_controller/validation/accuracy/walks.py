@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from wbc_controller.middleware.setpoints import velocity_message
 from wbc_controller.recording.report.run_data import heading, mean_velocity
 from wbc_controller.records import Array
 from wbc_controller.settings.service import SensorQuality
-from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
+from wbc_controller.validation.accuracy.estimation_trial import NO_CHANGES, Changes, EstimationTrial
 from wbc_controller.validation.accuracy.standing import sensor_settings
 from wbc_controller.validation.accuracy.walk_figures import WalkFigures, WalkMeter
 from wbc_controller.walking.footsteps import BACKWARD, Velocity
@@ -62,12 +61,7 @@ class WalkTrial(EstimationTrial):
     """A robot that walks on its estimate by ``cmd_vel``."""
 
     def __init__(
-        self,
-        robot: str,
-        sensors: SensorQuality,
-        seed: int,
-        changes: Mapping[str, Any] = MappingProxyType({}),
-        scale: float = 1.0,
+        self, robot: str, sensors: SensorQuality, seed: int, changes: Changes = NO_CHANGES, scale: float = 1.0
     ) -> None:
         """Build a robot; raise `ConfigurationError` if this fails."""
         fastest = np.max([np.abs(each) for each in COMMANDS[robot].values()], axis=0)
@@ -125,7 +119,7 @@ def walk(
     seed: int,
     seconds: float,
     scale: float = 1.0,
-    changes: Mapping[str, Any] = MappingProxyType({}),
+    changes: Changes = NO_CHANGES,
 ) -> Walk:
     """Let a robot walk on its estimate by ``cmd_vel``, stop and stand.
 
