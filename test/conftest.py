@@ -183,13 +183,8 @@ class Bench(Sender):
         self.say("command", word)
 
     def joints(self, **changes: Any) -> None:
-        model = self.model
-        fields = {
-            "names": model.joints,
-            "position": self.q[model.q_index],
-            "velocity": self.v[model.v_index],
-            "time": self.time,
-        }
+        q, v = self.q[self.model.q_index], self.v[self.model.v_index]
+        fields = {"names": self.model.joints, "position": q, "velocity": v, "time": self.time}
         self.send("joint_states", MAKE.joint_state(**{**fields, **changes}))
 
     def base(self, **changes: Any) -> None:

@@ -221,12 +221,10 @@ class TestWalking:
 class TestTrajectories:
     def test_of_joints(self, make):
         points = [(0.5, [3, 1, 2]), (1.0, [6, 4, 5], [30, 10, 20], [0.3, 0.1, 0.2]), (2.0, [0, 0, 0])]
-        change = one(
-            "trajectory", "posture", make.joint_trajectory(["ankle", "hip", "knee"], points, start=2_500_000_000)
-        )
+        sent = make.joint_trajectory(["ankle", "hip", "knee"], points, start=2_500_000_000)
+        change = one("trajectory", "posture", sent)
         assert isinstance(change, requests.SetTrajectory)
-        assert change.start == 2.5
-        assert [point.time for point in change.points] == [0.5, 1.0, 2.0]
+        assert (change.start, [point.time for point in change.points]) == (2.5, [0.5, 1.0, 2.0])
         np.testing.assert_array_equal(change.points[0].position, [1, 2, 3])
         np.testing.assert_array_equal(change.points[0].velocity, [0, 0, 0])
         np.testing.assert_array_equal(change.points[1].velocity, [10, 20, 30])

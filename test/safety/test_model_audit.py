@@ -118,15 +118,13 @@ def test_the_residuals_are_those_of_the_laws_of_motion(robot):
         if before is not None and report is not None and np.array_equal(before.solution.tau, before.command.tau):
             wrenches = [ExternalWrench(base, known)]
             force = controller.model.actuation.generalized_force(before.command.tau)
-            if controller.model.actuation.rotors is not None:
-                force = (
-                    force - controller.model.actuation.rotors @ (result.state.v - before.state.v) / controller.period
-                )
+            rotors = controller.model.actuation.rotors
+            if rotors is not None:
+                force = force - rotors @ (result.state.v - before.state.v) / controller.period
             energy = energy_residual(model, before.state, result.state, force, wrenches)
             momentum = momentum_residual(model, before.state, result.state, [*contacts, *wrenches]).residual[:3]
-            seen.append(
-                (report.energy, energy.residual, report.throughput, energy.throughput, *report.force, *momentum)
-            )
+            energies = report.energy, energy.residual, report.throughput, energy.throughput
+            seen.append((*energies, *report.force, *momentum))
         contacts[:] = [
             ExternalWrench(base, controller.contacts[name].wrench_in_world(controller.dynamics, f), "WORLD")
             for name, f in result.solution.forces.items()

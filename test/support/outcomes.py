@@ -18,7 +18,5 @@ def outcome(kind: str = "kick", seed: int = 0, **changes: Any) -> Outcome:
 
 def repeatable(outcome):
     """Return the values that are identical in a repeated trial: without wall times and texts."""
-    content = {
-        key: value for key, value in dataclasses.asdict(outcome).items() if key not in ("longest", "wall", "sentence")
-    }
-    return {**content, "violations": sorted(outcome.violations)}
+    values = {**dataclasses.asdict(outcome), "violations": sorted(outcome.violations)}
+    return {key: value for key, value in values.items() if key not in ("longest", "wall", "sentence")}

@@ -4,16 +4,15 @@ import numpy as np
 import pytest
 from chains import MENAGERIE, TENDON, menagerie
 from peer import Peer
+from services import make_guard, topics_of
 
-from wbc_controller.controller.build.guard import make_guard_damping
 from wbc_controller.controller.build.limits import make_torque_speed
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.build.robot_description import describe
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.middleware.topics import GUARD_NODE, GUARD_TOPICS, Direction, endpoints
+from wbc_controller.middleware.topics import Direction
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.clock import ManualClock
-from wbc_controller.nodes.guard_service import GuardService
 from wbc_controller.safety.supervisor import Supervisor
 from wbc_controller.settings import Settings
 from wbc_controller.validation.lockstep import Lockstep
@@ -105,9 +104,8 @@ def test_the_guard_takes_over_by_actuator(make, command):
     np.testing.assert_array_equal(robot.effort_limits, model.effort_limits)
     assert robot.drive.names == model.actuators
     bus, clock = MemoryBus(), ManualClock(100.0)
-    table = endpoints(GUARD_TOPICS, GUARD_NODE)
-    service = GuardService(settings, robot, make_guard_damping(settings, model), table, MemoryTransport(bus), clock)
-    peer = Peer(bus, table)
+    service = make_guard(settings, model, MemoryTransport(bus), clock)
+    peer = Peer(bus, topics_of("guard", settings))
     tau, velocity = 0.1 * model.effort_limits, np.linspace(-0.5, 0.5, model.nj)
     nothing = np.full(model.nj, np.nan)
     for cycle in range(60):

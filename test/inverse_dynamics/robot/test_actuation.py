@@ -163,13 +163,11 @@ def test_chained_mimic_joints_and_their_limits():
     np.testing.assert_allclose([model.position_lower, model.position_upper], [[-0.4], [0.35]])
     np.testing.assert_allclose(model.velocity_limits, [2.0])
     assert make_model(settings, robot(*followed, second.replace("-2.0", "0"))).position_upper == [2.0]
-    parts = [link(name) for name in "abcd"] + [joint("one", "a", "b")]
-    parts += [
-        joint("two", "b", "c", more=mimic("one", 2.0, 0.1)),
-        joint("three", "c", "d", more=mimic("two", 3.0, 0.5)),
-    ]
-    three = read_mimics(parse_urdf(robot(*parts)))["three"]
-    assert (three.leader, three.ratio, three.offset) == ("one", 6.0, pytest.approx(0.8))
+    links = [link(name) for name in "abcd"]
+    one, two = joint("one", "a", "b"), joint("two", "b", "c", more=mimic("one", 2.0, 0.1))
+    three = joint("three", "c", "d", more=mimic("two", 3.0, 0.5))
+    found = read_mimics(parse_urdf(robot(*links, one, two, three)))["three"]
+    assert (found.leader, found.ratio, found.offset) == ("one", 6.0, pytest.approx(0.8))
 
 
 def test_locked_joint_with_mimic_joint():

@@ -113,9 +113,8 @@ def test_each_round_contains_reference_and_value_of_every_task(robot, robot_of, 
             if isinstance(qp.tasks[name], AccelerationTask):
                 positions["task_value"] = qp.tasks[name].position(dynamics)
             frame, joints = words.reference_frames.get(name, "world"), words.joints.get(name, ())
-            made = partial(
-                setpoint_message, TASK_TYPES[kind]["setpoint"], kind, frame=frame, stamp=stamp, joints=joints
-            )
+            type_name = TASK_TYPES[kind]["setpoint"]
+            made = partial(setpoint_message, type_name, kind, frame=frame, stamp=stamp, joints=joints)
             expected[name] = {key: encode(made(position)) for key, position in positions.items()}
         states.begin(words.kinds)
         said = iter(lambda: states.next(stamp, dynamics, references), None)  # noqa: B023

@@ -27,9 +27,8 @@ def test_the_dotted_parameters_of_a_file_are_the_file():
     assert "tasks.com.weight" in parameters
     ros = {"use_sim_time": False, "qos_overrides./parameter_events.publisher.depth": 1000, "autostart": True}
     assert settings_from(parameters | ros, "/wbc_controller", [], ["autostart"])[0] == settings
-    assert nested({"a.b": array.array("d", [1.0]), "a.c": ("x",), "a.d": "text"}) == {
-        "a": {"b": [1.0], "c": ["x"], "d": "text"}
-    }
+    flat = {"a.b": array.array("d", [1.0]), "a.c": ("x",), "a.d": "text"}
+    assert nested(flat) == {"a": {"b": [1.0], "c": ["x"], "d": "text"}}
 
 
 @pytest.mark.parametrize("base", [{"robot": "g1"}, {"config": str(G1), "robot": ""}])
