@@ -21,6 +21,7 @@ from wbc_controller.walking.adaptation_kernels import (
     LONGEST,
     SHORTENING,
     SHORTEST,
+    TIME_RATE,
     adapt,
     dcm_towards,
     descent_time,
@@ -168,6 +169,20 @@ def test_steps_stay_within_reach_and_time(push):
         assert math.hypot(local.real / GAIT.length, aside) <= 1.0 + 1e-9
         assert local.imag >= -1e-9
         assert target.time - elapsed >= stopping_time(math.hypot(*foot[1, :2])) - 1e-9
+
+
+@pytest.mark.parametrize(
+    ("beside", "ahead", "rate"), [(0.6, 0.0, TIME_RATE), (0.8, 0.0, SHORTENING), (0.6, 0.8, SHORTENING)]
+)
+def test_a_step_is_hurried_only_if_the_dcm_is_not_above_the_sole(beside, ahead, rate):
+    at = stance()
+    dcm = at.place + 0.5 * complex(ahead * GAIT.sole_length, -at.side * beside * GAIT.sole_width)
+    nominal, swing = nominal_step(Velocity(), at, GAIT, GAIT.single), at_rest(at.place + 1j * GAIT.width, 0.0, 0.0)
+    *_, time, _ = adapt(
+        False, nominal.place, 0.0, nominal.offset, 0j, 0.0, nominal.place, GAIT.single, at.place, at.heading, at.side,
+        at.omega, GAIT.sizes, dcm, swing, 0.0, 0.05, DT, SHORTEST * GAIT.single,
+    )  # fmt: skip
+    assert time == pytest.approx(GAIT.single - rate * DT)
 
 
 def test_a_planned_step_ends_at_its_place():
@@ -345,8 +360,8 @@ def test_a_touchdown_is_told_by_sensor_or_motion(late, wanted, velocity, touchin
     ("elapsed", "horizontal", "speed", "landed"),
     [
         (0.19, 0.1, 0.3, False),  # slower than the planned touchdown, but not stopped
-        (0.19, 2.0, 0.5, True),  # the ground has stopped a fast step
-        (0.19, 2.0, 0.7, False),
+        (0.19, 2.0, 0.9, True),  # the ground has stopped a fast step
+        (0.19, 2.0, 1.1, False),
         (0.21, 0.0, 0.9, True),  # a late foot slides
         (0.21, 0.0, 1.1, False),
         (0.11, 2.0, 0.1, False),  # too early

@@ -35,7 +35,7 @@ _MEASURES = 0.75
 #: Distance beyond the side of the stance foot to which the demanded centre of pressure may move, m per m of height:
 #: the angular momentum of trunk and arms replaces the missing moment. None on ground of this unevenness, m, where an
 #: edge may support the sole.
-_BEYOND, _EDGES = 0.16, 0.01
+_BEYOND, _EDGES = 0.18, 0.01
 #: Errors of the DCM at touchdown along and across the heading, m, after which the double support is the shortest one.
 _ASTRAY = 0.1, 0.03
 _LEVELLING = 0.05  # time constant of the swing foot's rotation to the slope of the ground, s

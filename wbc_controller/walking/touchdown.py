@@ -11,7 +11,7 @@ _STOPPED = 0.5  # share of the reference's downward speed below which the ground
 _DESCENDING = 0.07  # least downward speed of the reference for the comparison of the motion, m/s
 #: Largest speed of a foot stopped by the ground: m/s; share of the horizontal speed of its reference; after the planned
 #: touchdown, m/s. Soles of fast steps slide.
-_SLOW, _SLOWED, _SLIDES = 0.2, 0.3, 1.0
+_SLOW, _SLOWED, _SLIDES = 0.2, 0.5, 1.0
 #: Least horizontal angular velocity of a sole turned by an edge, rad/s, and largest speed and vertical velocity of its
 #: centre, m/s: an obstacle throws a foot up.
 _TURNED, _TURNED_SPEED, _TURNED_RISE = 1.5, 0.4, 0.1
