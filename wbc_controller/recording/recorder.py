@@ -77,9 +77,7 @@ def software_versions() -> dict[str, str]:
 class Recorder:
     """Recorder of one loop.
 
-    Args:
-        file: of the whole run; None for the last seconds only.
-        patient: wait for the process instead of dropping cycles, in simulated time.
+    `file` is None for the last seconds only; `patient`, in simulated time, waits instead of dropping cycles.
     """
 
     def __init__(self, settings: Settings, file: Path | None = None, *, patient: bool = False, name: str = "") -> None:

@@ -29,9 +29,7 @@ class RequestSender:
     ) -> None:
         """Create the sender.
 
-        Args:
-            send: sends one request from any thread; may raise `WbcError`.
-            report: receives the words of each request, empty for a drag, and its error or an empty text.
+        `send` may raise `WbcError`; `report` receives the words of each request, empty for a drag, and its error or "".
         """
         self._settings, self._send, self._report, self._clock = settings, send, report, clock
         self._requests: queue.Queue[Request | None] = queue.Queue(_QUEUE_SIZE)

@@ -64,9 +64,7 @@ def line_panels(
 ) -> Any:
     """Return a figure of panels below each other, with thinned lines.
 
-    Args:
-        marks: times by name, s.
-        shaded: shaded intervals, s.
+    `marks`: times by name, s; `shaded`: intervals, s.
     """
     _, make_subplots = _plotly()
     rows = len(panels) + bool(marks)

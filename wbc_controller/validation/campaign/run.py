@@ -39,9 +39,7 @@ def run_campaign(
 ) -> bool:
     """Run the missing trials of a folder, and write the report; return True without violations.
 
-    Args:
-        jobs: -1 for one per processor.
-        address: of the scheduler or cluster.
+    `jobs`: -1 for one per processor; `address`: of the scheduler or cluster.
 
     Raises `ConfigurationError` if a name is unknown, a file cannot be used, or the backend is not installed.
     """
