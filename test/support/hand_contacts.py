@@ -2,13 +2,7 @@
 
 import pinocchio as pin
 
-from wbc_controller.inverse_dynamics.contacts import (
-    FixedContact,
-    PointContact,
-    Rectangle,
-    RollingContact,
-    SurfaceContact,
-)
+from wbc_controller.inverse_dynamics import contacts
 
 HANDS = ("left_wrist_yaw_link", "right_wrist_yaw_link")
 
@@ -18,17 +12,17 @@ def random_place(rng):
 
 
 def a_surface(model, rng, **options):
-    return SurfaceContact("c", model, HANDS[0], random_place(rng), Rectangle(0.1, 0.05), **options)
+    return contacts.SurfaceContact("c", model, HANDS[0], random_place(rng), contacts.Rectangle(0.1, 0.05), **options)
 
 
 def a_point(model, rng, **options):
-    return PointContact("c", model, HANDS[0], rng.normal(size=3), 0.05, normal=rng.normal(size=3), **options)
+    return contacts.PointContact("c", model, HANDS[0], rng.normal(size=3), 0.05, normal=rng.normal(size=3), **options)
 
 
 def a_wheel(model, rng, **options):
     centre, axle, normal = rng.normal(size=(3, 3))
-    return RollingContact("c", model, HANDS[0], centre, 0.1, axle, normal=normal, **options)
+    return contacts.RollingContact("c", model, HANDS[0], centre, 0.1, axle, normal=normal, **options)
 
 
 def a_fixed(mask):
-    return lambda model, rng, **options: FixedContact("c", model, HANDS[0], random_place(rng), mask, **options)
+    return lambda model, rng, **options: contacts.FixedContact("c", model, HANDS[0], random_place(rng), mask, **options)

@@ -8,19 +8,7 @@ import numpy as np
 import pinocchio as pin
 from hypothesis import strategies as st
 
-from wbc_controller.mechanics import (
-    Constraint,
-    JointCoupling,
-    PinnedFrames,
-    PlaneContact,
-    PointContact,
-    Rolling,
-    SurfaceContact,
-    WeldedFrames,
-    constrained_dynamics,
-    oscillating_support,
-    simulate,
-)
+from wbc_controller import mechanics
 from wbc_controller.settings.resources import locate
 
 ROBOTS = {
@@ -74,29 +62,29 @@ def links(model: pin.Model) -> list[str]:
     return [frame.name for frame in model.frames if frame.type == pin.BODY and frame.parentJoint > 0]
 
 
-def random_constraint(model: pin.Model, rng: np.random.Generator) -> Constraint:
+def random_constraint(model: pin.Model, rng: np.random.Generator) -> mechanics.Constraint:
     frames = links(model)
     first, second = (str(name) for name in rng.choice(frames, 2, replace=False))
     offset = 0.2 * rng.normal(size=3)
     joints = [model.names[j] for j in range(1, model.njoints) if model.joints[j].nq == 1]
     pair = rng.choice(joints, 2, replace=False)
-    shaking = oscillating_support(rng.normal(size=6), 0.1, 3.0)
+    shaking = mechanics.oscillating_support(rng.normal(size=6), 0.1, 3.0)
     kinds = [
-        lambda: PointContact(frame=first, offset=offset),
-        lambda: PointContact(frame=first, offset=offset, target=offset, support=shaking, time_constant=0.1),
-        lambda: SurfaceContact(frame=first, placement=pin.SE3.Random()),
-        lambda: SurfaceContact(frame=first, support=shaking, time_constant=0.1),
-        lambda: JointCoupling(coefficients={str(pair[0]): 1.0, str(pair[1]): -2.0}),
-        lambda: PinnedFrames(first=first, second=second, second_offset=offset, time_constant=0.2),
-        lambda: WeldedFrames(first=first, second=second),
-        lambda: Rolling(frame=first, radius=0.1, centre=offset),
-        lambda: Rolling(frame=first, radius=0.1, axis=offset, normal=np.array([0.1, 0.2, 1.0])),
-        lambda: PlaneContact(frame=first, offset=offset),
+        lambda: mechanics.PointContact(frame=first, offset=offset),
+        lambda: mechanics.PointContact(frame=first, offset=offset, target=offset, support=shaking, time_constant=0.1),
+        lambda: mechanics.SurfaceContact(frame=first, placement=pin.SE3.Random()),
+        lambda: mechanics.SurfaceContact(frame=first, support=shaking, time_constant=0.1),
+        lambda: mechanics.JointCoupling(coefficients={str(pair[0]): 1.0, str(pair[1]): -2.0}),
+        lambda: mechanics.PinnedFrames(first=first, second=second, second_offset=offset, time_constant=0.2),
+        lambda: mechanics.WeldedFrames(first=first, second=second),
+        lambda: mechanics.Rolling(frame=first, radius=0.1, centre=offset),
+        lambda: mechanics.Rolling(frame=first, radius=0.1, axis=offset, normal=np.array([0.1, 0.2, 1.0])),
+        lambda: mechanics.PlaneContact(frame=first, offset=offset),
     ]
     return kinds[int(rng.integers(len(kinds)))]()
 
 
-def random_constraints(model: pin.Model, rng: np.random.Generator) -> list[Constraint]:
+def random_constraints(model: pin.Model, rng: np.random.Generator) -> list[mechanics.Constraint]:
     """Two to four constraints, at times one of them twice."""
     few = 2 if model.nv < 12 else 4
     constraints = [random_constraint(model, rng) for _ in range(int(rng.integers(1, few + 1)))]
@@ -106,15 +94,15 @@ def random_constraints(model: pin.Model, rng: np.random.Generator) -> list[Const
 
 
 def move(
-    model: pin.Model, constraints: Sequence[Constraint], q: np.ndarray, v: np.ndarray, step: float, steps: int
+    model: pin.Model, constraints: Sequence[mechanics.Constraint], q: np.ndarray, v: np.ndarray, step: float, steps: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Motion under constraints, without other forces than gravity; see `simulate`."""
     zero, data = np.zeros(model.nv), model.createData()
 
     def acceleration(q: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
-        return constrained_dynamics(model, q, v, zero, constraints, t=t, data=data).v_dot
+        return mechanics.constrained_dynamics(model, q, v, zero, constraints, t=t, data=data).v_dot
 
-    return simulate(model, acceleration, q, v, step, steps)
+    return mechanics.simulate(model, acceleration, q, v, step, steps)
 
 
 def rod_inertia(mass: float, length: float) -> pin.Inertia:
@@ -123,7 +111,7 @@ def rod_inertia(mass: float, length: float) -> pin.Inertia:
     return pin.Inertia(mass, np.array([length / 2, 0.0, 0.0]), np.diag([1e-4 * mass, moment, moment]))
 
 
-def four_bar() -> tuple[pin.Model, list[Constraint], np.ndarray]:
+def four_bar() -> tuple[pin.Model, list[mechanics.Constraint], np.ndarray]:
     """Crank, coupler and rocker in the plane x–z, the loop closed by a pin; and a configuration that closes it."""
     model = pin.Model()
     crank, coupler, rocker, ground = 0.2, 0.5, 0.4, 0.5
@@ -141,7 +129,7 @@ def four_bar() -> tuple[pin.Model, list[Constraint], np.ndarray]:
     at_coupler = np.arccos((coupler**2 + rest**2 - rocker**2) / (2 * coupler * rest))
     at_rocker = np.arccos((rocker**2 + rest**2 - coupler**2) / (2 * rocker * rest))
     q = np.array([0.0, -at_coupler, -(np.pi - at_rocker)])  # a positive turn about y takes x down
-    loop = PinnedFrames(
+    loop = mechanics.PinnedFrames(
         first="coupler_link",
         second="rocker_link",
         first_offset=np.array([coupler, 0.0, 0.0]),
@@ -163,7 +151,7 @@ def ball(mass: float) -> pin.Model:
 WHEEL_RADIUS = 0.3
 
 
-def wheel_with_pendulum() -> tuple[pin.Model, list[Constraint]]:
+def wheel_with_pendulum() -> tuple[pin.Model, list[mechanics.Constraint]]:
     """A disc that rolls in any direction, and a pendulum on its axle."""
     model = pin.Model()
     wheel = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "wheel")
@@ -175,15 +163,17 @@ def wheel_with_pendulum() -> tuple[pin.Model, list[Constraint]]:
     bob = pin.Inertia(0.5, np.array([0.0, 0.0, -0.2]), np.diag([1e-3, 1e-3, 1e-3]))
     model.appendBodyToJoint(pendulum, bob, pin.SE3.Identity())
     model.addFrame(pin.Frame("pendulum_link", pendulum, 0, pin.SE3.Identity(), pin.BODY))
-    rolling = Rolling(frame="wheel_link", radius=r, axis=np.array([0.0, 1.0, 0.0]), time_constant=0.2)
+    rolling = mechanics.Rolling(frame="wheel_link", radius=r, axis=np.array([0.0, 1.0, 0.0]), time_constant=0.2)
     return model, [rolling]
 
 
-def box(size: tuple[float, float, float] = (0.4, 0.3, 0.5), mass: float = 10.0) -> tuple[pin.Model, list[Constraint]]:
+def box(
+    size: tuple[float, float, float] = (0.4, 0.3, 0.5), mass: float = 10.0
+) -> tuple[pin.Model, list[mechanics.Constraint]]:
     """A free box and its four lower corners on a frictionless floor."""
     model = pin.Model()
     joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "box")
     model.appendBodyToJoint(joint, pin.Inertia.FromBox(mass, *size), pin.SE3.Identity())
     model.addFrame(pin.Frame("box_link", joint, 0, pin.SE3.Identity(), pin.BODY))
     corners = [np.array([sx * size[0] / 2, sy * size[1] / 2, -size[2] / 2]) for sx in (1, -1) for sy in (1, -1)]
-    return model, [PlaneContact(frame="box_link", offset=corner, height=-size[2] / 2) for corner in corners]
+    return model, [mechanics.PlaneContact(frame="box_link", offset=corner, height=-size[2] / 2) for corner in corners]

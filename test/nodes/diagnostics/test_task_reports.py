@@ -14,13 +14,7 @@ from wbc_controller.inverse_dynamics.tasks import AccelerationTask
 from wbc_controller.middleware.codec import encode
 from wbc_controller.middleware.setpoints import setpoint_message
 from wbc_controller.middleware.topics import TASK_TYPES
-from wbc_controller.nodes.diagnostics.task_reports import (
-    Shortfall,
-    TaskStates,
-    _distance,
-    describe_binding,
-    describe_constraint,
-)
+from wbc_controller.nodes.diagnostics import task_reports
 from wbc_controller.nodes.wiring import make_vocabulary
 
 PERIOD = 0.1
@@ -33,7 +27,7 @@ def controller():
 
 def said(controller, goal, *, times, binding, weight=50.0, velocity=0.0, approach=0.0):
     """Return the last report's sentences with a com reference `far` away, after the share `approach` of the error."""
-    shortfall, dynamics = Shortfall({"com": controller.tasks["com"]}), controller.dynamics
+    shortfall, dynamics = task_reports.Shortfall({"com": controller.tasks["com"]}), controller.dynamics
     found = ()
     for i in range(times):
         left = 1.0 - approach * i / times
@@ -68,11 +62,11 @@ def test_no_shortfall(controller, changes):
 
 
 def test_distances_and_binding_constraints_in_words():
-    assert _distance(np.array([0.03, 0.0, 0.04, 0.0, 0.1, 0.0]), "m, rad") == "50 mm and 0.10 rad"
-    assert _distance(np.array([0.03, 0.0, 0.04, 0.0, 0.01, 0.0]), "m, rad") == "50 mm"
-    assert _distance(np.array([0.0, 0.1, 0.0]), "rad") == "0.10 rad"
-    assert describe_binding({}) == "none; other tasks or forces outweigh it"
-    assert describe_binding({f"rows:{i}": 1.0 for i in range(5)}) == "rows:0, rows:1, rows:2, and 2 more"
+    assert task_reports._distance(np.array([0.03, 0.0, 0.04, 0.0, 0.1, 0.0]), "m, rad") == "50 mm and 0.10 rad"
+    assert task_reports._distance(np.array([0.03, 0.0, 0.04, 0.0, 0.01, 0.0]), "m, rad") == "50 mm"
+    assert task_reports._distance(np.array([0.0, 0.1, 0.0]), "rad") == "0.10 rad"
+    assert task_reports.describe_binding({}) == "none; other tasks or forces outweigh it"
+    assert task_reports.describe_binding({f"rows:{i}": 1.0 for i in range(5)}) == "rows:0, rows:1, rows:2, and 2 more"
 
 
 @pytest.mark.parametrize(
@@ -85,7 +79,7 @@ def test_distances_and_binding_constraints_in_words():
     ],
 )
 def test_constraints_in_words(name, words):
-    assert describe_constraint(name) == words
+    assert task_reports.describe_constraint(name) == words
 
 
 @pytest.mark.parametrize("robot", ["g1", "talos", "go2"])
@@ -99,7 +93,7 @@ def test_each_round_contains_reference_and_value_of_every_task(robot, robot_of, 
     dynamics, board = qp.dynamics, make_board(settings, qp)
     words = make_vocabulary(settings, model)
     assert set(words.reference_frames) == {"feet"}
-    states = TaskStates(qp.tasks, words)
+    states = task_reports.TaskStates(qp.tasks, words)
     rng = np.random.default_rng(3)
     for stamp in (5, 7_000_000_003):
         q = pin.integrate(model.pinocchio, model.configuration(model.posture), 0.1 * rng.normal(size=model.nv))

@@ -11,16 +11,9 @@ from hypothesis import strategies as st
 from wbc_controller.errors import InputRefused
 from wbc_controller.middleware.codec import decode, encode
 from wbc_controller.recording.mcap_file import Topic
+from wbc_controller.validation.fuzz import strategies
 from wbc_controller.validation.fuzz.fuzz_commands import fuzz
 from wbc_controller.validation.fuzz.hostile_recordings import hostile_messages
-from wbc_controller.validation.fuzz.strategies import (
-    draw_by_key,
-    encoded,
-    hostile,
-    mutated_bytes,
-    mutated_text,
-    scaled_text,
-)
 from wbc_controller.validation.fuzz.target import valid_message
 from wbc_controller.validation.fuzz.values import FLOATS, SCALARS
 
@@ -31,14 +24,14 @@ TYPES = (
 
 
 def values(strategy, count):
-    return [draw_by_key(strategy, number) for number in range(count)]
+    return [strategies.draw_by_key(strategy, number) for number in range(count)]
 
 
 @pytest.mark.parametrize("type_name", TYPES)
 def test_hostile_messages_are_well_formed(type_name):
     content = valid_message(type_name, ("a", "b"), "world", 7)
     before = encode(content)
-    payloads = [encode(each) for each in values(hostile(content, ("a", "b")), 100)]
+    payloads = [encode(each) for each in values(strategies.hostile(content, ("a", "b")), 100)]
     assert encode(content) == before
     assert sum(payload != before for payload in payloads) > (25 if type_name.endswith("Bool") else 70)
     for payload in payloads:
@@ -48,9 +41,11 @@ def test_hostile_messages_are_well_formed(type_name):
 def test_fields_contain_all_hostile_numbers_and_sequences_change():
     content = valid_message("std_msgs/msg/Float64", (), "", 0)
     # As text, because -0 equals 0 and NaN nothing.
-    assert {repr(each.data) for each in values(hostile(content, ()), 500)} == {repr(value) for value in FLOATS}
+    assert {repr(each.data) for each in values(strategies.hostile(content, ()), 500)} == {
+        repr(value) for value in FLOATS
+    }
     content = valid_message("sensor_msgs/msg/JointState", "abc", "", 7)
-    names = [tuple(each.name) for each in values(hostile(content, ()), 300)]
+    names = [tuple(each.name) for each in values(strategies.hostile(content, ()), 300)]
     assert {("c", "b", "a"), ("a", "b"), ()} <= set(names)
     assert max(map(len, names)) > 10
 
@@ -58,7 +53,9 @@ def test_fields_contain_all_hostile_numbers_and_sequences_change():
 @settings(database=None)
 @given(st.data())
 def test_mutated_bytes_are_read_or_refused(data):
-    payload = data.draw(mutated_bytes(encode(valid_message("sensor_msgs/msg/JointState", ("a", "b"), "world", 7))))
+    payload = data.draw(
+        strategies.mutated_bytes(encode(valid_message("sensor_msgs/msg/JointState", ("a", "b"), "world", 7)))
+    )
     try:
         content = decode(payload, "sensor_msgs/msg/JointState")
     except InputRefused:
@@ -68,14 +65,14 @@ def test_mutated_bytes_are_read_or_refused(data):
 
 def test_texts_are_mutated_scaled_and_encoded():
     text = "{tasks: {com: {weight: 5.0}}}\n{contacts: 3}"
-    made = values(mutated_text(text, SCALARS), 200)
-    assert made == values(mutated_text(text, SCALARS), 200)
+    made = values(strategies.mutated_text(text, SCALARS), 200)
+    assert made == values(strategies.mutated_text(text, SCALARS), 200)
     assert sum(each != text for each in made) > 150
     assert len(set(made)) > 80
-    weights = {yaml.safe_load(text)["weight"] for text in values(scaled_text("{weight: 5.0, a1: 2}"), 200)}
+    weights = {yaml.safe_load(text)["weight"] for text in values(strategies.scaled_text("{weight: 5.0, a1: 2}"), 200)}
     assert {-5.0, 0, 5000, 5.0, 2.5} <= weights
-    assert draw_by_key(scaled_text("no number")) == "no number"
-    made = values(encoded("é" * 20), 300)
+    assert strategies.draw_by_key(strategies.scaled_text("no number")) == "no number"
+    made = values(strategies.encoded("é" * 20), 300)
     assert made.count(("é" * 20).encode()) > 230
     assert len(set(made)) > 3
 
@@ -92,7 +89,7 @@ def test_a_signal_during_a_draw_ends_the_command(number, tmp_path, monkeypatch):
     try:
         fuzz.callback()
         with pytest.raises(KeyboardInterrupt):
-            draw_by_key(st.builds(interrupted), 0)
+            strategies.draw_by_key(st.builds(interrupted), 0)
     finally:
         signal.signal(number, before)
 
@@ -104,5 +101,5 @@ def test_an_event_that_is_no_text_any_more_is_changed_again():
     )
     with pytest.raises(InputRefused, match="utf-8"):
         decode(broken, events.type)
-    drawn = [draw_by_key(hostile_messages([(events, 0, broken)]), number) for number in range(20)]
+    drawn = [strategies.draw_by_key(hostile_messages([(events, 0, broken)]), number) for number in range(20)]
     assert any(payload != broken for messages in drawn for _, _, payload in messages)
