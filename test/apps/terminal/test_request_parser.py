@@ -74,16 +74,12 @@ def test_setpoints_of_poses_and_in_frames():
     assert (content.pose.position.x, content.pose.orientation.z) == (0.3, 0.7071)
 
 
-@pytest.mark.parametrize(
-    ("text", "axis"),
-    [
-        ("torso turn 90deg left", (0, 0, 1)),
-        ("torso turn 90deg right", (0, 0, -1)),
-        ("torso lean 90deg forward", (0, 1, 0)),
-    ],
-)
+TURNS = [("turn 90deg left", (0, 0, 1)), ("turn 90deg right", (0, 0, -1)), ("lean 90deg forward", (0, 1, 0))]
+
+
+@pytest.mark.parametrize(("text", "axis"), TURNS)
 def test_turning_and_leaning(text, axis):
-    turned = made(text).pose.orientation
+    turned = made(f"torso {text}").pose.orientation
     np.testing.assert_allclose([turned.x, turned.y, turned.z, turned.w], [*(HALF * np.array(axis)), HALF], atol=1e-12)
 
 
