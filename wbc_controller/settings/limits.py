@@ -28,9 +28,13 @@ class TorqueSpeedSettings(Section):
     """Torque-speed curve of the motors: from `corner` to `no_load` the torque in the direction of motion decreases."""
 
     enabled: bool = key(False, "Enforce the torque-speed curve.")
-    corner: Positive = key(0.5, "Highest speed with full effort limit, share of the URDF's velocity limit.", le=10.0)
+    corner: Positive = key(
+        0.5, "Highest speed with the full effort limit, as a share of the URDF's velocity limit.", le=10.0
+    )
     no_load: Positive = key(1.0, "Speed of zero torque, as a share of the URDF's velocity limit.", le=10.0)
-    actuators: dict[str, ActuatorTorqueSpeed] = key({}, "Curves by actuator; required for `robot.transmission`.")
+    actuators: dict[str, ActuatorTorqueSpeed] = key(
+        {}, "Curves of single actuators; required for actuators in `robot.transmission`."
+    )
 
     _ordered_speeds = model_validator(mode="after")(_require_falling)
 
@@ -76,9 +80,13 @@ class LimitSettings(Section):
     velocity: bool = key(True, "Enforce the URDF's joint velocity limits.")
     velocity_scale: Positive = key(1.0, "Usable share of the velocity limits.", le=1.0)
     acceleration: Positive = key(
-        200.0, "Largest joint acceleration, rad/s², also for braking before limits: the motors must reach it.", le=1.0e5
+        200.0,
+        "Largest joint acceleration, rad/s², also for braking before position limits: the motors must reach it.",
+        le=1.0e5,
     )
-    torque_rate: Positive = key(100.0, "Largest torque rate, effort limits per second; applied per period.", le=1.0e3)
+    torque_rate: Positive = key(
+        100.0, "Largest torque rate, in effort limits per second; applied per period.", le=1.0e3
+    )
     self_collision: SelfCollisionSettings = key(SelfCollisionSettings(), "Distances between links.")
     torque_speed: TorqueSpeedSettings = key(TorqueSpeedSettings(), "Torque-speed curve of the motors.")
 

@@ -76,7 +76,9 @@ class FrictionSettings(Section):
 class RobotSettings(Section):
     """Model, joints, actuators and nominal posture."""
 
-    urdf: str = key("", "Path, or `package://<package>/<path in its share folder>`. Empty: topic `robot_description`.")
+    urdf: str = key(
+        "", "Path, or `package://<package>/<path in its share folder>`. Empty: from the topic `robot_description`."
+    )
     base: Literal["floating", "fixed"] = key("floating", "Attachment of the root link to the world.")
     joints: list[str] = Field(
         min_length=1, description="Moving, measured joints. Mimic joints follow them; all others are locked."
@@ -86,7 +88,9 @@ class RobotSettings(Section):
         "Actuators in the order of the effort command: joints with their own motor, and names in "
         "`transmission`. Empty: the non-passive `joints`.",
     )
-    transmission: dict[str, TransmissionSettings] = key({}, "Actuators that drive joints by transmissions, by name.")
+    transmission: dict[str, TransmissionSettings] = key(
+        {}, "Actuators that drive joints through transmissions, by name."
+    )
     command: Literal["actuators", "joints"] = key(
         "actuators",
         "Effort command: torques of the actuators, or of the driven `joints`, if the drivers handle the transmissions.",

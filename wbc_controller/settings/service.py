@@ -52,7 +52,9 @@ class SolverSettings(Section):
         "Weight of ½(‖q̈‖² + ‖ḣ_G/m‖²), joint accelerations and centroidal momentum rate; (rad/s²)⁻², (m/s²)⁻².",
         le=1.0,
     )
-    regularization_force: Positive = key(1.0e-6, "Weight of ½‖f‖², N⁻²; moments as forces at a sole's corners.", le=1.0)
+    regularization_force: Positive = key(
+        1.0e-6, "Weight of ½‖f‖², N⁻²; moments of a sole are converted to forces at its corners.", le=1.0
+    )
 
 
 class SafetySettings(Section):
@@ -70,13 +72,21 @@ class SafetySettings(Section):
         "simulator at least the interval of its clock messages.",
         le=0.5,
     )
-    activation_ramp: NonNegative = key(0.2, "Torque ramp time, s; an unsupported robot falls meanwhile.", le=60.0)
-    hold_time: NonNegative = key(0.1, "Longest time without solution within `hold_window`, s; then damping.", le=1.0)
+    activation_ramp: NonNegative = key(
+        0.2, "Ramp time of the torques, s; an unsupported robot falls meanwhile.", le=60.0
+    )
+    hold_time: NonNegative = key(
+        0.1, "Longest time without a solution within `hold_window`, s; then damping mode.", le=1.0
+    )
     hold_window: NonNegative = key(1.0, "Window for `hold_time`, s; 0 counts uninterrupted time only.", le=60.0)
-    relax_time: NonNegative = key(0.5, "Longest time of relaxation within `relax_window`, s; then damping.", le=60.0)
+    relax_time: NonNegative = key(
+        0.5, "Longest time with relaxed constraints within `relax_window`, s; then damping mode.", le=60.0
+    )
     relax_window: Positive = key(2.0, "Window for `relax_time`, s; longer than `relax_time`.", le=600.0)
     damping_time: NonNegative = key(5.0, "Duration of damping before zero torque, s.", le=60.0)
-    damping: Damping = key(2.0, "Joint damping when holding or damping, N·m·s/rad; less at light joints for stability.")
+    damping: Damping = key(
+        2.0, "Joint damping while holding and damping, N·m·s/rad; reduced at light joints for stability at this rate."
+    )
     bring_up_time: NonNegative = key(
         5.0, "First active time in which unexplained motion stops the robot without damping, s; 0 for never.", le=3600.0
     )
@@ -86,7 +96,9 @@ class SafetySettings(Section):
         "contact, times 1/5 in m/s for prismatic joints.",
         le=1.0e3,
     )
-    max_tilt: Positive = key(1.0, "Tilt of a floating base since activation that is a fall, rad; 3.2 for none.", le=3.2)
+    max_tilt: Positive = key(
+        1.0, "Tilt of a floating base relative to activation that counts as a fall, rad; 3.2 for none.", le=3.2
+    )
     min_height: NonNegative = key(
         0.4,
         "Height of a floating base above the lowest limb end that counts as a fall, as a share of that at "
@@ -100,17 +112,21 @@ class SafetySettings(Section):
     max_base_speed: Positive = key(20.0, "Largest plausible base velocity along an axis, m/s.", le=1.0e3)
     max_base_turn: Positive = key(50.0, "Largest plausible angular base velocity about an axis, rad/s.", le=1.0e3)
     joint_mismatch: Positive = key(
-        0.2, "Largest plausible difference between joint displacement and integrated velocity in 0.2 s, rad.", le=100.0
+        0.2,
+        "Largest plausible difference between joint displacement and integrated joint velocity over 0.2 s, rad.",
+        le=100.0,
     )
     base_mismatch: Positive = key(
-        0.1, "The same for the base position per axis, m; larger jumps are a fault.", le=100.0
+        0.1, "The same for the base position along an axis, m; larger jumps of the odometry are a fault.", le=100.0
     )
     base_turn_mismatch: Positive = key(0.2, "The same for the base orientation about an axis, rad.", le=10.0)
     frozen_motion: Positive = key(
         0.03, "Largest integrated velocity over 0.2 s of a joint with bitwise constant position, rad.", le=100.0
     )
     frozen_time: Positive = key(
-        0.1, "Longest repetition of equal joint or base states in motion, s; at least `state_timeout`.", le=60.0
+        0.1,
+        "Longest repetition of equal joint or base states at non-zero velocity, s; at least `state_timeout`.",
+        le=60.0,
     )
 
     torque_publishers: list[NodeName] = key(
@@ -138,7 +154,9 @@ class GuardSettings(Section):
     patience: Positive = key(0.012, "Delay of a command, in wall time, after which the guard takes over, s.", le=1.0)
     damping: Damping = key(2.0, "Joint damping, N·m·s/rad; reduced at light joints, as `safety.damping`.")
     damping_time: NonNegative = key(5.0, "Duration of damping before zero torque, s.", le=60.0)
-    torque: Positive = key(0.2, "Largest torque in damping, and at the controller's return, in effort limits.", le=1.0)
+    torque: Positive = key(
+        0.2, "Largest damping torque, and torque at the return of a controller, as a share of the effort limit.", le=1.0
+    )
 
 
 class AuditSettings(Section):
@@ -197,7 +215,9 @@ class MockSettings(Section):
     damping: Damping = key(2.0, "Joint damping without torque commands, N·m·s/rad.")
     joint_friction: NonNegative = key(0.0, "Dry friction of each joint in the simulation, N·m.", le=1.0e3)
     joint_viscosity: NonNegative = key(0.0, "Viscous friction, N·m·s/rad.", le=1.0e3)
-    sensors: SensorQuality = key("ideal", "Quality of IMU, encoders, motors (docs/estimation.md). Odometry is exact.")
+    sensors: SensorQuality = key(
+        "ideal", "Quality of IMU, encoders and motors (docs/estimation.md). Odometry is exact."
+    )
     sensor_seed: int = key(0, "Random seed of the sensors.", ge=0, le=2**31 - 1)
     pose_rate: NonNegative = key(0.0, "Rate of the topic `pose`, Hz; 0 for none.", le=1.0e3)
     pose_delay: NonNegative = key(0.0, "Latency of these poses, s.", le=10.0)

@@ -24,7 +24,9 @@ class WalkingSettings(Section):
     single_support: _Time | None = key(
         None, "Nominal duration of a swing, s; default √(z/g) times 1.5 (bipeds), 1.25 (trot) or 1.8 (walk)."
     )
-    double_support: _Time | None = key(None, "Time on all feet between two swings, s; default 0.05, quadrupeds 0.03.")
+    double_support: _Time | None = key(
+        None, "Duration on all feet between two swings, s; default 0.05, quadrupeds 0.03."
+    )
     clearance: _Length | None = key(
         None,
         "Height of the swing foot above the ground, m; default 0.07·z, at most 0.6 of the feasible height; "
