@@ -129,7 +129,11 @@ class ConstraintTerms:
 
 @dataclass(frozen=True, kw_only=True)
 class Constraint(ABC):
-    """Constraint of the form (30); raises `ConfigurationError` if the time constant is not positive."""
+    """Constraint of the form (30).
+
+    Raises:
+        ConfigurationError: if the time constant is not positive.
+    """
 
     time_constant: float = math.inf  # T of Baumgarte's stabilization, s, several integration steps; infinite for none
 
@@ -279,7 +283,8 @@ class Rolling(Constraint):
     def terms(self, kinematics: Kinematics) -> ConstraintTerms:
         """Return velocity and height of the contact point.
 
-        Raises `ConfigurationError` if normal or axis is zero, or the wheel lies flat on the plane.
+        Raises:
+            ConfigurationError: if normal or axis is zero, or the wheel lies flat on the plane.
         """
         normal = _unit("normal", self.normal)
         body = kinematics.body(self.frame, _translation(self.centre))
@@ -333,7 +338,11 @@ class PlaneContact(Constraint):
     height: float = 0.0  # height of the plane along its normal, m
 
     def terms(self, kinematics: Kinematics) -> ConstraintTerms:
-        """Return the height above the plane; raise `ConfigurationError` if the normal is zero."""
+        """Return the height above the plane.
+
+        Raises:
+            ConfigurationError: if the normal is zero.
+        """
         normal = _unit("normal", self.normal)
         position, velocity, jacobian, drift = kinematics.point(self.frame, self.offset)
         return _holonomic(

@@ -29,7 +29,8 @@ def constrained_dynamics(
         force: applied generalized force f, (nv,) in N and N·m.
         unilateral: constraints with λ ≥ 0, such as contacts that may detach.
 
-    Raises `NoSolution` if the constraints are inconsistent.
+    Raises:
+        NoSolution: if the constraints are inconsistent.
     """
     data = data if data is not None else model.createData()
     f = as_array("force", force, (model.nv,))

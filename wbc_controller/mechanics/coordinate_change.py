@@ -82,7 +82,8 @@ def change_coordinates(
         flip: joints with reversed direction.
         shuffle: seed of a random joint order, or None.
 
-    Raises `ConfigurationError` if a joint is unknown or unsupported, or the base is fixed and `root` is given.
+    Raises:
+        ConfigurationError: if a joint is unknown or unsupported, or the base is fixed and `root` is given.
     """
     floating = model.njoints > 1 and model.joints[1].nq == 7
     if root is not None and not floating:

@@ -83,7 +83,8 @@ def energy_residual(
         force: constant generalized force Sᵀτ, (nv,) in N and N·m.
         wrenches: all other forces that do work.
 
-    Raises `InputRefused` if the second state is not later, or the force is invalid.
+    Raises:
+        InputRefused: if the second state is not later, or the force is invalid.
     """
     seconds = duration(before, after)
     data = data if data is not None else model.createData()

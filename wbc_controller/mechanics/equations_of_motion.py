@@ -51,7 +51,8 @@ def actuation_matrix(model: pin.Model, joints: Sequence[str]) -> Array:
     Args:
         joints: actuated joints with one degree of freedom, in the order of τ.
 
-    Raises `ConfigurationError` if a joint is unknown, or does not have one degree of freedom.
+    Raises:
+        ConfigurationError: if a joint is unknown, or does not have one degree of freedom.
     """
     S = np.zeros((len(joints), model.nv))
     for row, name in enumerate(joints):
@@ -68,7 +69,8 @@ def equations_of_motion_residual(
         force: applied generalized force f = Sᵀτ + Jᵀw, (nv,).
         constraint_force: f_c = Aᵀλ, (nv,).
 
-    Raises `InputRefused` if a force is invalid.
+    Raises:
+        InputRefused: if a force is invalid.
     """
     n = len(h)
     applied, constraint = as_array("force", force, (n,)), as_array("constraint_force", constraint_force, (n,))

@@ -18,7 +18,9 @@ _AXES = {"LOCAL": pin.LOCAL, "LOCAL_WORLD_ALIGNED": pin.LOCAL_WORLD_ALIGNED, "WO
 class ExternalWrench:
     """External wrench on a link, the τ of equation (22).
 
-    Raises `ConfigurationError` if `axes` is unknown, and `InputRefused` if an array is invalid.
+    Raises:
+        ConfigurationError: if `axes` is unknown.
+        InputRefused: if an array is invalid.
     """
 
     frame: str  # frame of the link
@@ -48,7 +50,8 @@ def generalized_force(
 ) -> Array:
     """Return the generalized force Σ Jᵀw of external wrenches (equation (22)), (nv,) in N and N·m.
 
-    Raises `ConfigurationError` if a frame is unknown.
+    Raises:
+        ConfigurationError: if a frame is unknown.
     """
     data = data if data is not None else model.createData()
     total = np.zeros(model.nv)
@@ -65,7 +68,8 @@ def world_wrench(
 ) -> Array:
     """Return the sum of external wrenches of (22) about the world's origin, (6,) in N and N·m, world axes.
 
-    Raises `ConfigurationError` if a frame is unknown.
+    Raises:
+        ConfigurationError: if a frame is unknown.
     """
     data = data if data is not None else model.createData()
     pin.framesForwardKinematics(model, data, q)

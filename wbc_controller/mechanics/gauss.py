@@ -114,7 +114,8 @@ def udwadia_kalaba(M: Array, v_dot_u: Array, A: Array, b: Array) -> Array:
 
     Udwadia and Kalaba, "Analytical Dynamics: A New Approach" (1996); for comparison with `gauss`.
 
-    Raises `InputRefused` if an array is invalid.
+    Raises:
+        InputRefused: if an array is invalid.
     """
     M, v_dot_u, A, b = _check(M, v_dot_u, A, b)
     values, vectors = np.linalg.eigh(M)
@@ -136,7 +137,8 @@ def admissible_directions(A: Array) -> Array:
 
     Constraint forces do no work along them: f_cᵀ δq = λᵀA δq = 0 (d'Alembert; S3).
 
-    Raises `InputRefused` if a value is not finite.
+    Raises:
+        InputRefused: if a value is not finite.
     """
     array = np.asarray(A, dtype=np.float64)
     return _decompose(as_array("A", array, array.shape)).N

@@ -75,7 +75,8 @@ def momentum_residual(
     Detects wrong masses, contact forces and unknown pushes; `energy_residual` detects wrong torques. Wrenches are
     constant in their axes, and include the support force of a fixed base.
 
-    Raises `InputRefused` if the second state is not later.
+    Raises:
+        InputRefused: if the second state is not later.
     """
     seconds = duration(before, after)
     data = data if data is not None else model.createData()

@@ -26,7 +26,8 @@ class Rod:
 class ParticleSystem:
     """Point masses and rods.
 
-    Raises `ConfigurationError` if a mass or length is not positive, or a particle is unknown.
+    Raises:
+        ConfigurationError: if a mass or length is not positive, or a particle is unknown.
     """
 
     masses: Array  # (n,) in kg
@@ -63,7 +64,8 @@ def rod_constraints(
     Args:
         time_constant: time constant of Baumgarte's stabilization, s.
 
-    Raises `InputRefused` if an array is invalid.
+    Raises:
+        InputRefused: if an array is invalid.
     """
     n = len(system.masses)
     x, x_dot = as_array("x", x, (n, 3)), as_array("x_dot", x_dot, (n, 3))
@@ -121,7 +123,8 @@ def reduce_structure(
     Args:
         basis: (3n, d) with A_s basis = 0; by default orthonormal.
 
-    Raises `ConfigurationError` if the basis violates the structure.
+    Raises:
+        ConfigurationError: if the basis violates the structure.
     """
     A, b = structure
     if basis is None:

@@ -23,7 +23,8 @@ def lagrangian_variation(model: pin.Model, q: Array, v: Array, perturbation: Per
 
     The velocity changes by the tangent map, from Pinocchio's derivatives of ⊕. Accurate to about 1e-8 of the energies.
 
-    Raises `InputRefused` if the perturbation is invalid.
+    Raises:
+        InputRefused: if the perturbation is invalid.
     """
     data = model.createData()
 
@@ -44,7 +45,8 @@ def lagrangian_variation(model: pin.Model, q: Array, v: Array, perturbation: Per
 def conserved_quantity(model: pin.Model, q: Array, v: Array, perturbation: Perturbation) -> float:
     """Return pᵀδq(q) of equation (28), N·s or N·m·s: d/dt(pᵀδq) = δL + δqᵀf with other generalized forces f.
 
-    Raises `InputRefused` if the perturbation is invalid.
+    Raises:
+        InputRefused: if the perturbation is invalid.
     """
     return float(generalized_momentum(model, q, v) @ as_array("δq(q)", perturbation(q), (model.nv,)))
 
@@ -66,7 +68,8 @@ def check_symmetry(
         states: pairs of q (nq,) and v (nv,), in m/s and rad/s.
         tolerance: largest relative |δL|.
 
-    Raises `InputRefused` if the perturbation is invalid.
+    Raises:
+        InputRefused: if the perturbation is invalid.
     """
     worst = 0.0
     for q, v in states:
@@ -91,7 +94,9 @@ def translation(model: pin.Model, direction: npt.ArrayLike) -> Perturbation:
     Args:
         direction: vector in the world, (3,).
 
-    Raises `ConfigurationError` if the base is not floating, and `InputRefused` if the direction is invalid.
+    Raises:
+        ConfigurationError: if the base is not floating.
+        InputRefused: if the direction is invalid.
     """
     _require_free_flyer(model)
     world = as_array("direction", direction, (3,))
@@ -111,7 +116,9 @@ def rotation(model: pin.Model, axis: npt.ArrayLike, point: npt.ArrayLike = (0.0,
         axis: vector in the world, (3,).
         point: point on the axis in the world, (3,) in m.
 
-    Raises `ConfigurationError` if the base is not floating, and `InputRefused` if an array is invalid.
+    Raises:
+        ConfigurationError: if the base is not floating.
+        InputRefused: if an array is invalid.
     """
     _require_free_flyer(model)
     turn, through = as_array("axis", axis, (3,)), as_array("point", point, (3,))
@@ -129,7 +136,8 @@ def rotation(model: pin.Model, axis: npt.ArrayLike, point: npt.ArrayLike = (0.0,
 def joint_shift(model: pin.Model, joint: str) -> Perturbation:
     """Return the shift of one joint, (nv,) in rad or m: a symmetry of (23) if L does not depend on its position.
 
-    Raises `ConfigurationError` if the joint is unknown, or does not have one degree of freedom.
+    Raises:
+        ConfigurationError: if the joint is unknown, or does not have one degree of freedom.
     """
     delta = np.zeros(model.nv)
     delta[single_joint(model, joint).idx_v] = 1.0

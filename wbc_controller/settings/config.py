@@ -39,7 +39,8 @@ class Config:
                 ``{"robot.posture.left_knee_joint": 0.6}``.
             urdf: URDF text.
 
-        Raises `ConfigurationError` with one line per problem.
+        Raises:
+            ConfigurationError: with one line per problem.
         """
         _require_text(urdf)
         values = self.to_dict()
@@ -103,7 +104,8 @@ def load(source: str | Path | Mapping[str, Any] | Settings | Config, *, urdf: st
             nested or with dotted keys, in which ``robot.posture`` may be a dictionary by joint.
         urdf: URDF text, in place of ``robot.urdf``.
 
-    Raises `ConfigurationError` if the file does not exist or values are invalid, with one line per problem.
+    Raises:
+        ConfigurationError: if the file does not exist or values are invalid, with one line per problem.
     """
     _require_text(urdf)
     if isinstance(source, Config):

@@ -30,7 +30,8 @@ _BIPED_KEYS = ("left", "right", "width", "least_width", "max_step_width")
 def is_quadruped(settings: Settings, walking: WalkingSettings) -> bool:
     """Return whether the contacts are four points.
 
-    Raises `ConfigurationError` if a key of the section `walking` belongs to another kind of robot.
+    Raises:
+        ConfigurationError: if a key of the section `walking` belongs to another kind of robot.
     """
     contacts = settings.contacts
     points = [name for name, contact in contacts.items() if isinstance(contact, PointContact)]

@@ -34,7 +34,8 @@ _HIGHEST_LIFT = 0.25  # highest lift of a sole in the search, as a share of the 
 def make_walking_tasks(settings: Settings, model: RobotModel) -> list[Task]:
     """Build the tasks of the walker, which are off without a gait; none without the section `walking`.
 
-    Raises `ConfigurationError` if the feet are not two surface contacts, or a task has the name of one of these.
+    Raises:
+        ConfigurationError: if the feet are not two surface contacts, or a task has the name of one of these.
     """
     if settings.walking is None:
         return []
@@ -66,7 +67,11 @@ def make_walker(settings: Settings, qp: WholeBodyQP) -> Walker | None:
 
 
 def find_feet(settings: Settings, model: RobotModel) -> tuple[Foot, Foot]:
-    """Build the left and the right foot; raise `ConfigurationError` if they are not two surface contacts."""
+    """Build the left and the right foot.
+
+    Raises:
+        ConfigurationError: if they are not two surface contacts.
+    """
     walking, dynamics = settings.walking or WalkingSettings(), Dynamics(model)
     surfaces = {name: c for name, c in settings.contacts.items() if isinstance(c, SurfaceContact)}
     valid = ", ".join(surfaces) or "none"

@@ -15,7 +15,8 @@ _IN_THE_WORLD = kinds.ComTask, kinds.CapturePointTask, kinds.FramePoseTask, kind
 def make_disabled(tasks: Mapping[str, tuple[float, kinds.Task]], settings: Settings) -> list[kinds.Task]:
     """Give tasks their weights, off until the robot walks; `tasks` has weights and tasks by name.
 
-    Raises `ConfigurationError` if a configured task has the name of one of these.
+    Raises:
+        ConfigurationError: if a configured task has the name of one of these.
     """
     taken = sorted(tasks.keys() & settings.tasks.keys())
     if taken:

@@ -41,7 +41,8 @@ class Part:
 def read_visuals(model: RobotModel) -> tuple[list[pin.GeometryObject], tuple[int, ...]]:
     """Return the visuals of a robot, placed in the joint's frame, and joints of links with missing meshes (logged).
 
-    Raises `ConfigurationError` if the visual geometry is invalid.
+    Raises:
+        ConfigurationError: if the visual geometry is invalid.
     """
     folders = []
     for package in mesh_packages(model.urdf):

@@ -64,7 +64,8 @@ class PageReport:
 def write_page(report: PageReport, path: Path) -> None:
     """Write a report as one HTML file.
 
-    Raises `ConfigurationError` if the file cannot be written, or plotly is missing for plots.
+    Raises:
+        ConfigurationError: if the file cannot be written, or plotly is missing for plots.
     """
     page = render(report)
     try:

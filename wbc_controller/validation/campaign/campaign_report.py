@@ -172,7 +172,8 @@ def repeat_command(outcome: Outcome) -> str:
 def write_report(outcomes: Sequence[Outcome], folder: Path, repeated: Sequence[str] = ()) -> str:
     """Write Markdown, CSV and, with plotly, a page with plots; return the names of the files.
 
-    Raises `ConfigurationError` if a file cannot be written.
+    Raises:
+        ConfigurationError: if a file cannot be written.
     """
     rows = rows_of(outcomes)
     try:

@@ -41,7 +41,8 @@ def run_campaign(
 
     `jobs`: -1 for one per processor; `address`: of the scheduler or cluster.
 
-    Raises `ConfigurationError` if a name is unknown, a file cannot be used, or the backend is not installed.
+    Raises:
+        ConfigurationError: if a name is unknown, a file cannot be used, or the backend is not installed.
     """
     console = console or (Console() if Console().is_terminal else Console(width=_WIDTH))
     for robot in robots:

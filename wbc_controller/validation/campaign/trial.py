@@ -58,7 +58,8 @@ def run_trial(
         prepare: for tests.
         recordings: folder of checked fault recordings.
 
-    Raises `ConfigurationError` if the kind is unknown or the configuration invalid.
+    Raises:
+        ConfigurationError: if the kind is unknown or the configuration invalid.
     """
     began = time.perf_counter()
     require_known(kind, ALL_KINDS, "unknown kind of fault")

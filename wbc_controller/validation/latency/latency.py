@@ -72,7 +72,8 @@ def measure_latency(
         mock: use the mock robot, in one block.
         progress: receives the measured time, s, and the round trips of each block.
 
-    Raises `ConfigurationError` if an argument is invalid, or the system is not Linux.
+    Raises:
+        ConfigurationError: if an argument is invalid, or the system is not Linux.
     """
     if not sys.platform.startswith("linux"):
         raise ConfigurationError(f"wbc bench latency requires /proc (Linux), got {sys.platform}")
