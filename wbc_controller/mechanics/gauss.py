@@ -84,7 +84,9 @@ def gauss(M: Array, v_dot_u: Array, A: Array, b: Array) -> ConstrainedMotion:
     (NᵀM N) z = NᵀM(v̇ᵤ - A⁺b); λ is the least-norm solution of Aᵀλ = M(v̇ - v̇ᵤ). v̇ and Aᵀλ are unique for redundant
     rows, too.
 
-    Raises `InputRefused` if an array is invalid or M not positive definite, `NoSolution` with (A, b) for a conflict.
+    Raises:
+        InputRefused: if an array is invalid, or M is not positive definite.
+        NoSolution: if the constraints are inconsistent; contains (A, b).
     """
     M, v_dot_u, A, b = _check(M, v_dot_u, A, b)
     split = _decompose(A)
@@ -155,7 +157,9 @@ def gauss_unilateral(M: Array, v_dot_u: Array, A: Array, b: Array, C: Array, d: 
         C: unilateral constraints, (m, nv), such as normal motions of contacts.
         d: right-hand side, (m,).
 
-    Raises `InputRefused` if an array is invalid or M not positive definite, `NoSolution` for a conflict.
+    Raises:
+        InputRefused: if an array is invalid, or M is not positive definite.
+        NoSolution: if the constraints are inconsistent.
     """
     base = gauss(M, v_dot_u, A, b)
     M, v_dot_u, A, b = _check(M, v_dot_u, A, b)

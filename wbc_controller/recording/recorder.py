@@ -77,7 +77,9 @@ def software_versions() -> dict[str, str]:
 class Recorder:
     """Recorder of one loop.
 
-    `file` is None for the last seconds only; `patient`, in simulated time, waits instead of dropping cycles.
+    Args:
+        file: of the whole run; None for the last seconds only.
+        patient: wait for the process instead of dropping cycles, in simulated time.
     """
 
     def __init__(self, settings: Settings, file: Path | None = None, *, patient: bool = False, name: str = "") -> None:

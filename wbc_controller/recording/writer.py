@@ -92,8 +92,9 @@ class FileSink:
 class Writer:
     """Collector of chunks, with a buffer and a thread that writes files.
 
-    `plan`: ``file`` for the whole run or None, ``folder`` for the last ``seconds`` or None, ``name`` of the robot, and
-    largest number of ``files``.
+    Args:
+        plan: ``file`` for the whole run or None, ``folder`` for the last ``seconds`` or None, ``name`` of the robot,
+            and largest number of ``files``.
     """
 
     def __init__(self, plan: dict[str, Any], report: Callable[[str], None]) -> None:

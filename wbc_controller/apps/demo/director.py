@@ -63,7 +63,9 @@ class Director:
     ) -> None:
         """Open the topics.
 
-        `advance` waits for `arrived`, or executes one step in lockstep; `record` records `truth_topics` and the phases.
+        Args:
+            advance: waits for `arrived`, or in lockstep executes one step.
+            record: records the messages of `truth_topics` and the phases.
         """
         self.arrived = threading.Event()  # set by each joint state, on the transport's thread
         self.windows: dict[str, tuple[float, float]] = {}

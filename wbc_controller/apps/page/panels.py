@@ -117,12 +117,15 @@ def _tasks(robot: Robot, status: RobotStatus) -> str:
 
 
 def _loop(status: RobotStatus) -> str:
-    entries = [("key", *fact) for fact in facts(status).items() if fact[0] not in ("binding", "next")]
-    entries += [
-        ("muted", *each) for each in status.values.items() if each[0].startswith(("infeasibility/", "publishers/"))
-    ]
     rows = "".join(
-        f'<tr><td class="{kind}">{escape(name)}</td><td>{escape(text)}</td></tr>' for kind, name, text in entries
+        f'<tr><td class="key">{escape(name)}</td><td>{escape(text)}</td></tr>'
+        for name, text in facts(status).items()
+        if name not in ("binding", "next")
+    )
+    rows += "".join(
+        f'<tr><td class="muted">{escape(key)}</td><td>{escape(value)}</td></tr>'
+        for key, value in status.values.items()
+        if key.startswith(("infeasibility/", "publishers/"))
     )
     return f"<h4>Loop and audit</h4><table>{rows}</table>"
 

@@ -29,7 +29,9 @@ class RequestSender:
     ) -> None:
         """Create the sender.
 
-        `send` may raise `WbcError`; `report` receives the words of each request, empty for a drag, and its error or "".
+        Args:
+            send: sends one request from any thread; may raise `WbcError`.
+            report: receives the words of each request, empty for a drag, and its error or an empty text.
         """
         self._settings, self._send, self._report, self._clock = settings, send, report, clock
         self._requests: queue.Queue[Request | None] = queue.Queue(_QUEUE_SIZE)

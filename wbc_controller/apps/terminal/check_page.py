@@ -32,7 +32,8 @@ def write_check_page(config: Config, findings: Sequence[Finding], failure: str, 
     model = make_model(settings, config.urdf)
     qp = make_qp(settings, model)
     active = [name for name, contact in settings.contacts.items() if contact.enabled]
-    q = stance(model, qp, active, settings.mock.floor_normal)
+    normal = np.array(settings.mock.floor_normal) / np.linalg.norm(settings.mock.floor_normal)
+    q = stance(model, qp, active, normal)
     forces = _forces(config, qp, q)
     qp.dynamics.update(q, np.zeros(model.nv))
     name = config.source or "robot"

@@ -43,9 +43,12 @@ def number(text: str, subject: str, units: Mapping[str, float] = PLAIN) -> float
 
 
 def displacement(words: Sequence[str], subject: str, units: Mapping[str, float]) -> tuple[Array, bool]:
-    """Return the sum of pairs such as ``0.02 forward 0.01 down``, (3,), and True for axes of the robot's heading.
+    """Return the sum of pairs such as ``0.02 forward 0.01 down``.
 
-    Raises `InputRefused` if the words have another form, or mix these axes with those of the world.
+    Returns:
+        The sum, (3,), and True for the axes of the robot's heading, False for those of the world.
+
+    Raises `InputRefused` if the words have another form, or mix both kinds of direction.
     """
     if not words or len(words) % 2:
         raise InputRefused(

@@ -64,7 +64,9 @@ def line_panels(
 ) -> Any:
     """Return a figure of panels below each other, with thinned lines.
 
-    `marks`: times by name, s; `shaded`: intervals, s.
+    Args:
+        marks: times by name, s.
+        shaded: shaded intervals, s.
     """
     _, make_subplots = _plotly()
     rows = len(panels) + bool(marks)

@@ -39,7 +39,9 @@ def run_campaign(
 ) -> bool:
     """Run the missing trials of a folder, and write the report; return True without violations.
 
-    `jobs`: -1 for one per processor; `address`: of the scheduler or cluster.
+    Args:
+        jobs: -1 for one per processor.
+        address: of the scheduler or cluster.
 
     Raises:
         ConfigurationError: if a name is unknown, a file cannot be used, or the backend is not installed.

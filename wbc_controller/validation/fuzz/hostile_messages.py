@@ -20,11 +20,16 @@ from typing import Any
 
 from wbc_controller.errors import ConfigurationError, require_known
 from wbc_controller.nodes import processes
-from wbc_controller.validation.fuzz import target as base
 from wbc_controller.validation.fuzz.controller_target import ControllerTarget
 from wbc_controller.validation.fuzz.other_targets import EstimatorTarget, GuardTarget, MockTarget, UrdfTarget
 from wbc_controller.validation.fuzz.strategies import draw_by_key, requests
-from wbc_controller.validation.fuzz.target import InvariantViolation, Target, TimeLimitExceeded, collected_errors
+from wbc_controller.validation.fuzz.target import (
+    InvariantViolation,
+    Target,
+    TimeLimitExceeded,
+    collected_errors,
+    fuzzed_robot,
+)
 
 #: Nodes under test, with their shares of the messages.
 TARGETS: Mapping[str, tuple[Callable[[str], Target], float]] = {
@@ -118,7 +123,7 @@ def _episode(key: str, robot: str, seed: str, outcome: Outcome, count: int) -> F
     messages: list[Message] = []
 
     def draw(target: Target) -> Iterator[Message]:
-        names = base.fuzzed_robot(robot)[1].joints
+        names = fuzzed_robot(robot)[1].joints
         while target.alive and len(messages) < _EPISODE_LENGTH and outcome.sent < count:
             topic, payload = draw_by_key(requests(target, names), seed, len(messages))
             messages.append((topic.name, payload))
