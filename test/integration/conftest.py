@@ -6,6 +6,7 @@ import re
 import signal
 import subprocess
 import threading
+import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -40,7 +41,7 @@ OF_THE_ROBOT = ("joint_states", "odom", "clock", "robot_description", "effort", 
 
 
 class User:
-    """Opens the peer of every topic of both nodes; stores the serialized messages."""
+    """Opens the peer of every topic of both nodes; stores messages with arrival times."""
 
     def __init__(
         self, transport: Any, advance: Callable[[], None], omits: Callable[[Endpoint], bool] = lambda topic: False
@@ -49,7 +50,7 @@ class User:
         self.model = make_model(self.settings)
         self.advance = advance
         self.transport = transport
-        self.arrivals: dict[tuple[str, str, str], list[bytes]] = {}
+        self.arrivals: dict[tuple[str, str, str], list[tuple[float, bytes]]] = {}
         self._types: dict[tuple[str, str, str], str] = {}
         self._publish: dict[tuple[str, str, str], Callable[[bytes], None]] = {}
         self._writable: dict[tuple[str, str, str], Endpoint] = {}
@@ -60,25 +61,26 @@ class User:
         for owner, topics in (("controller", controller_endpoints(self.settings, self.model)), ("mock", mock)):
             for topic in topics:
                 if not omits(topic):
-                    self._open(owner, topic)
+                    self.open(owner, topic, transport)
 
-    def _open(self, owner: str, topic: Any) -> None:
+    def open(self, owner: str, topic: Any, transport: Any) -> None:
         key = owner, topic.key, topic.subject
         self._types[key] = topic.type
         if topic.direction is Direction.IN:
             self._writable[key] = replace(counterpart(topic), qos=replace(topic.qos, reliable=True))
             if topic.key not in OF_THE_ROBOT:
-                self._publish[key] = self.transport.advertise(self._writable[key])
+                self._publish[key] = transport.advertise(self._writable[key])
             return
         kept = self.arrivals[key] = []
         deep = replace(counterpart(topic), qos=replace(topic.qos, depth=1000))
+        state = key == ("mock", "joint_states", "")
 
         def receive(payload: bytes) -> None:
-            kept.append(payload)
-            if key == ("mock", "joint_states", ""):
+            kept.append((time.monotonic(), payload))
+            if state:
                 self.state_came.set()
 
-        self.transport.subscribe(deep, receive)
+        transport.subscribe(deep, receive)
 
     def send(self, owner: str, key: str, content: Any, subject: str = "") -> None:
         place = owner, key, subject
@@ -91,11 +93,11 @@ class User:
 
     def all(self, owner: str, key: str, subject: str = "") -> list[Any]:
         place = owner, key, subject
-        return [decode(payload, self._types[place]) for payload in list(self.arrivals[place])]
+        return [decode(payload, self._types[place]) for _, payload in list(self.arrivals[place])]
 
     def last(self, owner: str, key: str, subject: str = "") -> Any:
         place = owner, key, subject
-        return decode(self.arrivals[place][-1], self._types[place])
+        return decode(self.arrivals[place][-1][1], self._types[place])
 
     @property
     def mode(self) -> str:
@@ -105,7 +107,7 @@ class User:
     def time(self) -> float:
         """Simulated time, s."""
         kept = self.arrivals["mock", "joint_states", ""]
-        return header_time(kept[-1]) if kept else 0.0
+        return header_time(kept[-1][1]) if kept else 0.0
 
     def run(self, duration: float) -> None:
         """Advance the simulated time."""
@@ -140,8 +142,8 @@ class User:
 
     def com(self) -> np.ndarray:
         q = np.zeros(self.model.nq)
-        q[self.model.q_index] = self._joints.read(self.arrivals["mock", "joint_states", ""][-1]).position
-        q[:7] = self._base.read(self.arrivals["mock", "odom", ""][-1]).pose
+        q[self.model.q_index] = self._joints.read(self.arrivals["mock", "joint_states", ""][-1][1]).position
+        q[:7] = self._base.read(self.arrivals["mock", "odom", ""][-1][1]).pose
         return np.array(pin.centerOfMass(self.model.pinocchio, self._data, q))
 
     def vertical_force(self, owner: str, duration: float) -> np.ndarray:
@@ -153,8 +155,11 @@ class User:
                 forces[nanoseconds(content.header.stamp) * 1e-9].append(content.wrench.force.z)
         return np.array([sum(each) for at, each in forces.items() if at >= since and len(each) == len(contacts)])
 
-    def efforts(self) -> np.ndarray:
-        return np.array([content.data for content in self.all("controller", "effort")]).reshape(-1, self.model.na)
+    def efforts(self, since: float = 0.0) -> np.ndarray:
+        """Return the torques after a wall time."""
+        place = "controller", "effort", ""
+        kept = [payload for when, payload in list(self.arrivals[place]) if when > since]
+        return np.array([decode(payload, self._types[place]).data for payload in kept]).reshape(-1, self.model.na)
 
     def refusals(self) -> list[str]:
         """Return all refusals on /diagnostics."""

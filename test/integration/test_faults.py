@@ -1,5 +1,6 @@
-"""Real processes: invalid messages, and an overloaded computer."""
+"""Real processes: a robot that dies during a run, invalid messages, and an overloaded computer."""
 
+import re
 import signal
 import time
 
@@ -11,12 +12,96 @@ from wbc_controller.recording.recording_file import Recording
 
 pytestmark = pytest.mark.live
 
+#: Number of stops of the robot.
+STOPS = 4
+#: Largest delay of the detecting cycle in the fastest case, s.
+LATE = 0.01
 
-def test_bad_inputs_over_the_wire_are_refused_and_do_no_harm(processes, dds_user, patient_robot, make, tmp_path):
-    user, record = dds_user, tmp_path / "cycles.mcap"
-    processes.start("mock", patient_robot)
-    controller = processes.start("run", patient_robot, "--record", str(record), "--use-sim-time")
-    user.wait_for_service()
+
+@pytest.fixture
+def start(processes, dds_user, tmp_path):
+    """Starts a mock robot and a controller that records every command; gives their user."""
+
+    def start(robot, *words):
+        user = dds_user
+        user.record = tmp_path / "cycles.mcap"
+        user.mock = processes.start("mock", robot)
+        user.controller = processes.start("run", robot, "--record", str(user.record), *words)
+        user.wait_for_service()
+        return user
+
+    return start
+
+
+def recorded(user, processes):
+    """Return the recorded commands of the controller; a busy machine drops some."""
+    assert processes.stop(user.controller) == 0
+    return Recording(user.record).arrays()
+
+
+def assert_bounded(user, cycles):
+    tau, follows = cycles["tau"], np.diff(cycles["number"]) == 1
+    assert np.count_nonzero(follows) > 100  # a busy machine sends fewer
+    assert np.isfinite(tau).all()
+    assert (np.abs(tau) <= user.model.effort_limits).all()
+    step = user.settings.limits.torque_rate / user.settings.control.rate * user.model.effort_limits
+    assert (np.abs(np.diff(tau, axis=0))[follows] <= step + 1e-9).all()
+
+
+def test_a_robot_that_dies_is_damped_and_can_come_back(start, processes, record_property):
+    """The fastest of several detections counts, by the controller's clock."""
+    user = start("go2")
+    noticed = []
+    for _ in range(STOPS):
+        user.activate_again()
+        user.mock.send_signal(signal.SIGSTOP)
+        user.until(lambda: user.mode.startswith("damping"), "damping")
+        said = user.mode
+        assert said.startswith("damping STALE_INPUT: ")
+        ages = {name: 1e-3 * float(age) for name, age in re.findall(r"(\w+) is (\d+) ms old \(limit 50 ms\)", said)}
+        assert ages, said
+        assert set(ages) <= {"joint_states", "odom"}
+        noticed.append(max(ages.values()))
+        user.mock.send_signal(signal.SIGCONT)
+    record_property("ages_at_damping_ms", [round(1e3 * age) for age in noticed])
+    print(f"ages at damping: {noticed} s")
+    timeout, cycle = user.settings.safety.state_timeout, 1.0 / user.settings.control.rate
+    assert timeout <= min(noticed) <= timeout + cycle + LATE
+
+    user.activate_again()
+    user.mock.kill()
+    killed = time.monotonic()
+    user.mock.wait()
+    user.until(lambda: user.mode.startswith("damping"), "damping")
+
+    # Without velocities the torques ramp to zero; zero is still sent.
+    start = time.monotonic()
+    user.until(lambda: len(user.efforts(start)) > 20, "torques while damping")
+    assert not user.efforts(start)[10:].any()
+    after = user.efforts(killed)
+    assert np.isfinite(after).all()
+    assert (np.abs(after[-1]) == 0.0).all()
+
+    user.command("activate")
+    user.until(lambda: any("'activate' is refused in damping" in said for said in user.refusals()), "the refusal")
+    assert user.mode.startswith("damping")
+
+    user.mock = processes.start("mock", "go2")
+    user.arrivals["mock", "joint_states", ""].clear()
+    user.until(lambda: user.time > 0.0, "the states of the new robot")
+
+    user.activate_again()  # after the killed robot has left the graph
+    user.run(1.2)
+    cycles = recorded(user, processes)
+    assert_bounded(user, cycles)
+    assert {"active", "damping"} <= set(cycles["mode"].tolist())
+    # The shutdown command follows the last cycle.
+    user.until(lambda: not user.efforts()[-1].any(), "the last command of a controller that was told to end")
+    user.until(lambda: user.mode.startswith("stopped"), "its last mode")
+
+
+def test_bad_inputs_over_the_wire_are_refused_and_do_no_harm(start, processes, patient_robot, make):
+    user = start(patient_robot, "--use-sim-time")
     model = user.model
     joints, na = model.joints, model.na
     good = np.array(model.posture)
@@ -52,16 +137,11 @@ def test_bad_inputs_over_the_wire_are_refused_and_do_no_harm(processes, dds_user
     assert user.mode == "active"
     assert [content.data for content in user.all("controller", "state")] == ["inactive", "active"]
     wire = user.efforts()
-    assert processes.stop(controller) == 0
-    cycles = Recording(record).arrays()
-    tau, follows = cycles["tau"], np.diff(cycles["number"]) == 1  # a busy machine drops some
-    assert np.count_nonzero(follows) > 100
-    for torques in (tau, wire):
-        assert np.isfinite(torques).all()
-        assert (np.abs(torques) <= model.effort_limits).all()
-    step = user.settings.limits.torque_rate / user.settings.control.rate * model.effort_limits
-    assert (np.abs(np.diff(tau, axis=0))[follows] <= step + 1e-9).all()
+    cycles = recorded(user, processes)
+    assert_bounded(user, cycles)
     assert set(cycles["mode"].tolist()) <= {"active", "stopped"}
+    assert np.isfinite(wire).all()
+    assert (np.abs(wire) <= model.effort_limits).all()
 
 
 @pytest.mark.parametrize(("factor", "duration"), [(1.0, 1.0), (0.05, 0.1)])

@@ -16,7 +16,9 @@ def test_two_controllers_do_not_fight_and_two_robots_are_said(processes, dds_use
     # Each logs the other once.
     user.until(lambda: processes.logs().count(f"ownership: {RIVAL}") == 2, "both controllers to see each other")
     refused, waits = f"'activate' is refused: {RIVAL}", f"the activation at the start waits: {RIVAL}"
-    user.until(lambda: any(refused in said for said in user.refusals()), "a refusal", lambda: user.command("activate"))
+    user.until(
+        lambda: any(refused in said for said in user.refusals()), "the refusal", lambda: user.command("activate")
+    )
     user.until(lambda: waits in processes.logs(), "the activation at the start to wait")
     user.run(0.5)
     assert {content.data for content in user.all("controller", "state")} == {"inactive"}
