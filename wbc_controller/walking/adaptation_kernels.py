@@ -29,7 +29,7 @@ from wbc_controller.walking.swing_kernels import integrate_foot
 W_PLACE, W_OFFSET, W_TIME = 1.0, 200.0, 0.02  # weights of place and offset, 1/m², and of time
 #: Shortest and longest single support, as shares of the nominal one; a faster foot would hit the edges of rough ground.
 SHORTEST, SHORTEST_ROUGH, LONGEST = 0.4, 0.65, 1.6
-TIME_RATE, SHORTENING = 1.0, 10.0  # rates of change of the step time: usual one, and decrease for a DCM beside the sole
+TIME_RATE, SHORTENING = 1.0, 10.0  # rates of the step time: usual one, and decrease for a DCM beside the sole
 _HELD = 0.35  # distance of a DCM above the sole from its centre, as a share of length and width
 _AHEAD = 0.04  # shortest remaining time of an adaptation, s
 FOOT_SPEED, FOOT_ACCELERATION = 3.0, 20.0  # largest mean speed of the swing foot, m/s, and vertical acceleration, m/s²
