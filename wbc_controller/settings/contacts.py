@@ -47,14 +47,17 @@ class SurfaceContact(_PushingContact):
     """Flat rectangle or convex polygon without slip or rotation: six forces, exact linear wrench cone."""
 
     type: Literal["surface"]
-    rpy: Vector3 = key([0.0, 0.0, 0.0], "Roll, pitch, yaw in `frame`, rad; z points away from the touched surface.")
+    rpy: Vector3 = key(
+        [0.0, 0.0, 0.0],
+        "Orientation in `frame`: roll, pitch, yaw, rad. The z axis points away from the touched surface.",
+    )
     half_length: Length | None = key(None, "Half side of the rectangle along x, m.")
     half_width: Length | None = key(None, "Half side of the rectangle along y, m.")
     vertices: Corners | None = key(
         None, "In place of the rectangle: up to 12 corners [x, y] of a convex polygon, m, in any order."
     )
     max_yaw_moment: Positive | None = key(
-        None, "Largest yaw moment, N·m; by default that of the wrench cone.", le=1.0e4
+        None, "Largest moment about the normal, N·m; by default limited by the wrench cone only.", le=1.0e4
     )
 
     @property
@@ -112,7 +115,7 @@ class FixedContact(_Contact):
     mask: _Mask = _MASK
     max_force: Positive = Field(le=1.0e5, description="Largest force along each axis, N.")
     max_moment: Positive | None = key(
-        None, "Largest moment per axis, N·m; required if `mask` has a rotation.", le=1.0e5
+        None, "Largest moment about each axis, N·m; required if `mask` contains a rotation.", le=1.0e5
     )
 
     @model_validator(mode="after")
