@@ -29,8 +29,8 @@ from wbc_controller.walking.swing_kernels import integrate_foot
 W_PLACE, W_OFFSET, W_TIME = 1.0, 200.0, 0.02  # weights of place and offset, 1/m², and of time
 #: Shortest and longest single support, as shares of the nominal one; a faster foot would hit the edges of rough ground.
 SHORTEST, SHORTEST_ROUGH, LONGEST = 0.4, 0.65, 1.6
-TIME_RATE, SHORTENING = 1.0, 10.0  # rates of the step time: usual one, and decrease for a DCM beside the sole
-_HELD = 0.35  # distance of a DCM above the sole from its centre, as a share of length and width
+TIME_RATE, SHORTENING = 1.0, 10.0  # usual rate of the step time, and decrease for a DCM beside the sole
+_HELD = 0.35  # distance of a DCM above the sole from its centre, as shares of length and width
 _AHEAD = 0.04  # shortest remaining time of an adaptation, s
 FOOT_SPEED, FOOT_ACCELERATION = 3.0, 20.0  # largest mean speed of the swing foot, m/s, and vertical acceleration, m/s²
 #: Largest horizontal deceleration of the swing foot, m/s²: a faster stop lifts the body.
@@ -129,7 +129,7 @@ def adapt(
     latest = max(LONGEST * single, earliest)
     axes, lowest, best = cmath.rect(1.0, heading), math.inf, (place, time)
     local = (dcm - stance) / axes
-    # The centre of pressure can hold it, and a fast leg would push it away.
+    # The centre of pressure can hold it; a fast leg would push it away.
     held = abs(local.real) < _HELD * sizes.sole_length and abs(local.imag) < _HELD * sizes.sole_width
     for rate in (0.0, -TIME_RATE, TIME_RATE, -TIME_RATE if held else -SHORTENING):
         T = max(earliest, min(latest, time + rate * dt))

@@ -14,12 +14,15 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 def common_options(function: F) -> F:
     """Add the common arguments and options."""
-    function = click.option("--jobs", default=-1, show_default=True, help="Parallel robots; -1 for one per processor.")(
-        function
-    )
-    qualities, what = click.Choice(get_args(SensorQuality)), "Quality of the mock robot's sensors."
-    function = click.option("--sensors", type=qualities, default="good", show_default=True, help=what)(function)
-    return click.argument("robots", nargs=-1, metavar="[ROBOT]...")(function)
+    options = [
+        click.argument("robots", nargs=-1, metavar="[ROBOT]..."),
+        click.option("--sensors", type=click.Choice(get_args(SensorQuality)), default="good", show_default=True,
+                     help="Quality of the mock robot's sensors."),
+        click.option("--jobs", default=-1, show_default=True, help="Parallel robots; -1 for one per processor."),
+    ]  # fmt: skip
+    for option in reversed(options):
+        function = option(function)
+    return function
 
 
 def run_parallel(function: Callable[..., T], calls: Iterable[Sequence[Any]], jobs: int) -> list[T]:

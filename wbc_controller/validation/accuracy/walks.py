@@ -77,7 +77,8 @@ class WalkTrial(EstimationTrial):
     ) -> None:
         """Send velocities for a time in s; raise `NoSolution` if the robot falls.
 
-        `velocity` returns those forward, to the left and turning, (3,), at a time in s; None to send nothing.
+        Args:
+            velocity: returns the velocity forward, to the left and turning, (3,), at a time in s; None to send nothing.
         """
         self.begun = min(self.begun, self.time)
         begin, sent = self.time, -math.inf
@@ -127,7 +128,8 @@ def walk(
         command: a name of `COMMANDS`, `DIAGONAL` or `RANDOM`.
         scale: factor of the velocities.
 
-    Raises `ConfigurationError` if the robot cannot be controlled or simulated.
+    Raises:
+        ConfigurationError: if the robot cannot be controlled or simulated.
     """
     trial = WalkTrial(robot, sensors, seed, changes, scale)
     rng = np.random.default_rng(seed)
