@@ -143,7 +143,7 @@ def test_a_message_that_takes_long_is_found(monkeypatch):
             pass
         return ()
 
-    monkeypatch.setattr("wbc_controller.validation.fuzz.target.READ_LIMIT", 0.05)
+    monkeypatch.setattr("wbc_controller.validation.fuzz.controller_target.READ_LIMIT", 0.05)
     monkeypatch.setitem(decoding.READERS, "weight", slow)
     (failure,) = fuzz_messages(ROBOT, 1500, 2, targets=["controller"], most_failures=1).failures
     assert "ms of processor time; limit 50 ms" in failure.why

@@ -15,8 +15,16 @@ from wbc_controller.nodes.inputs import Inputs
 from wbc_controller.nodes.wiring import controller_endpoints, make_vocabulary
 from wbc_controller.records import Array, Mode
 from wbc_controller.validation.campaign.monitor import ZEROS_AT_ONCE
-from wbc_controller.validation.fuzz import target as base
-from wbc_controller.validation.fuzz.target import InvariantViolation, Target, time_limit
+from wbc_controller.validation.fuzz.target import (
+    CYCLE_LIMIT,
+    READ_LIMIT,
+    InvariantViolation,
+    Target,
+    check_torques,
+    fuzzed_robot,
+    time_limit,
+    valid_message,
+)
 from wbc_controller.validation.lockstep import Lockstep
 
 _STATES = ("joint_states", "odom", "clock")  # read by the cycle itself
@@ -60,7 +68,7 @@ class ControllerTarget(Target):
     """
 
     def __init__(self, robot: str) -> None:
-        self._settings, self._model = base.fuzzed_robot(robot)
+        self._settings, self._model = fuzzed_robot(robot)
         super().__init__(controller_endpoints(self._settings, self._model), ("effort",))
         self._robot = Lockstep(self._settings, model=self._model, bus=self.bus, use_sim_time=True)
         self._mock, self._controller, self._loop = self._robot.mock, self._robot.controller, self._robot.loop
@@ -91,7 +99,7 @@ class ControllerTarget(Target):
         # Stamp between two states of the robot.
         stamp = self._mock.stamp + round(0.5e9 * self._controller.period) if topic.key in _STATES else 0
         frame = self._vocabulary.reference_frames.get(topic.subject, "world")
-        content = base.valid_message(topic.type, names, frame, stamp)
+        content = valid_message(topic.type, names, frame, stamp)
         if topic.key == "joint_states":
             content.position = np.array(self._mock.plant.state()[0][self._model.q_index])
         elif topic.key == "odom":
@@ -112,7 +120,7 @@ class ControllerTarget(Target):
             self.finish()
             self._mock.publish()
             self._gate.passed.append(self._gate.read())
-        limit = base.CYCLE_LIMIT if state else base.READ_LIMIT
+        limit = CYCLE_LIMIT if state else READ_LIMIT
         now = self._robot.clock.now()
         with time_limit(limit, f"reading {len(payload)} bytes on {topic.name}"):
             self.publish(topic, payload)
@@ -180,7 +188,7 @@ class ControllerTarget(Target):
         if publish:
             self._mock.publish()
         self.clear_outputs()
-        with time_limit(base.CYCLE_LIMIT, f"the cycle of {why}"):
+        with time_limit(CYCLE_LIMIT, f"the cycle of {why}"):
             report = self._loop.cycle()
         self._mock.advance()
         if report.fault is not None and report.fault.code == "INTERNAL_ERROR":
@@ -189,7 +197,7 @@ class ControllerTarget(Target):
         for payload in self.outputs["effort"]:
             tau: Array = np.asarray(decode(payload, self.types["effort"]).data)
             step = np.full(self._model.na, np.inf) if stopped and not tau.any() else self._step
-            base.check_torques(tau, self._tau, self._model.effort_limits, step, f"the controller, at {why},")
+            check_torques(tau, self._tau, self._model.effort_limits, step, f"the controller, at {why},")
             self._tau = tau
         self.alive = report.mode in (Mode.ACTIVE, Mode.HOLDING) or not self._disturbed
         return report

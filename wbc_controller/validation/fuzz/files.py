@@ -74,11 +74,12 @@ def fuzz_files(
     kind: str, robots: tuple[str, ...], count: int, seed: int, folder: Path, *, first: int = 0
 ) -> Iterator[FileTrial]:
     """Read hostile ``configurations``, ``urdf`` or ``recordings`` of the robots in turn, in a child process."""
-    due, failures, began, context = first, 0, time.monotonic(), multiprocessing.get_context("spawn")
+    due, failures, began = first, 0, time.monotonic()
     while due < first + count and failures < _MOST_FAILURES:
-        ours, theirs = context.Pipe()
-        cases = [(i, robots[i % len(robots)], case_folder(folder, kind, i)) for i in range(due, first + count)]
-        child = context.Process(target=_work, args=(theirs, read_case, kind, seed, cases), daemon=True)
+        ours, theirs = multiprocessing.get_context("spawn").Pipe()
+        child = multiprocessing.get_context("spawn").Process(
+            target=_work, args=(theirs, read_case, kind, robots, seed, due, first + count, folder), daemon=True
+        )
         child.start()
         theirs.close()
         try:
@@ -122,18 +123,25 @@ def _results(child: Any, ours: Connection, number: int) -> Iterator[tuple[int, s
 
 
 def _work(
-    pipe: Connection, reader: Callable[[Path], str], kind: str, seed: int, cases: Sequence[tuple[int, str, Path]]
+    pipe: Connection,
+    reader: Callable[[Path], str],
+    kind: str,
+    robots: tuple[str, ...],
+    seed: int,
+    number: int,
+    end: int,
+    folder: Path,
 ) -> None:
-    """Read cases, given by number, robot and folder, and send their results."""
     end_with_parent()
     resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
     warnings.simplefilter("ignore")
     logging.disable(logging.CRITICAL)  # replays log the faults of a controller
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # C++ parsers print their refusals
     pipe.send(_READY)
-    for number, robot, place in cases:
-        make_case(kind, robot, seed, number, place)
-        pipe.send((number, reader(place)))
+    for i in range(number, end):
+        place = case_folder(folder, kind, i)
+        make_case(kind, robots[i % len(robots)], seed, i, place)
+        pipe.send((i, reader(place)))
     pipe.close()
 
 

@@ -4,10 +4,10 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import click
 
@@ -17,6 +17,14 @@ from wbc_controller.validation.fuzz import DOMAIN
 F = TypeVar("F", bound=Callable[..., Any])
 
 _EVERY = 10.0  # time between two progress lines, s
+
+
+class _Trial(Protocol):
+    @property
+    def failed(self) -> bool: ...
+
+
+T = TypeVar("T", bound=_Trial)
 
 
 @click.group()
@@ -219,8 +227,8 @@ def problems(robots: str, count: int, first: int, seed: int) -> None:
     _report(run.fuzz_problems(robots.split(","), range(first, first + count), seed), run.summary)
 
 
-def _report(trials: Iterable[Any], summary: Callable[[list[Any]], Iterable[str]], every: float = _EVERY) -> None:
-    progress, done, failed = _Progress(every), list[Any](), 0
+def _report(trials: Iterable[T], summary: Callable[[Sequence[T]], Iterable[str]], every: float = _EVERY) -> None:
+    progress, done, failed = _Progress(every), list[T](), 0
     for trial in trials:
         done.append(trial)
         failed += trial.failed

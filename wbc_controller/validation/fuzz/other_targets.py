@@ -22,8 +22,16 @@ from wbc_controller.settings.config import load
 from wbc_controller.simulation.measurement import STREAMS, measure
 from wbc_controller.simulation.mock_robot import MockRobot
 from wbc_controller.simulation.plant import Plant
-from wbc_controller.validation.fuzz import target as base
-from wbc_controller.validation.fuzz.target import InvariantViolation, Target, time_limit
+from wbc_controller.validation.fuzz.target import (
+    CYCLE_LIMIT,
+    READ_LIMIT,
+    InvariantViolation,
+    Target,
+    check_torques,
+    fuzzed_robot,
+    time_limit,
+    valid_message,
+)
 
 _MESSAGES_PER_SILENCE = 25  # messages
 _SILENT_PERIODS = 40  # periods, above the guard's patience
@@ -37,7 +45,7 @@ class GuardTarget(Target):
     """The guard beside a controller with silences."""
 
     def __init__(self, robot: str) -> None:
-        settings, self._model = base.fuzzed_robot(robot)
+        settings, self._model = fuzzed_robot(robot)
         settings = load(settings).replace(_ALL_DIAGNOSTICS).settings
         description = describe(self._model.urdf, settings.robot)
         self._limits = description.effort_limits
@@ -54,7 +62,7 @@ class GuardTarget(Target):
 
     def example(self, topic: topics.Endpoint) -> Any:
         """See `Target`."""
-        content = base.valid_message(topic.type, self._model.joints, "", round(1e9 * self.clock.time))
+        content = valid_message(topic.type, self._model.joints, "", round(1e9 * self.clock.time))
         if topic.key == "controller_state":
             content.data = "active"
         return content
@@ -64,7 +72,7 @@ class GuardTarget(Target):
         mode = self._guard.guard.mode
         self.clock.time += self._period
         self._send("joint_states")
-        with time_limit(base.READ_LIMIT, f"reading {len(payload)} bytes on {topic.name}"):
+        with time_limit(READ_LIMIT, f"reading {len(payload)} bytes on {topic.name}"):
             self.publish(topic, payload)
         self._command()
         self._cycle(f"a message on {topic.name}")
@@ -110,13 +118,13 @@ class GuardTarget(Target):
 
     def _cycle(self, why: str) -> None:
         self.clear_outputs()
-        with time_limit(base.CYCLE_LIMIT, f"the guard's cycle after {why}"):
+        with time_limit(CYCLE_LIMIT, f"the guard's cycle after {why}"):
             self._guard.cycle()
         if self.outputs["effort"] and why.startswith("a message"):
             raise InvariantViolation(f"the guard sent torques despite commands, after {why}")
         for payload in self.outputs["effort"]:
             tau: Array = np.asarray(decode(payload, self.types["effort"]).data)
-            base.check_torques(tau, self._tau, self._limits, self._step, "the guard")
+            check_torques(tau, self._tau, self._limits, self._step, "the guard")
             self._tau = tau
 
 
@@ -124,7 +132,7 @@ class EstimatorTarget(Target):
     """Estimator of a standing robot with continuous sensors between the messages."""
 
     def __init__(self, robot: str) -> None:
-        settings, self._model = base.fuzzed_robot(robot)
+        settings, self._model = fuzzed_robot(robot)
         changes = {**_ALL_DIAGNOSTICS, "estimation.settling": _SETTLING, "estimation.absolute_pose": True}
         settings = load(settings).replace(changes).settings
         opened = topics.endpoints(topics.ESTIMATOR_TOPICS, topics.ESTIMATOR_NODE, contacts=settings.contacts)
@@ -146,7 +154,7 @@ class EstimatorTarget(Target):
         """See `Target`."""
         if topic.key in STREAMS:
             return self._sensed(topic.key)
-        return base.valid_message(topic.type, self._model.joints, "", round(1e9 * self.clock.time))
+        return valid_message(topic.type, self._model.joints, "", round(1e9 * self.clock.time))
 
     def deliver(self, topic: topics.Endpoint, payload: bytes) -> None:
         """Deliver a message between the sensors' messages."""
@@ -176,7 +184,7 @@ class EstimatorTarget(Target):
 
     def _cycle(self, what: str) -> int:
         self.clear_outputs()
-        with time_limit(base.CYCLE_LIMIT, what):
+        with time_limit(CYCLE_LIMIT, what):
             self._node.cycle()
         for payload in self.outputs["odom"]:
             odom = decode(payload, self.types["odom"])
@@ -198,7 +206,7 @@ class MockTarget(Target):
     """Two mock robots on the same topics: in real time with torques on ``effort``, and in lockstep."""
 
     def __init__(self, robot: str) -> None:
-        self._settings, self._model = base.fuzzed_robot(robot)
+        self._settings, self._model = fuzzed_robot(robot)
         super().__init__(topics.endpoints(topics.MOCK_TOPICS, topics.MOCK_NODE, contacts=self._settings.contacts))
         self._robots = [
             MockRobot(self._model, self._settings, self.transport(), lockstep=lockstep) for lockstep in (False, True)
@@ -211,11 +219,11 @@ class MockTarget(Target):
     def example(self, topic: topics.Endpoint) -> Any:
         """See `Target`."""
         frame = self._model.base_link if topic.key == "push" else ""
-        return base.valid_message(topic.type, self._model.joints, frame, self._robots[1].stamp)
+        return valid_message(topic.type, self._model.joints, frame, self._robots[1].stamp)
 
     def deliver(self, topic: topics.Endpoint, payload: bytes) -> None:
         """Deliver a message, and simulate a period."""
-        with time_limit(base.READ_LIMIT, f"reading {len(payload)} bytes on {topic.name}"):
+        with time_limit(READ_LIMIT, f"reading {len(payload)} bytes on {topic.name}"):
             self.publish(topic, payload)
             self._robots[1].wait_for_answer(self._stop)
         for robot in self._robots:
@@ -229,7 +237,7 @@ class MockTarget(Target):
                 raise InvariantViolation(f"the mock robot's state is not finite after a message on {topic.name}")
             limits = robot.plant.effort_limits
             tau = robot.plant.applied_torques
-            base.check_torques(tau, tau, limits, limits, f"the mock robot, after a message on {topic.name},")
+            check_torques(tau, tau, limits, limits, f"the mock robot, after a message on {topic.name},")
         self._count += 1
         if self._count % _MESSAGES_PER_RESET == 0:
             for robot in self._robots:
@@ -259,7 +267,7 @@ class UrdfTarget(Target):
         """Publish a URDF, and wait for it."""
         bus = MemoryBus()
         MemoryTransport(bus).advertise(topics.counterpart(topic))(payload)
-        with time_limit(base.READ_LIMIT, f"reading {len(payload)} bytes on {topic.name}"):
+        with time_limit(READ_LIMIT, f"reading {len(payload)} bytes on {topic.name}"):
             text = wait_for_urdf(MemoryTransport(bus), self._stop, [topic])
         if text and text != decode(payload, topic.type).data:
             raise InvariantViolation("the node received another URDF than the published one")
