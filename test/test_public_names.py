@@ -14,7 +14,8 @@ from wbc_controller import errors
 
 
 def test_the_front_door_exports_documented_names_of_the_same_places():
-    assert list(wbc.__all__) == sorted(wbc._PUBLIC)
+    assert set(wbc.__all__) == set(wbc._PUBLIC)
+    assert list(wbc.__all__) == sorted(wbc.__all__)
     for name in wbc.__all__:
         assert getattr(wbc, name).__name__ == name
         assert getattr(wbc, name).__doc__

@@ -93,7 +93,8 @@ def test_quantiles_are_measured_times_of_solutions():
     np.random.default_rng(0).shuffle(seconds)
     found = summary([seconds[:700], seconds[700:]])
     assert (found.median, found.p99, found.p999) == (1001.0, 1981.0, 1999.0)
-    assert (found.mean, found.failures) == (1000.5, 0)
+    assert found.mean == 1000.5
+    assert found.failures == 0
     found = summary([np.array([1.0, np.nan, 3.0]), np.array([np.nan, 2.0])])
     assert (found.median, found.p999, found.failures) == (2.0, 3.0, 2)
     found = summary([np.full(5, np.nan)])

@@ -18,7 +18,8 @@ def joint_state():
 def test_round_trip_and_bytes():
     sent = joint_state()
     received = decode(encode(sent), JOINT_STATE)
-    assert (received.name, received.header) == (sent.name, sent.header)
+    assert received.name == sent.name
+    assert received.header == sent.header
     for field in ("position", "velocity", "effort"):
         np.testing.assert_array_equal(getattr(received, field), getattr(sent, field))
     assert encode(received) == encode(sent)

@@ -179,7 +179,12 @@ class TestJointStates:
                 self.assert_refused(make.joint_state(JOINTS, **arrays), said)
         setting = "for a robot without velocity sensors set estimation.joint_velocity to differentiated"
         for names, position, velocity, said in (
-            (["hip", "nee", "ank"], [0] * 3, [0] * 3, "2 of 3 joints are missing: knee, ankle; unknown joints: nee, "),
+            (
+                ["hip", "nee", "ancle"],
+                [0] * 3,
+                [0] * 3,
+                "2 of 3 joints are missing: knee, ankle; unknown joints: nee, ",
+            ),
             (["hip", "knee"], [0] * 2, [0] * 2, "1 of 3 joints are missing: ankle"),
             ([], [], [], "3 of 3 joints are missing: hip, knee, ankle"),
             ([*JOINTS, "knee"], [0] * 4, [0] * 4, "duplicate joint 'knee'"),

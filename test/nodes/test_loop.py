@@ -228,7 +228,8 @@ def test_several_publishers_of_joint_states_are_on_diagnostics_and_in_the_reason
         if topic.key == "joint_states":
             second.advertise(counterpart(topic))
     controller.cycle(190)  # the graph is checked four times per second
-    assert (controller.status.level, controller.values["publishers//joint_states"]) == (0, "/gui, /memory")
+    assert controller.status.level == 0
+    assert controller.values["publishers//joint_states"] == "/gui, /memory"
     controller.give_state(joints=False)
     zeros_on_joint_states(controller)
     (sentence,) = controller.loop.cycle().refused
@@ -310,13 +311,32 @@ class Schedule(threading.Event):
     def __init__(self, clock, until):
         super().__init__()
         self.clock, self.until = clock, until
+        self.waits = []
 
     def is_set(self):
         return self.clock.time >= self.until
 
     def wait(self, timeout=None):
+        self.waits.append(timeout)
         self.clock.time += timeout
         return self.is_set()
+
+
+def timed(controller, monkeypatch, costs, until):
+    """Run the timer mode with cycle times from `costs`; return the start of each cycle."""
+    began = []
+    costs = iter(costs)
+
+    def cycle():
+        began.append(controller.clock.time)
+        controller.clock.time += next(costs, 0.0)
+
+    monkeypatch.setattr(controller.loop, "cycle", cycle)
+    stop = Schedule(controller.clock, until)
+    controller.clock.time = 0.0
+    controller.loop.period, controller.loop.triggered = 0.25, False
+    controller.loop.run(stop)
+    return began
 
 
 @pytest.mark.parametrize(
@@ -327,23 +347,18 @@ class Schedule(threading.Event):
     ],
 )
 def test_the_timer_keeps_absolute_deadlines_and_counts_lateness(bench, monkeypatch, costs, starts, missed):
-    controller, began, left = bench(), [], iter(costs)
-    loop, clock = controller.loop, controller.clock
-
-    def cycle():
-        began.append(clock.time)
-        clock.time += next(left, 0.0)
-
-    monkeypatch.setattr(loop, "cycle", cycle)
-    clock.time, loop.period, loop.triggered = 0.0, 0.25, False
-    loop.run(Schedule(clock, starts[-1] + 0.25))
-    assert (began, loop._deadlines_missed) == (starts, missed)
+    controller = bench()
+    assert timed(controller, monkeypatch, costs, starts[-1] + 0.25) == starts
+    assert controller.loop._deadlines_missed == missed
 
 
 @pytest.mark.parametrize("active", [True, False])
 def test_the_end_of_the_loop_leaves_no_torque(bench, active):
-    controller = bench().activated(20) if active else bench()
-    assert not active or controller.efforts()[-1].any()
+    controller = bench()
+    if active:
+        controller.activate()
+        controller.cycle(20)
+        assert controller.efforts()[-1].any()
     before = len(controller.received("effort"))
     stop = threading.Event()
     stop.set()
@@ -384,7 +399,8 @@ def test_a_loop_in_which_something_fails_sends_zeros_and_damps_with_a_fault(benc
     zeros = int((~efforts.any(axis=1)).argmax())
     assert (np.abs(np.diff(efforts[zeros:], axis=0)) <= step + 1e-9).all()
     damped = [report for report in controller.reports if report.mode is Mode.DAMPING]
-    assert (damped[0].fault.code, damped[0].fault.sentence) == ("INTERNAL_ERROR", "MemoryError: none left")
+    assert damped[0].fault.code == "INTERNAL_ERROR"
+    assert damped[0].fault.sentence == "MemoryError: none left"
 
 
 @pytest.mark.parametrize(("filtered", "share"), [("never", 1.0), ("always", 0.5)])

@@ -70,7 +70,8 @@ def test_the_forces_counted_on_are_published_in_the_contact_frame(bench, name, f
     for contact in controller.settings.contacts:
         wrench = controller.received("contact_wrench", contact)[-1]
         force = controller.reports[-1].solution.forces[contact]
-        assert (wrench.wrench.force.z, wrench.wrench.torque.x) == (force[2], force[3] if len(force) == 6 else 0.0)
+        assert wrench.wrench.force.z == force[2]
+        assert wrench.wrench.torque.x == (force[3] if len(force) == 6 else 0.0)
         total += wrench.wrench.force.z
     assert total == pytest.approx(weight, rel=0.05)
     assert controller.received("contact_wrench", next(iter(controller.settings.contacts)))[0].header.frame_id == frame
@@ -86,7 +87,9 @@ def test_the_forces_counted_on_are_published_in_the_contact_frame(bench, name, f
 )
 def test_topics_are_published_on_demand(bench, monkeypatch, found, least):
     readers = set()
-    monkeypatch.setattr(MemoryTransport, "has_reader", lambda _, endpoint: (endpoint.key, endpoint.subject) in readers)
+    monkeypatch.setattr(
+        MemoryTransport, "has_reader", lambda self, endpoint: (endpoint.key, endpoint.subject) in readers
+    )
     controller = bench(changes={"control": {"markers_rate": 50.0}}).activated(10)
 
     def came():
@@ -149,7 +152,8 @@ def test_level_and_message_of_modes_and_faults(mode, level):
     assert (status.level, status.message, values["mode"]) == (level, mode, mode)
 
     status, _ = _status(report(mode=Mode(mode), fault=Fault("ESTOP", "emergency stop by command")))
-    assert (status.message, status.level) == (f"{mode}; ESTOP: emergency stop by command", max(level, 1))
+    assert status.message == f"{mode}; ESTOP: emergency stop by command"
+    assert status.level == max(level, 1)
 
 
 def test_a_conflict_has_names_and_slacks():
@@ -171,13 +175,19 @@ def test_contents_of_a_summary_and_of_the_next_one():
     first = report(stage_seconds={"total": 1e-3}, refused=("x: no",), solution=solution(relaxed=("joint_motion",)))
     last = report(cycle=2, stage_seconds={"total": 3e-3}, deadlines_missed=4, ages={"odom": 0.25}, solution=solution())
     status, values = _status(first, last)
-    assert (status.message, status.level) == ("inactive; relaxed joint_motion in 1 of 2 cycles; refused x: no", 1)
-    assert (values["cycles"], values["cycle"], values["deadlines_missed"]) == ("2", "2", "4")
+    assert status.message == "inactive; relaxed joint_motion in 1 of 2 cycles; refused x: no"
+    assert status.level == 1
+    assert values["cycles"] == "2"
+    assert values["cycle"] == "2"
+    assert values["deadlines_missed"] == "4"
     assert values["age/odom"] == "0.2500 s"
-    assert (values["time/total/median"], values["time/total/max"]) == ("2000 us", "3000 us")
-    assert (values["task_error/com"], values["residual/contact_motion"]) == ("0.01000", "1.00e-09")
-    assert (values["binding"], values["cost/torque:knee:upper"]) == ("torque:knee:upper", "0.25 1/(N·m)")
+    assert values["time/total/median"] == "2000 us"
+    assert values["time/total/max"] == "3000 us"
+    assert values["task_error/com"] == "0.01000"
+    assert values["residual/contact_motion"] == "1.00e-09"
+    assert values["binding"] == "torque:knee:upper"
     assert values["level/0"] == "com: cost 0.5, 7 iterations, 50 us"
+    assert values["cost/torque:knee:upper"] == "0.25 1/(N·m)"
     assert values["refused/0"] == "x: no"
     summary = StatusSummary("/r1/wbc_controller", "r1")
     summary.add(report(refused=("x: no",)))

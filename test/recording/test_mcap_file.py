@@ -66,7 +66,8 @@ def test_every_reader_finds_every_message(path, closed):
         file.close()
     found, messages = read(path)
     assert len(found) == 20
-    assert (messages.damage, messages.topics) == ("", {topic.number: topic for topic in TOPICS})
+    assert messages.damage == ""
+    assert messages.topics == {topic.number: topic for topic in TOPICS}
     assert by_rosbags(path) == by_index(path) == found
 
 

@@ -99,7 +99,8 @@ def test_wheels_flat_boxes_and_feet_without_a_shape(drafted):
     contacts = values["contacts"]
     assert list(contacts) == [f"{leg}_end" for leg in LEGS]
     for contact in contacts.values():
-        assert (contact["type"], contact["radius"]) == ("rolling", pytest.approx(0.1, abs=1e-4))
+        assert contact["type"] == "rolling"
+        assert contact["radius"] == pytest.approx(0.1, abs=1e-4)
         assert np.abs(contact["axis"]) == pytest.approx([0.0, 1.0, 0.0], abs=1e-6)
     contact = drafted(wagon(wheel="box", kind="revolute")).values["contacts"]["front_left_end"]
     assert (contact["half_length"], contact["half_width"]) == (0.06, 0.03)

@@ -50,7 +50,9 @@ def test_bolt_carries_the_weight(bench):
     solution = robot.controller.solve(robot.state(), robot.references())
     assert solution.forces["bolt"][2] == pytest.approx(weight, rel=1e-4)
     assert solution.residuals["contact_motion"] < 1e-9
-    down = replace(robot.references(), external_wrenches={robot.model.base_link: np.array([0, 0, 3 * weight, 0, 0, 0])})
+    down = replace(
+        robot.references(), external_wrenches={robot.model.base_link: np.array([0, 0, 3.0 * weight, 0, 0, 0])}
+    )
     assert robot.controller.solve(robot.state(), down).forces["bolt"][2] == pytest.approx(-2.0 * weight, rel=1e-4)
 
 
@@ -58,13 +60,15 @@ def test_weak_bolt_is_named_with_its_unit(bench):
     robot = bolted(bench("go2"), max_force=100.0)
     weight = robot.model.mass * robot.model.gravity
     why, *_ = conflict_at_rest(robot)
-    assert (set(why.conflict), why.slack["force:bolt"]) == ({"force:bolt"}, pytest.approx(weight - 100.0, rel=1e-3))
+    assert set(why.conflict) == {"force:bolt"}
+    assert why.slack["force:bolt"] == pytest.approx(weight - 100.0, rel=1e-3)
     assert why.units["force:bolt"] == "N"
     assert why.sentence.startswith("conflict: force of bolt (at most 100 N, ")
     robot = bolted(bench("go2"), max_force=1000.0, max_moment=20.0)
     twist = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 50.0])
     why, *_ = conflict_at_rest(robot, replace(robot.references(), external_wrenches={robot.model.base_link: twist}))
-    assert (set(why.conflict), why.units["moment:bolt"]) == ({"moment:bolt"}, "N·m")
+    assert set(why.conflict) == {"moment:bolt"}
+    assert why.units["moment:bolt"] == "N·m"
     assert "moment of bolt (at least -20 N·m, " in why.sentence
 
 

@@ -220,7 +220,8 @@ def test_active_sets_equal_null_spaces(bench, monkeypatch):
         np.testing.assert_allclose(found.x, expected.x, atol=1e-6 * np.abs(expected.x).max())
         np.testing.assert_allclose(found.multipliers, expected.multipliers, atol=1e-5 * size)
         for one, other in zip(found.levels, expected.levels, strict=True):
-            assert (one.tasks, one.cost) == (other.tasks, pytest.approx(other.cost, rel=1e-5, abs=1e-7))
+            assert one.tasks == other.tasks
+            assert one.cost == pytest.approx(other.cost, rel=1e-5, abs=1e-7)
     assert same >= 15
 
 
@@ -243,7 +244,8 @@ def test_restored_hierarchy_is_identical(bench):
         other.controller.recall(memory)
         again = other.controller.solve(robot.state(), references)
         assert again.v_dot.tobytes() == solution.v_dot.tobytes()
-        assert (again.levels, again.binding) == (solution.levels, solution.binding)
+        assert again.levels == solution.levels
+        assert again.binding == solution.binding
         after = dict(robot.controller.memory()["hierarchies"])[tuple(robot.controller.contacts)]
         for was in (before for _, before in memory["hierarchies"]):
             right = "at once" if solution.iterations == len(solution.levels) else "followed"

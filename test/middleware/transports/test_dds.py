@@ -76,8 +76,9 @@ def _with_lists(content):
 
 def test_type_name_and_hash_equal_ros2():
     assert dds_type_name("sensor_msgs/msg/JointState") == "sensor_msgs::msg::dds_::JointState_"
-    kind = "sensor_msgs/msg/JointState"
-    assert idl_type(kind).__idl__.idl_transformed_typename == dds_type_name(kind)
+    assert idl_type("sensor_msgs/msg/JointState").__idl__.idl_transformed_typename == dds_type_name(
+        "sensor_msgs/msg/JointState"
+    )
     assert type_hash(STRING) == "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 
 

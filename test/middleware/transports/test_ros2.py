@@ -12,7 +12,7 @@ from echo import STRING, endpoint, text
 from participants import DOMAIN, DdsParticipants, Ros2Participants
 
 from wbc_controller.middleware import topics
-from wbc_controller.middleware.codec import encode, message, time_fields
+from wbc_controller.middleware.codec import encode, message
 
 try:
     import rclpy
@@ -118,7 +118,10 @@ def test_the_executor_pauses_between_two_waits(spun, peer):
     publish = peer.advertise(endpoint("/clock", topics.STATE_OUT, clock))
     arrived = []
     transport.subscribe(endpoint("/clock", topics.STATE_IN, clock), arrived.append)
-    times = (encode(message(clock, clock=time_fields(s * 1_000_000_000))) for s in itertools.count(1))
+    times = (
+        encode(message(clock, clock=message("builtin_interfaces/msg/Time", sec=s, nanosec=0)))
+        for s in itertools.count(1)
+    )
     at_500_hz(lambda _: publish(next(times)), b"", lambda: len(arrived), 1)
     before, began, arrived[:] = counter.waits, time.monotonic(), []
     at_500_hz(lambda _: publish(next(times)), b"", lambda: len(arrived))
@@ -143,7 +146,9 @@ def warned(monkeypatch, caplog, eventually):
     monkeypatch.setattr(ros2_graph, "PERIOD", 0.02)
     caplog.set_level(logging.WARNING, "wbc_controller")
     participants = Ros2Participants(), Ros2Participants()  # on Fast DDS a topic has one type per participant
-    reader, writer = (one.transport(name, "/ns") for one, name in zip(participants, ("reader", "writer"), strict=True))
+    reader, writer = (
+        each.transport(name, "/ns") for each, name in zip(participants, ("reader", "writer"), strict=True)
+    )
 
     def warned(subscription, publication, expected=1):
         writer.advertise(publication)

@@ -67,7 +67,8 @@ def test_figures_of_a_walk():
     taus = [0.0, 1.9, 1.9, 2.9, 2.9, 2.9, 2.9, 2.9, 4.8]  # 2 N·m in a cycle is the limit
     phases = [Phase.SINGLE] * 3 + [Phase.DOUBLE] * 6
     found = metered(Cycles(taus, phases, [0.0] * 9))
-    assert (found.rate, found.torque) == (pytest.approx(0.5), pytest.approx(0.48))
+    assert found.rate == pytest.approx(0.5)
+    assert found.torque == pytest.approx(0.48)
     places = np.concatenate([np.linspace(0.0, 0.01, 25), np.full(20, 0.01), np.full(5, 0.014)])
     found = metered(Cycles([0.0] * 50, [Phase.SINGLE] * 50, places))
     assert found.slip == pytest.approx(0.004, abs=5e-4)
