@@ -253,6 +253,15 @@ def test_filtered_torques_follow_the_solutions_and_delay_no_stop(rig):
         assert not bench.step().tau.any()
 
 
+def test_filtered_torques_change_at_a_share_of_the_rate_also_after_relaxed_solutions(rig):
+    bench = rig(torque_filter=0.001, torque_rate=10.0).bring("active")
+    before = bench.commands[-1].tau
+    bench.tau = -bench.tau
+    sent = bench.step(replace(solution(bench.model, bench.tau), relaxed=("torque_rate",))).tau
+    np.testing.assert_allclose(before - sent, 0.3 * 10.0 * PERIOD * bench.model.effort_limits, rtol=1e-9)
+    assert bench.mode is Mode.ACTIVE
+
+
 def test_a_command_carries_the_stamp_it_answers_and_where_its_torques_lead(rig):
     bench = rig().bring("active")
     v_dot = np.arange(bench.model.nv, dtype=float)

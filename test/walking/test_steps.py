@@ -373,6 +373,18 @@ def test_a_sole_of_a_fast_step_has_landed_while_it_slides(elapsed, horizontal, s
     assert SoleTouchdown().update(1.0, elapsed, swing, Landing(0j, 0.0, 0.0, 0.2), 0.05, sole, None) is landed
 
 
+@pytest.mark.parametrize(("height", "landed"), [(0.009, True), (0.011, False)])
+def test_a_sole_rests_only_above_the_expected_ground(height, landed):
+    """On rough ground the planned touchdown is 15 mm below the expected ground."""
+    swing = np.array([[0.0, 0.0, 0.0, 0.0], [0.0, 0.0, -0.3, 0.0], [0.0] * 4])
+    landing = Landing(0j, -0.015, 0.0, 0.2, speed=0.3, roughness=1.0)
+    sole = Sole(place=0j, height=height, heading=0.0, slope=0j, rise=0.0, speed=0.1, turning=0.0)
+    detection = SoleTouchdown()
+    detection.update(1.0, 0.1, swing, landing, 0.08, sole, None)
+    assert detection.update(1.01, 0.19, swing, landing, 0.08, sole, None) is landed
+    assert detection.update(1.021, 0.19, swing, landing, 0.08, sole, None)
+
+
 @pytest.mark.parametrize(
     ("wanted", "rise", "speed", "turning", "tipped"),
     [

@@ -24,6 +24,7 @@ from wbc_controller.walking.gait import Phase
 from wbc_controller.walking.goal import Goal
 from wbc_controller.walking.swing_kernels import Landing
 from wbc_controller.walking.terrain import Ground
+from wbc_controller.walking.weight_transfer import WeightTransfer
 
 #: Valid records of a recording.
 _RECORDS: Mapping[str, Callable[..., Any]] = {
@@ -31,7 +32,7 @@ _RECORDS: Mapping[str, Callable[..., Any]] = {
     for kind in (
         *get_args(Change), ChangeSettings, Fault, Footstep, Goal, Ground, Infeasibility, Knot, Landing,
         NominalStep, Prediction, Ramp, Reference, RobotState, SoftRamp, Stance, Step, Tuning,
-        TuningRamp, Velocity,
+        TuningRamp, Velocity, WeightTransfer,
     )
 }  # fmt: skip
 

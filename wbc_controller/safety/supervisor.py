@@ -32,6 +32,8 @@ from wbc_controller.settings.service import SafetySettings
 
 _ACTIVE, _HOLDING = Mode.ACTIVE, Mode.HOLDING
 _AHEAD = 0.05  # look-ahead to position limits during holding, s
+#: Largest rate of filtered torques, as a share of the limit: faster ones shake the legs at touchdowns.
+FILTERED_RATE = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,14 +228,16 @@ class Supervisor:
     ) -> JointCommand | None:
         """Return the command of a solution; None if not usable."""
         share, kept, seen = self._share.sample(now), 0.0, self._no_state if state is None else state
+        passed = self._elapsed if self._elapsed < self._period else self._period
         if self._filter > 0.0 and self._reached_solution and share >= 1.0:
             kept = math.exp(-self._elapsed / self._filter)
+            passed *= FILTERED_RATE
         if self._curve is not None:
             self._torques_available[:] = self._available(joint_velocity)
-        made, passed = np.empty(self._slices[-1].stop), self._elapsed
+        made = np.empty(self._slices[-1].stop)
         usable = follow(
             self._command_limits, solution.tau, solution.v_dot, seen.q, seen.v, self.torques_sent, share, kept,
-            passed if passed < self._period else self._period, made,
+            passed, made,
         )  # fmt: skip
         if not usable:
             model, (lower, upper) = self._model, self._torques_available

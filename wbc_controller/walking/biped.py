@@ -16,7 +16,7 @@ from wbc_controller.walking.footstep_plan import Footstep, planned, step_towards
 from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity, nominal_step
 from wbc_controller.walking.footsteps_kernels import swing_push
 from wbc_controller.walking.gait import Gait, Phase
-from wbc_controller.walking.pendulum_kernels import before, later, leading, natural_frequency, transferred
+from wbc_controller.walking.pendulum_kernels import before, natural_frequency
 from wbc_controller.walking.plan import WalkingPlan, margin
 from wbc_controller.walking.references_kernels import smooth_step
 from wbc_controller.walking.roughness import Roughness, aim_below
@@ -25,19 +25,17 @@ from wbc_controller.walking.swing_kernels import Landing, at_rest
 from wbc_controller.walking.terrain import FOOTHOLDS, Ground, plane_through
 from wbc_controller.walking.touchdown import SoleTouchdown
 from wbc_controller.walking.walker import Decision, TaskSets, Walker
+from wbc_controller.walking.weight_transfer import WeightTransfer
 
 GAIN = 5.0  # feedback gain on the DCM, 1/s
 _BLEND = 0.2  # blending time of the DCM reference between phases, s
 _FREEZE = 0.05  # time before touchdown in which the target of the step is constant, s
-_ON_TIME, _SHORTEST_DOUBLE = 0.03, 0.02  # error of the planned touchdown on flat ground, and shortest double support, s
 #: Least share of the nominal duration of a step that measures the roughness: faster feet land tilted.
 _MEASURES = 0.75
 #: Distance beyond the side of the stance foot to which the demanded centre of pressure may move, m per m of height:
 #: the angular momentum of trunk and arms replaces the missing moment. None on ground of this unevenness, m, where an
 #: edge may support the sole.
 _BEYOND, _EDGES = 0.18, 0.01
-#: Errors of the DCM at touchdown along and across the heading, m, after which the double support is the shortest one.
-_ASTRAY = 0.1, 0.03
 _LEVELLING = 0.05  # time constant of the swing foot's rotation to the slope of the ground, s
 _HEADING_RATE = 6.0  # rate of the heading towards its goal, 1/s
 #: Largest distance between the feet along the heading for a stop, m: first, and after a number of steps.
@@ -82,8 +80,7 @@ class BipedWalker(Walker):
     STATE_FIELDS = (
         "phase", "command", "goal", "footsteps", "leaving", "velocity", "steps", "_until", "_since", "_last", "_stance",
         "_clearance", "_height", "_heading", "_begun", "_orientations", "_step", "_lifted", "_blend", "_dcm_wanted",
-        "_touchdown", "_touchdown_detection", "_stopping", "_references", "_footholds", "_roughness", "_early",
-        "_double_support", "fall_prediction",
+        "_transfer", "_touchdown_detection", "_stopping", "_references", "_footholds", "_roughness", "fall_prediction",
     )  # fmt: skip
 
     def __init__(self, gait: Gait, left: Foot, right: Foot, tasks: TaskSets, gravity: float, lag: float = 0.0) -> None:
@@ -102,9 +99,8 @@ class BipedWalker(Walker):
         self._step: Step | None = None
         self._dcm_wanted = 0j
         self._blend = 0j  # reference of the DCM at the start of the phase; in a step, minus the step's reference
-        self._touchdown: tuple[complex, ...] = (0j, 0j, 0j)  # DCM, old and new foot at touchdown
+        self._transfer: WeightTransfer | None = None  # of the last double support
         self._touchdown_detection = SoleTouchdown()
-        self._early = self._double_support = 0.0  # time until the planned touchdown, and until lift-off after it, s
         self._footholds: tuple[Ground, ...] = ()  # newest first
         self._roughness = Roughness()
         self._latest: tuple[_Cycle, complex] | None = None  # last cycle and its centre of pressure, for `plan`
@@ -183,8 +179,8 @@ class BipedWalker(Walker):
             self._enter(Phase.SHIFT, cycle)
         if self.phase is Phase.SINGLE and self._step is not None:
             pressure = self._single(self._step, cycle, decision)
-        elif self.phase is Phase.DOUBLE:
-            pressure = self._double(cycle, decision)
+        elif self.phase is Phase.DOUBLE and self._transfer is not None:
+            pressure = self._double(self._transfer, cycle, decision)
         else:
             pressure = self._shift(cycle, decision)
         if self.phase is Phase.STAND:
@@ -364,46 +360,33 @@ class BipedWalker(Walker):
         return self._corrected(stance.place, cycle, stance.place, stance.place, beyond)
 
     def _land(self, step: Step, cycle: _Cycle, late: float, decision: Decision) -> None:
-        """Begin a double support with the swing foot at its present place.
-
-        The centre of pressure begins to move later after an early touchdown, and arrives sooner after a late one.
-        """
+        """Begin a double support with the swing foot at its present place, `late` after its planned touchdown, s."""
         foot, sole = self._feet[-self._stance], cycle.soles[-self._stance]
         unexpected = abs(sole.height - step.landing.height - aim_below(step.landing.roughness))
         self._roughness.add(unexpected, step.landing.time > _MEASURES * self.gait.single)
         decision.changes.append(EnableContact(foot.contact, True, 0.0))
         self._references[foot.task] = foot.at_rest(cycle.dynamics)
         self.phase, self._since, self.steps = Phase.DOUBLE, cycle.time, self.steps + 1
-        self._early = max(0.0, -late - _ON_TIME)
-        self._double_support = max(self.gait.double - max(0.0, late - _ON_TIME), _SHORTEST_DOUBLE)
         self._stance = -self._stance
         _, _, start = self._next_step(self.velocity, cycle)
-        for duration in (self._double_support, _SHORTEST_DOUBLE):
-            begin = leading(start, step.stance.place, sole.place, duration, cycle.omega)
-            self._double_support, self._touchdown = duration, (begin, step.stance.place, sole.place)
-            error = (cycle.dcm - begin) * cmath.rect(1.0, -sole.heading)
-            if abs(error.real) < _ASTRAY[0] and abs(error.imag) < _ASTRAY[1]:
-                break
+        self._transfer = WeightTransfer.after_touchdown(
+            late, cycle.dcm, start, step.stance.place, sole.place, sole.heading, cycle.omega, self.gait
+        )
         self._stopping = self._stopping + 1 if self.command is None else 0
         if step.planned and not self.footsteps:
             self.command = None
 
-    def _double(self, cycle: _Cycle, decision: Decision) -> complex:
-        begin, old, new = self._touchdown
-        duration, heading = self._double_support, cycle.soles[self._stance].heading
-        elapsed = min(cycle.time - self._since - self._early, duration)
-        if elapsed < 0.0:
-            self._dcm_wanted, pressure = later(begin, old, cycle.omega, elapsed), old
-        else:
-            self._dcm_wanted = transferred(begin, old, new, duration, cycle.omega, elapsed)
-            pressure = old + (new - old) * (elapsed / duration)
-        beside = abs(((new - old) * cmath.rect(1.0, -heading)).real)
+    def _double(self, transfer: WeightTransfer, cycle: _Cycle, decision: Decision) -> complex:
+        """Transfer the weight to the new stance foot; return the centre of pressure."""
+        self._dcm_wanted, pressure, ended = transfer.at(cycle.time - self._since, cycle.omega)
+        heading = cycle.soles[self._stance].heading
+        beside = abs(((transfer.new - transfer.old) * cmath.rect(1.0, -heading)).real)
         enough = _BESIDE if self._stopping < _AT_LAST else _NEAR
         if self.command is None and beside < enough and abs(self.velocity.linear) < _SLOW:
             self._enter(Phase.STOP, cycle)
-        elif elapsed >= duration:
+        elif ended:
             self._lift_off(cycle, decision)
-        return self._corrected(pressure, cycle, old, new)
+        return self._corrected(pressure, cycle, transfer.old, transfer.new)
 
     def _corrected(
         self, pressure: complex, cycle: _Cycle, first: complex, second: complex, beyond: float = 0.0

@@ -7,7 +7,7 @@ _KEPT = 0.8  # share of the unevenness kept from one foothold to the next
 _FASTER, _FASTEST = 20.0, 0.3
 #: Largest error of a height on even ground, and least one on rough ground, m, and share of the roughness kept from one
 #: foothold to the next.
-_EVEN, _ROUGH, _REMEMBERED = 0.003, 0.007, 0.97
+_EVEN, _ROUGH, _REMEMBERED = 0.003, 0.007, 0.93
 #: Distance of the planned touchdown below rough ground, m: the centre of pressure can wait after an early touchdown,
 #: but the DCM moves away while a foot is late.
 _BELOW = 0.015

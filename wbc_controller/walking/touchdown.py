@@ -4,6 +4,7 @@ import math
 
 from wbc_controller.records import Array
 from wbc_controller.walking.feet import Sole
+from wbc_controller.walking.roughness import aim_below
 from wbc_controller.walking.swing_kernels import Landing
 
 COUNTS = 0.6  # least share of the planned swing for a touchdown
@@ -17,7 +18,7 @@ _SLOW, _SLOWED, _SLIDES = 0.2, 0.5, 1.0
 _TURNED, _TURNED_SPEED, _TURNED_RISE = 1.5, 0.4, 0.1
 LATEST = 0.15  # longest time after the planned touchdown until the foot counts as landed, s
 _LOW = 0.5  # height of a sole and its reference below which a touchdown counts at once, as a share of the clearance
-#: Height above the planned touchdown, m, from which a sole must rest for a time, s; time and largest speed, m/s, for a
+#: Height above the expected ground, m, from which a sole must rest for a time, s; time and largest speed, m/s, for a
 #: sole that is not low: limited torques stop it in the air.
 _HIGHER, _RESTS, _RESTS_HIGH, _AT_REST = 0.01, 0.02, 0.04, 0.05
 
@@ -60,7 +61,8 @@ class SoleTouchdown:
         )
         if not stopped:
             self._moved = time
-        counts = stopped and (late >= LATEST or (low and (touching or higher < _HIGHER)))
+        expected = higher < aim_below(landing.roughness) + _HIGHER
+        counts = stopped and (late >= LATEST or (low and (touching or expected)))
         rested = time - self._moved > (_RESTS if low else _RESTS_HIGH)
         tipped = tips(wanted, landing.speed, sole.rise, sole.speed, sole.turning)
         return bool(counts or rested or tipped)

@@ -27,10 +27,8 @@ from wbc_controller.inverse_dynamics.contacts import (
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
+from wbc_controller.safety.supervisor import FILTERED_RATE
 from wbc_controller.settings import Settings
-
-#: Largest rate of filtered torques, as a share of the limit; with 1, touchdowns cause torque steps of 0.9 of the limit.
-_FILTERED_RATE = 0.5
 
 
 def imu_frame(settings: Settings, model: RobotModel) -> str:
@@ -57,7 +55,7 @@ def solution_torque_rate(settings: Settings) -> float:
     filter_time = torque_filter(settings)
     if filter_time <= 0.0:
         return settings.limits.torque_rate
-    return _FILTERED_RATE * settings.limits.torque_rate / -math.expm1(-1.0 / (settings.control.rate * filter_time))
+    return FILTERED_RATE * settings.limits.torque_rate / -math.expm1(-1.0 / (settings.control.rate * filter_time))
 
 
 def disturbance_limits(settings: Settings) -> DisturbanceLimits:

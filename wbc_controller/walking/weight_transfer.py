@@ -1,0 +1,60 @@
+"""Transfer of the weight to the foot that has landed."""
+
+import cmath
+from dataclasses import dataclass
+
+from wbc_controller.walking.gait import Gait
+from wbc_controller.walking.pendulum_kernels import later, leading, transferred
+
+_ON_TIME, _SHORTEST = 0.03, 0.02  # error of the planned touchdown on flat ground, and shortest transfer, s
+#: Errors of the DCM at touchdown along and across the heading, m, after which the transfer is the shortest one.
+_ASTRAY = 0.1, 0.03
+
+
+@dataclass(frozen=True, slots=True)
+class WeightTransfer:
+    """Motion of the centre of pressure from the old to the new stance foot, and of the DCM that leads to the next step.
+
+    Points are x + i y in m in the world.
+    """
+
+    dcm: complex  # reference of the DCM when the centre of pressure begins to move
+    old: complex  # place of the old stance foot
+    new: complex  # place of the new one
+    wait: float  # time until the centre of pressure begins to move, s
+    duration: float  # of its motion, s
+
+    @classmethod
+    def after_touchdown(
+        cls, late: float, dcm: complex, goal: complex, old: complex, new: complex, heading: float, omega: float,
+        gait: Gait,
+    ) -> "WeightTransfer":  # fmt: skip
+        """Plan the transfer after a touchdown.
+
+        The centre of pressure begins to move later after an early touchdown, and arrives sooner after a late one, or if
+        the DCM is astray.
+
+        Args:
+            late: time since the planned touchdown, s; negative if early.
+            dcm: measured.
+            goal: of the DCM at the end.
+            old, new: places of the feet.
+            heading: of the new stance foot, rad.
+            omega: ω, 1/s.
+            gait: parameters of the gait.
+        """
+        wait = max(0.0, -late - _ON_TIME)
+        duration = max(gait.double - max(0.0, late - _ON_TIME), _SHORTEST)
+        start = leading(goal, old, new, duration, omega)
+        error = (dcm - start) * cmath.rect(1.0, -heading)
+        if abs(error.real) >= _ASTRAY[0] or abs(error.imag) >= _ASTRAY[1]:
+            duration, start = _SHORTEST, leading(goal, old, new, _SHORTEST, omega)
+        return cls(start, old, new, wait, duration)
+
+    def at(self, elapsed: float, omega: float) -> tuple[complex, complex, bool]:
+        """Return the references of DCM and centre of pressure at a time since touchdown, s, and True at the end."""
+        time = min(elapsed - self.wait, self.duration)
+        if time < 0.0:
+            return later(self.dcm, self.old, omega, time), self.old, False
+        dcm = transferred(self.dcm, self.old, self.new, self.duration, omega, time)
+        return dcm, self.old + (self.new - self.old) * (time / self.duration), time >= self.duration
