@@ -403,7 +403,7 @@ def test_a_loop_in_which_something_fails_sends_zeros_and_damps_with_a_fault(benc
     assert damped[0].fault.sentence == "MemoryError: none left"
 
 
-@pytest.mark.parametrize(("filtered", "share"), [("never", 1.0), ("always", 0.3)])
+@pytest.mark.parametrize(("filtered", "share"), [("never", 1.0), ("always", 0.33)])
 def test_solutions_use_the_torque_rate_and_a_share_of_it_with_a_torque_filter(bench, make, filtered, share):
     changes = {"limits": {"torque_rate": 1.0}, "estimation": {"torque_filter": filtered}}
     controller = bench(changes=changes | {"tasks": {"com": {"setpoint_duration": 0.0}}}).activated(800)

@@ -258,7 +258,7 @@ def test_filtered_torques_change_at_a_share_of_the_rate_also_after_relaxed_solut
     before = bench.commands[-1].tau
     bench.tau = -bench.tau
     sent = bench.step(replace(solution(bench.model, bench.tau), relaxed=("torque_rate",))).tau
-    np.testing.assert_allclose(before - sent, 0.3 * 10.0 * PERIOD * bench.model.effort_limits, rtol=1e-9)
+    np.testing.assert_allclose(before - sent, 0.33 * 10.0 * PERIOD * bench.model.effort_limits, rtol=1e-9)
     assert bench.mode is Mode.ACTIVE
 
 

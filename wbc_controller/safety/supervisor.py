@@ -33,7 +33,7 @@ from wbc_controller.settings.service import SafetySettings
 _ACTIVE, _HOLDING = Mode.ACTIVE, Mode.HOLDING
 _AHEAD = 0.05  # look-ahead to position limits during holding, s
 #: Largest rate of filtered torques, as a share of the limit: faster ones shake the legs at touchdowns.
-FILTERED_RATE = 0.3
+FILTERED_RATE = 0.33
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,15 +13,12 @@ _ASTRAY = 0.1, 0.03
 
 @dataclass(frozen=True, slots=True)
 class WeightTransfer:
-    """Motion of the centre of pressure from the old to the new stance foot, and of the DCM that leads to the next step.
+    """Motion of the centre of pressure to the new stance foot, and of the DCM; points are x + i y in m."""
 
-    Points are x + i y in m in the world.
-    """
-
-    dcm: complex  # reference of the DCM when the centre of pressure begins to move
+    dcm: complex  # reference when the centre of pressure begins to move
     old: complex  # place of the old stance foot
-    new: complex  # place of the new one
-    wait: float  # time until the centre of pressure begins to move, s
+    new: complex
+    wait: float  # until the centre of pressure begins to move, s
     duration: float  # of its motion, s
 
     @classmethod
@@ -29,19 +26,13 @@ class WeightTransfer:
         cls, late: float, dcm: complex, goal: complex, old: complex, new: complex, heading: float, omega: float,
         gait: Gait,
     ) -> "WeightTransfer":  # fmt: skip
-        """Plan the transfer after a touchdown.
-
-        The centre of pressure begins to move later after an early touchdown, and arrives sooner after a late one, or if
-        the DCM is astray.
+        """Plan the transfer: it begins later after an early touchdown, and ends sooner after a late one.
 
         Args:
             late: time since the planned touchdown, s; negative if early.
-            dcm: measured.
-            goal: of the DCM at the end.
-            old, new: places of the feet.
+            dcm, goal: measured DCM, and that at the end.
             heading: of the new stance foot, rad.
             omega: ω, 1/s.
-            gait: parameters of the gait.
         """
         wait = max(0.0, -late - _ON_TIME)
         duration = max(gait.double - max(0.0, late - _ON_TIME), _SHORTEST)
@@ -52,7 +43,7 @@ class WeightTransfer:
         return cls(start, old, new, wait, duration)
 
     def at(self, elapsed: float, omega: float) -> tuple[complex, complex, bool]:
-        """Return the references of DCM and centre of pressure at a time since touchdown, s, and True at the end."""
+        """Return DCM and centre of pressure at a time since touchdown, s, and True at the end."""
         time = min(elapsed - self.wait, self.duration)
         if time < 0.0:
             return later(self.dcm, self.old, omega, time), self.old, False
