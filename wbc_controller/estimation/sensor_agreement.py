@@ -9,8 +9,8 @@ Least squares give a = θ or p, compared with the integral b of the measured ω 
     Δy ← exp(-Δt / T) (Δy + δy)        b ← exp(-Δt / T) (b + ω Δt), likewise with v
 
 Slip and moving ground also cause differences, which count only if an axis or unit error explains them
-(`axes_comparison`). The balls of a trotting Go2 roll after each touchdown by up to 1.4 mrad about the vertical, which
-looked like an inverted axis: a comparison begins only when the landed feet have settled.
+(`axes_comparison`). The balls of a trotting Go2 roll after touchdown by up to 1.4 mrad, like an inverted axis: a
+comparison begins when the landed feet have settled.
 """
 
 import math

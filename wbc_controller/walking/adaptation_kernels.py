@@ -10,10 +10,9 @@ which the next step starts. Like Khadiv et al., the walker minimizes
     w_u |u - u*|² + w_b |b - b*|² + w_T (e^{ω (T - T*)} - 1)²
 
 with the nominal u*, b* and T*, and u within the reach of the leg. For a given T, u follows in closed form. The cost is
-convex in e^{ωT}, so one step of T towards lower cost per cycle finds the minimum; then T changes continuously. After an
-outward push, the swing foot lands early and near the stance foot, so that the stance leg can step.
+convex in e^{ωT}, so one step of T towards lower cost per cycle finds the minimum.
 
-Source: Khadiv, Herzog, Moosavian and Righetti, Walking control based on step timing adaptation, IEEE T-RO 36, 2020.
+Source: Khadiv et al., IEEE Transactions on Robotics 36, 2020.
 """
 
 from __future__ import annotations

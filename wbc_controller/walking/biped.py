@@ -360,7 +360,7 @@ class BipedWalker(Walker):
         return self._corrected(stance.place, cycle, stance.place, stance.place, beyond)
 
     def _land(self, step: Step, cycle: _Cycle, late: float, decision: Decision) -> None:
-        """Begin a double support with the swing foot at its present place, `late` after its planned touchdown, s."""
+        """Begin a double support; `late` is the time since the planned touchdown, s."""
         foot, sole = self._feet[-self._stance], cycle.soles[-self._stance]
         unexpected = abs(sole.height - step.landing.height - aim_below(step.landing.roughness))
         self._roughness.add(unexpected, step.landing.time > _MEASURES * self.gait.single)

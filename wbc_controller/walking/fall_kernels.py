@@ -9,8 +9,7 @@ of the length L and the nominal step time T stop the DCM if it is at most
 away from the foot. Otherwise a fall is unavoidable. Without steps, it is unavoidable beyond a distance from the support
 that no motion of the arms and the trunk compensates.
 
-Source: Koolen, de Boer, Rebula, Goswami and Pratt, Capturability-based analysis and control of legged locomotion, part
-1, International Journal of Robotics Research 31, 2012.
+Source: Koolen et al., International Journal of Robotics Research 31, 2012.
 """
 
 from __future__ import annotations

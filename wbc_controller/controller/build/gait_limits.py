@@ -74,7 +74,7 @@ class BipedLimits:
         The base has the acceleration a, ψ̈ about the vertical, and the swing leg q̈ = J⁺ a_s. The foot has a_s = ±10/√3 ·
         2 s / T_s² for the step s, and the robot turns by ψ̇ T per step T, in a cosine: ψ̈ = 2π ψ̇ / T.
         The rows of the base give the contact wrench f, and a follows from its centre of pressure in the middle of the
-        sole, as of the linear inverted pendulum:
+        sole:
 
             (Jᵀ f)_base = (M v̇ + h)_base,    f_τx = f_τy = 0,    τ = T (M v̇ + h - Jᵀ f).
         """
