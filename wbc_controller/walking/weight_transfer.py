@@ -13,10 +13,10 @@ _ASTRAY = 0.1, 0.03
 
 @dataclass(frozen=True, slots=True)
 class WeightTransfer:
-    """Motion of the centre of pressure to the new stance foot, and of the DCM; points are x + i y in m."""
+    """Motion of the centre of pressure to the new stance foot, and of the DCM; x + i y in m."""
 
     dcm: complex  # reference when the motion begins
-    old: complex  # place of the old stance foot
+    old: complex  # old stance foot
     new: complex
     wait: float  # until the motion begins, s
     duration: float  # of the motion, s
