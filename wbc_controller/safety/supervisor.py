@@ -231,7 +231,7 @@ class Supervisor:
         passed = self._elapsed if self._elapsed < self._period else self._period
         if self._filter > 0.0 and self._reached_solution and share >= 1.0:
             kept = math.exp(-self._elapsed / self._filter)
-            passed *= FILTERED_RATE
+            passed *= FILTERED_RATE  # the time step of the rate limit
         if self._curve is not None:
             self._torques_available[:] = self._available(joint_velocity)
         made = np.empty(self._slices[-1].stop)

@@ -5,7 +5,7 @@ At the end of the single support after the time T, the DCM is at
     ξ_T = p + (ξ - p) e^{ω (T - t)} + (μ/ω) ∫ e^{ω (T - s)} ẍ ds
 
 with the acceleration ẍ of the swing foot (`reaction`). The new foot is placed at u, and b = ξ_T - u is the offset from
-which the next step starts. Like Khadiv et al., the walker minimizes
+which the next step starts. The walker minimizes
 
     w_u |u - u*|² + w_b |b - b*|² + w_T (e^{ω (T - T*)} - 1)²
 

@@ -360,7 +360,7 @@ class BipedWalker(Walker):
         return self._corrected(stance.place, cycle, stance.place, stance.place, beyond)
 
     def _land(self, step: Step, cycle: _Cycle, late: float, decision: Decision) -> None:
-        """Begin a double support; `late` is the time since the planned touchdown, s."""
+        """Begin a double support, `late` after the planned touchdown, s."""
         foot, sole = self._feet[-self._stance], cycle.soles[-self._stance]
         unexpected = abs(sole.height - step.landing.height - aim_below(step.landing.roughness))
         self._roughness.add(unexpected, step.landing.time > _MEASURES * self.gait.single)
@@ -377,7 +377,7 @@ class BipedWalker(Walker):
             self.command = None
 
     def _double(self, transfer: WeightTransfer, cycle: _Cycle, decision: Decision) -> complex:
-        """Transfer the weight to the new stance foot; return the centre of pressure."""
+        """Transfer the weight; return the centre of pressure."""
         self._dcm_wanted, pressure, ended = transfer.at(cycle.time - self._since, cycle.omega)
         heading = cycle.soles[self._stance].heading
         beside = abs(((transfer.new - transfer.old) * cmath.rect(1.0, -heading)).real)

@@ -1,7 +1,7 @@
 """Divergent component of motion (DCM) of the linear inverted pendulum.
 
 The DCM ξ = c + ċ / ω of a centre of mass c at a constant height z above the ground, with ω = √(g / z), moves away from
-the centre of pressure p: ξ̇ = ω (ξ - p). c follows ξ. All points are complex numbers, x + i y in m.
+the centre of pressure p: ξ̇ = ω (ξ - p). c follows ξ by itself. All points are complex numbers, x + i y in m.
 
 Source: Englsberger, Ott and Albu-Schäffer, IEEE Transactions on Robotics 31, 2015.
 """

@@ -2,11 +2,11 @@
 
 from wbc_controller.walking.swing_kernels import TOUCHDOWN_SPEED
 
-_KEPT = 0.8  # share of the unevenness kept from one foothold to the next
+_KEPT = 0.8  # share of the unevenness kept per foothold
 #: Additional touchdown speed per unevenness, 1/s, and largest speed, m/s: a slow foot lands late on lower ground.
 _FASTER, _FASTEST = 20.0, 0.3
-#: Largest error of a height on even ground, and least one on rough ground, m, and share of the roughness kept from one
-#: foothold to the next.
+#: Largest error of a height on even ground, and least one on rough ground, m, and share of the roughness kept per
+#: foothold.
 _EVEN, _ROUGH, _REMEMBERED = 0.003, 0.007, 0.93
 #: Distance of the planned touchdown below rough ground, m: the centre of pressure can wait after an early touchdown,
 #: but the DCM moves away while a foot is late.

@@ -32,7 +32,7 @@ class Landing:
     """Planned touchdown of the swing foot."""
 
     place: complex  # u, x + i y in m in the world
-    height: float  # of the ground there, m
+    height: float  # there, m; below rough ground
     heading: float  # of the foot, rad; less than half a turn away from the present one; 0 for a point foot
     time: float  # T, after lift-off, s
     speed: float = TOUCHDOWN_SPEED  # downwards, m/s

@@ -7,17 +7,17 @@ from wbc_controller.walking.gait import Gait
 from wbc_controller.walking.pendulum_kernels import later, leading, transferred
 
 _ON_TIME, _SHORTEST = 0.03, 0.02  # error of the planned touchdown on flat ground, and shortest transfer, s
-#: Errors of the DCM along and across the heading, m, for the shortest transfer.
+#: Least errors of the DCM along and across the heading, m, for the shortest transfer.
 _ASTRAY = 0.1, 0.03
 
 
 @dataclass(frozen=True, slots=True)
 class WeightTransfer:
-    """Motion of the centre of pressure to the new stance foot, and of the DCM; x + i y in m."""
+    """Motion of the centre of pressure to the new stance foot, and of the DCM; points are x + i y in m."""
 
     dcm: complex  # reference when the motion begins
-    old: complex  # old stance foot
-    new: complex
+    old: complex  # place of the old stance foot
+    new: complex  # place of the new one
     wait: float  # until the motion begins, s
     duration: float  # of the motion, s
 
@@ -32,6 +32,7 @@ class WeightTransfer:
             late: time since the planned touchdown, s; negative if early.
             dcm, goal: measured DCM, and that at the end.
             heading: of the new stance foot, rad.
+            omega: ω, 1/s.
         """
         wait = max(0.0, -late - _ON_TIME)
         duration = max(gait.double - max(0.0, late - _ON_TIME), _SHORTEST)
