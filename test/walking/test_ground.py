@@ -201,7 +201,7 @@ def test_rough_ground_is_remembered():
         (n, np.max(rows, axis=0)) for n, rows in steps.items() if first < n < walker.steps
     ):
         assert roughness == pytest.approx(0.93 ** (number - first + 1))
-        assert planned == pytest.approx(-0.015 * roughness, abs=1e-3)
+        assert planned == pytest.approx(-0.02 * roughness, abs=1e-3)
         assert 0.75 < (highest - planned) / walker.gait.clearance_on(roughness) < 1.05
     assert max(steps) > first + 2
     assert walker.gait.rough_clearance == 2.0 * walker.gait.clearance

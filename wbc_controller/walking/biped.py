@@ -370,8 +370,9 @@ class BipedWalker(Walker):
         self._stance = -self._stance
         _, _, start = self._next_step(self.velocity, cycle)
         self._transfer = WeightTransfer.after_touchdown(
-            late, cycle.dcm, start, step.stance.place, sole.place, sole.heading, cycle.omega, self.gait
-        )
+            late, cycle.dcm, start, step.stance.place, sole.place, sole.heading, cycle.omega, self.gait,
+            step.landing.roughness,
+        )  # fmt: skip
         self._stopping = self._stopping + 1 if self.command is None else 0
         if step.planned and not self.footsteps:
             self.command = None

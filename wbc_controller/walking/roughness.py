@@ -10,7 +10,7 @@ _FASTER, _FASTEST = 20.0, 0.3
 _EVEN, _ROUGH, _REMEMBERED = 0.003, 0.007, 0.93
 #: Distance of the planned touchdown below rough ground, m: the centre of pressure can wait after an early touchdown,
 #: but the DCM moves away while a foot is late.
-_BELOW = 0.015
+_BELOW = 0.02
 
 
 class Roughness:

@@ -13,9 +13,9 @@ _DESCENDING = 0.07  # least downward speed of the reference for the comparison o
 #: Largest speed of a foot stopped by the ground: m/s; share of the horizontal speed of its reference; after the planned
 #: touchdown, m/s. Soles of fast steps slide.
 _SLOW, _SLOWED, _SLIDES = 0.2, 0.5, 1.0
-#: Least horizontal angular velocity of a sole turned by an edge, rad/s, and largest speed and vertical velocity of its
-#: centre, m/s: an obstacle throws a foot up.
-_TURNED, _TURNED_SPEED, _TURNED_RISE = 1.5, 0.4, 0.1
+#: Least horizontal angular velocity of a sole turned by an edge, rad/s, and least delay of its vertical velocity behind
+#: the reference, m/s; largest speed and vertical velocity of its centre, m/s: an obstacle throws a foot up.
+_TURNED, _TURNED_BEHIND, _TURNED_SPEED, _TURNED_RISE = 0.8, 0.05, 0.5, 0.1
 LATEST = 0.15  # longest time after the planned touchdown until the foot counts as landed, s
 _LOW = 0.5  # height of a sole and its reference below which a touchdown counts at once, as a share of the clearance
 #: Height above the expected ground, m, from which a sole must rest for a time, s; time and largest speed, m/s, for a
@@ -64,7 +64,7 @@ class SoleTouchdown:
         expected = higher < aim_below(landing.roughness) + _HIGHER
         counts = stopped and (late >= LATEST or (low and (touching or expected)))
         rested = time - self._moved > (_RESTS if low else _RESTS_HIGH)
-        tipped = tips(wanted, landing.speed, sole.rise, sole.speed, sole.turning)
+        tipped = tips(wanted, sole.rise, sole.speed, sole.turning)
         return bool(counts or rested or tipped)
 
 
@@ -91,13 +91,13 @@ def lands(
     return _is_stopped(wanted, landing, rise) and speed < slow
 
 
-def tips(wanted: float, landing: float, rise: float, speed: float, turning: float) -> bool:
-    """Return whether an edge turns a descending sole.
+def tips(wanted: float, rise: float, speed: float, turning: float) -> bool:
+    """Return whether the ground turns a descending sole: one of its edges has landed.
 
     `turning`: horizontal angular velocity, rad/s; others as of `lands`.
     """
     turned = turning > _TURNED and speed < _TURNED_SPEED and rise < _TURNED_RISE
-    return turned and _is_stopped(wanted, landing, rise)
+    return turned and wanted <= -_DESCENDING and rise > wanted + _TURNED_BEHIND
 
 
 def _is_stopped(wanted: float, landing: float, rise: float) -> bool:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from wbc_controller.walking.gait import Gait
 from wbc_controller.walking.pendulum_kernels import later, leading, transferred
 
-_ON_TIME, _SHORTEST = 0.03, 0.02  # error of the planned touchdown on flat ground, and shortest transfer, s
+_ON_TIME, _SHORTEST = 0.03, 0.02  # error of the planned touchdown on even ground, and shortest transfer, s
 #: Least errors of the DCM along and across the heading, m, for the shortest transfer.
 _ASTRAY = 0.1, 0.03
 
@@ -24,7 +24,7 @@ class WeightTransfer:
     @classmethod
     def after_touchdown(
         cls, late: float, dcm: complex, goal: complex, old: complex, new: complex, heading: float, omega: float,
-        gait: Gait,
+        gait: Gait, roughness: float,
     ) -> "WeightTransfer":  # fmt: skip
         """Plan the transfer: it begins later after an early touchdown, and ends sooner after a late one.
 
@@ -33,11 +33,12 @@ class WeightTransfer:
             dcm, goal: measured DCM, and that at the end.
             heading: of the new stance foot, rad.
             omega: ω, 1/s.
+            roughness: of the ground, from 0 to 1: the planned touchdown is below rough ground, so the foot is early.
         """
-        wait = max(0.0, -late - _ON_TIME)
+        wait = max(0.0, -late - _ON_TIME * (1.0 - roughness))
         duration = max(gait.double - max(0.0, late - _ON_TIME), _SHORTEST)
         start = leading(goal, old, new, duration, omega)
-        error = (dcm - start) * cmath.rect(1.0, -heading)
+        error = (dcm - later(start, old, omega, -wait)) * cmath.rect(1.0, -heading)
         if abs(error.real) >= _ASTRAY[0] or abs(error.imag) >= _ASTRAY[1]:
             duration, start = _SHORTEST, leading(goal, old, new, _SHORTEST, omega)
         return cls(start, old, new, wait, duration)
