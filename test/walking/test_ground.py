@@ -115,6 +115,22 @@ def test_a_drift_of_the_estimated_height_is_no_slope():
     assert max(slopes) < 0.01
 
 
+def test_the_height_above_the_origin_of_the_world_does_not_change_the_speed():
+    """On a slope, a controller with the DCM of a pendulum above z = 0 walked downhill faster and faster."""
+    simulation, controller, _ = simulated("g1", {"safety.base_mismatch": 10.0})
+    cycle = controller.cycle
+
+    def sinking(inputs):
+        q = inputs.state.q.copy()
+        q[2] -= 0.1 * inputs.now
+        return cycle(replace(inputs, state=replace(inputs.state, q=q)))
+
+    controller.cycle = sinking
+    controller.walk(0.3)
+    simulation.run(6.0)
+    assert simulation.plant.state()[0][0] == pytest.approx(1.47, abs=0.15)  # 1.47 m without, 1.93 m with that pendulum
+
+
 def test_the_stance_foot_does_not_turn_on_slippery_ground(short_rest):
     """The yaw moment of the swing leg turned it, as the configured friction 0.7 allows 13 N·m at the corners."""
     trial = WalkTrial("g1", "good", 0, {**terrain_of("slippery", 0), **short_rest})

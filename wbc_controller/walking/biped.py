@@ -27,7 +27,7 @@ from wbc_controller.walking.touchdown import SoleTouchdown
 from wbc_controller.walking.walker import Decision, TaskSets, Walker
 from wbc_controller.walking.weight_transfer import WeightTransfer
 
-GAIN = 5.0  # feedback gain on the DCM, 1/s
+_GAIN = 5.0  # feedback gain on the DCM, 1/s
 _BLEND = 0.2  # blending time of the DCM reference between phases, s
 _FREEZE = 0.05  # time before touchdown in which the target of the step is constant, s
 #: Least share of the nominal duration of a step that measures the roughness: faster feet land tilted.
@@ -75,7 +75,6 @@ class BipedWalker(Walker):
     """
 
     gait: Gait
-    balance_size = 2
 
     STATE_FIELDS = (
         "phase", "command", "goal", "footsteps", "leaving", "velocity", "steps", "_until", "_since", "_last", "_stance",
@@ -188,11 +187,11 @@ class BipedWalker(Walker):
         self._latest = cycle, pressure
         if self.fall_prediction.is_due(time):
             self._predict_fall(cycle)
-        rate = omega * (cycle.dcm - pressure)
+        acceleration = omega**2 * (complex(x, y) - pressure)
         if self.phase is Phase.SINGLE and self._step is not None:
-            rate += self.gait.reaction / omega * self._step.acceleration
-        turning = self._turn(soles, dt)
-        self._command_body(cycle.dcm, rate, 0j, soles[self._stance].height, turning, dt)
+            acceleration += self.gait.reaction * self._step.acceleration
+        height, turning = soles[self._stance].height, self._turn(soles, dt)
+        self._command_body(complex(x, y), complex(vx, vy), acceleration, height, turning, dt)
         decision.references = dict(self._references)
         return decision
 
@@ -397,7 +396,7 @@ class BipedWalker(Walker):
         ξ̇ = ω (ξ - p) = ξ̇* - k (ξ - ξ*) needs p = p* + (1 + k / ω) (ξ - ξ*).
         """
         foot, heading = self._feet[self._stance], cycle.soles[self._stance].heading
-        pressure += (1.0 + GAIN / cycle.omega) * (cycle.dcm - self._dcm_wanted)
+        pressure += (1.0 + _GAIN / cycle.omega) * (cycle.dcm - self._dcm_wanted)
         length, width = foot.usable
         return nearest_in_support(pressure, first, second, heading, length, width + beyond)
 

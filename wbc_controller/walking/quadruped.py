@@ -56,7 +56,6 @@ class QuadrupedWalker(Walker):
     """Walker of a robot with four point feet; in `Phase.SINGLE` one group of feet swings."""
 
     gait: QuadrupedGait
-    balance_size = 3
 
     STATE_FIELDS = (
         "phase", "command", "goal", "leaving", "velocity", "steps", "_until", "_since", "_last", "_group", "_clearance",

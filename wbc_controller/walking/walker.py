@@ -33,7 +33,7 @@ class Decision:
 class TaskSets:
     """Names of the tasks commanded and switched by a walker."""
 
-    balance: str  # task on the DCM of a biped, or on the horizontal position of a quadruped's centre of mass
+    com: str  # task on the horizontal position of the centre of mass
     height: str  # task on the height of the centre of mass
     own: tuple[str, ...]  # enabled while it walks
     orientations: tuple[str, ...]  # tasks on orientations, turned with the heading
@@ -55,7 +55,6 @@ class Walker(ABC):
     """
 
     gait: Gait | QuadrupedGait
-    balance_size: int  # size of the reference of the balance task
     footsteps_left = 0  # planned footsteps without a touchdown
 
     def __init__(self, tasks: TaskSets) -> None:
@@ -162,13 +161,13 @@ class Walker(ABC):
 
         The tasks on orientations turn with the heading, which changes at the rate `turning` in rad/s.
         """
-        k, names, turn = self.balance_size, self.tasks, self._heading - self._begun
+        names, turn = self.tasks, self._heading - self._begun
         out = np.empty(18 + self._orientations.size)
         self._height = body_references(
             place, velocity, acceleration, self._height, ground + self._clearance, turn, turning, dt,
             self._orientations, out,
         )  # fmt: skip
-        self._references[names.balance] = Reference(out[:k], out[3 : 3 + k], out[6 : 6 + k])
+        self._references[names.com] = Reference(out[:3], out[3:6], out[6:9])
         self._references[names.height] = Reference(out[9:12], out[12:15], STILL)
         rates = out[15:18]
         for i, name in enumerate(names.orientations):

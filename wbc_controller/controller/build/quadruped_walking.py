@@ -7,7 +7,7 @@ import numpy as np
 
 from wbc_controller.controller.build.gait_limits import QuadrupedLimits, feasible_defaults
 from wbc_controller.controller.build.leg import Leg
-from wbc_controller.controller.build.walking_tasks import HEIGHT, POSTURE, enabled_tasks, make_disabled, value_or
+from wbc_controller.controller.build.walking_tasks import COM, HEIGHT, POSTURE, enabled_tasks, make_disabled, value_or
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.instruction import placement_on_link
@@ -22,7 +22,6 @@ from wbc_controller.walking.quadruped import PointFoot, QuadrupedWalker
 from wbc_controller.walking.terrain import Ground
 from wbc_controller.walking.walker import TaskSets
 
-COM = "walking_com"  # name of the task on the horizontal position of the centre of mass
 #: Keys of the section `walking` that only bipeds have.
 _BIPED_KEYS = ("left", "right", "width", "least_width", "max_step_width")
 

@@ -10,24 +10,24 @@ from wbc_controller.controller.build.estimation import torque_filter
 from wbc_controller.controller.build.gait_limits import BipedLeg, BipedLimits, feasible_defaults
 from wbc_controller.controller.build.leg import Leg
 from wbc_controller.controller.build.quadruped_walking import is_quadruped, make_quadruped_tasks, make_quadruped_walker
-from wbc_controller.controller.build.walking_tasks import HEIGHT, POSTURE, enabled_tasks, make_disabled, value_or
+from wbc_controller.controller.build.walking_tasks import COM, HEIGHT, POSTURE, enabled_tasks, make_disabled, value_or
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts.mount import placement_of
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics, support_matrix
 from wbc_controller.inverse_dynamics.robot.instruction import placement_numbers, placement_on_link
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.inverse_dynamics.tasks import CapturePointTask, ComTask, FramePoseTask, PostureTask, Task
+from wbc_controller.inverse_dynamics.tasks import ComTask, FramePoseTask, PostureTask, Task
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.settings import Settings
 from wbc_controller.settings.contacts import SurfaceContact
 from wbc_controller.settings.walking import WalkingSettings
-from wbc_controller.walking.biped import GAIN, BipedWalker
+from wbc_controller.walking.biped import BipedWalker
 from wbc_controller.walking.feet import Foot, about_z
 from wbc_controller.walking.gait import Gait
 from wbc_controller.walking.reaction import swing_reaction
 from wbc_controller.walking.walker import TaskSets, Walker
 
-DCM, LEFT, RIGHT = "walking_dcm", "walking_left_foot", "walking_right_foot"  # names of the walker's tasks
+LEFT, RIGHT = "walking_left_foot", "walking_right_foot"  # names of the tasks on the feet
 _HIGHEST_LIFT = 0.25  # highest lift of a sole in the search, as a share of the height of the centre of mass
 
 
@@ -43,8 +43,9 @@ def make_walking_tasks(settings: Settings, model: RobotModel) -> list[Task]:
         return make_quadruped_tasks(settings, model)
     left, right = find_feet(settings, model)
     tasks: dict[str, tuple[float, Task]] = {
-        # With 500, the centre of pressure left its reference at the limits of the forces.
-        DCM: (5000.0, CapturePointTask(DCM, model.gravity, gain=GAIN)),
+        # The walker closes the loop by c̈. With a weight of 35, the centre of pressure left its reference at the limits
+        # of the forces.
+        COM: (350.0, ComTask(COM, [True, True, False], stiffness=0.0, damping=0.0)),
         HEIGHT: (100.0, ComTask(HEIGHT, [False, False, True], stiffness=100.0, damping=20.0)),
         POSTURE: (0.05, PostureTask(POSTURE, model, _without_legs(model, left, right), stiffness=50.0)),
         LEFT: (20.0, FramePoseTask(LEFT, model, settings.contacts[left.contact].frame, stiffness=400.0)),
@@ -61,7 +62,7 @@ def make_walker(settings: Settings, qp: WholeBodyQP) -> Walker | None:
         return make_quadruped_walker(settings, settings.walking, qp)
     left, right = find_feet(settings, qp.model)
     orientations, suspended = enabled_tasks(settings, qp)
-    tasks = TaskSets(DCM, HEIGHT, (DCM, HEIGHT, POSTURE, LEFT, RIGHT), orientations, suspended)
+    tasks = TaskSets(COM, HEIGHT, (COM, HEIGHT, POSTURE, LEFT, RIGHT), orientations, suspended)
     gait, lag = make_gait(settings, left, right, qp).gait, torque_filter(settings)
     return BipedWalker(gait, left, right, tasks, qp.model.gravity, lag)
 
