@@ -72,8 +72,8 @@ CALLS = {
     "move_sole": (moved_sole, (3, 12, 3, 19), [(2, 12, 3, 19), (3, 7, 3, 19), (3, 12, 2, 19), (3, 12, 3, 18)]),
     "body_references": (
         lambda size, out: body_references(0j, 0j, 0j, 0.8, 0.8, 0.0, 0.0, 0.002, of(1, size), of(out)),
-        (4, 22),
-        [(3, 22), (4, 21)],
+        (4, 16),
+        [(3, 16), (4, 15)],
     ),
     "acceleration_bounds": (bounds, (N, N), [(N, N - 1), (N - 1, N), (N + 1, N + 1), (N - 1, N - 1)]),
 }  # fmt: skip

@@ -22,29 +22,28 @@ def body_references(
     place: complex, velocity: complex, acceleration: complex, height: float, goal: float, turn: float, turning: float,
     dt: float, orientations: Matrix, out: OutVector,
 ) -> float:  # fmt: skip
-    """Write the references of the body, (18 + 4 n,); return its height after one cycle, m.
+    """Write the references of the body, (12 + 4 n,); return its height after one cycle, m.
 
-    They are place, velocity and acceleration on the ground, position and velocity of the body, angular velocity, and
-    n quaternions (x, y, z, w).
+    They are position, velocity and acceleration of the centre of mass, angular velocity, and n quaternions (x, y, z,
+    w).
 
     Args:
+        place, velocity, acceleration: horizontal, x + i y.
         height, goal: height of the last cycle, and the one to follow, m.
         turn, turning: angle by which the orientations, (n, 4), are turned about the vertical, rad, and its rate, rad/s.
         dt: time since the last cycle, s.
     """
-    if orientations.shape[1] != 4 or len(out) != 18 + 4 * len(orientations):
+    if orientations.shape[1] != 4 or len(out) != 12 + 4 * len(orientations):
         raise ValueError("body_references: wrong sizes")
     rise = max(-_FASTEST_HEIGHT, min(_FASTEST_HEIGHT, _HEIGHT_RATE * (goal - height)))
     height += rise * dt
-    put(out, 0, (place.real, place.imag, 0.0))
-    put(out, 3, (velocity.real, velocity.imag, 0.0))
+    put(out, 0, (place.real, place.imag, height))
+    put(out, 3, (velocity.real, velocity.imag, rise))
     put(out, 6, (acceleration.real, acceleration.imag, 0.0))
-    put(out, 9, (place.real, place.imag, height))  # x and y are masked, but must be near the robot
-    put(out, 12, (0.0, 0.0, rise))
-    put(out, 15, (0.0, 0.0, turning))
+    put(out, 9, (0.0, 0.0, turning))
     c, s = math.cos(0.5 * turn), math.sin(0.5 * turn)
     for i in range(len(orientations)):
         (x, y, z), w = three(orientations[i], 0), orientations[i, 3]
-        put(out, 18 + 4 * i, (c * x - s * y, c * y + s * x, c * z + s * w))
-        out[21 + 4 * i] = c * w - s * z
+        put(out, 12 + 4 * i, (c * x - s * y, c * y + s * x, c * z + s * w))
+        out[15 + 4 * i] = c * w - s * z
     return height

@@ -162,16 +162,15 @@ class Walker(ABC):
         The tasks on orientations turn with the heading, which changes at the rate `turning` in rad/s.
         """
         names, turn = self.tasks, self._heading - self._begun
-        out = np.empty(18 + self._orientations.size)
+        out = np.empty(12 + self._orientations.size)
         self._height = body_references(
             place, velocity, acceleration, self._height, ground + self._clearance, turn, turning, dt,
             self._orientations, out,
         )  # fmt: skip
-        self._references[names.com] = Reference(out[:3], out[3:6], out[6:9])
-        self._references[names.height] = Reference(out[9:12], out[12:15], STILL)
-        rates = out[15:18]
+        self._references[names.com] = self._references[names.height] = Reference(out[:3], out[3:6], out[6:9])
+        rates = out[9:12]
         for i, name in enumerate(names.orientations):
-            self._references[name] = Reference(out[18 + 4 * i : 22 + 4 * i], rates, STILL)
+            self._references[name] = Reference(out[12 + 4 * i : 16 + 4 * i], rates, STILL)
 
     def _begin_tasks(self, orientations: Mapping[str, Array], decision: Decision) -> None:
         """Enable the tasks of the walker; tasks on orientations continue from their present references."""

@@ -33,7 +33,7 @@ class WeightTransfer:
             dcm, goal: measured DCM, and that at the end.
             heading: of the new stance foot, rad.
             omega: ω, 1/s.
-            roughness: of the ground, from 0 to 1: the planned touchdown is below rough ground, so the foot is early.
+            roughness: of the ground, from 0 to 1; feet are early on rough ground (`aim_below`).
         """
         wait = max(0.0, -late - _ON_TIME * (1.0 - roughness))
         duration = max(gait.double - max(0.0, late - _ON_TIME), _SHORTEST)

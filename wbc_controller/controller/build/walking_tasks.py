@@ -7,8 +7,7 @@ from wbc_controller.inverse_dynamics import tasks as kinds
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.settings import Settings
 
-#: Names of the tasks on horizontal position and height of the centre of mass, and on joints.
-COM, HEIGHT, POSTURE = "walking_com", "walking_height", "walking_posture"
+COM, HEIGHT, POSTURE = "walking_com", "walking_height", "walking_posture"  # names of tasks
 #: Tasks with references in the world.
 _IN_THE_WORLD = kinds.ComTask, kinds.CapturePointTask, kinds.FramePoseTask, kinds.FramePositionTask
 
