@@ -61,7 +61,6 @@ class _Cycle(NamedTuple):
     time: float  # s
     dt: float  # time since the last cycle, s
     dcm: complex  # ξ, x + i y in m
-    omega: float  # ω, 1/s
     soles: Mapping[int, Sole]  # by side: 1 left, -1 right
     touching: Mapping[str, bool]  # states of the contact sensors
     dynamics: Dynamics
@@ -78,7 +77,7 @@ class BipedWalker(Walker):
 
     STATE_FIELDS = (
         "phase", "command", "goal", "footsteps", "leaving", "velocity", "steps", "_until", "_since", "_last", "_stance",
-        "_clearance", "_height", "_heading", "_begun", "_orientations", "_step", "_lifted", "_blend", "_dcm_wanted",
+        "_height", "_heading", "_begun", "_orientations", "_step", "_lifted", "_blend", "_dcm_wanted",
         "_transfer", "_touchdown_detection", "_stopping", "_references", "_footholds", "_roughness", "fall_prediction",
     )  # fmt: skip
 
@@ -88,6 +87,7 @@ class BipedWalker(Walker):
         self._feet = {1: left, -1: right}
         self._gravity = gravity
         super().__init__(tasks)
+        self._omega = natural_frequency(self._com_height, gravity)  # ω, 1/s
 
     def reset(self) -> None:
         """Stand, without a command."""
@@ -169,10 +169,9 @@ class BipedWalker(Walker):
                 return decision
             dt = 0.0
             self._begin(dynamics, soles, orientations, decision)
-        omega = natural_frequency(self._clearance, self._gravity)
         (x, y, _), (vx, vy, _) = dynamics.com.tolist(), dynamics.com_velocity.tolist()
-        dcm = complex(x + vx / omega, y + vy / omega)
-        cycle = _Cycle(time, dt, dcm, omega, soles, touching, dynamics)
+        dcm = complex(x + vx / self._omega, y + vy / self._omega)
+        cycle = _Cycle(time, dt, dcm, soles, touching, dynamics)
         self.velocity = self.velocity.towards(self.command or Velocity(), self.gait, dt)
         if self.phase is Phase.STAND:
             self._enter(Phase.SHIFT, cycle)
@@ -187,7 +186,7 @@ class BipedWalker(Walker):
         self._latest = cycle, pressure
         if self.fall_prediction.is_due(time):
             self._predict_fall(cycle)
-        acceleration = omega**2 * (complex(x, y) - pressure)
+        acceleration = self._omega**2 * (complex(x, y) - pressure)
         if self.phase is Phase.SINGLE and self._step is not None:
             acceleration += self.gait.reaction * self._step.acceleration
         height, turning = soles[self._stance].height, self._turn(soles, dt)
@@ -206,7 +205,7 @@ class BipedWalker(Walker):
         second = first if one else cycle.soles[-self._stance]
         distance, most = missed(
             cycle.dcm, first.place, first.heading, second.place, second.heading, *self._feet[1].half,
-            gait.sizes, cycle.omega, remaining,
+            gait.sizes, self._omega, remaining,
         )  # fmt: skip
         self.fall_prediction.compare(cycle.time, distance, most, "all footholds that can be reached")
 
@@ -229,7 +228,7 @@ class BipedWalker(Walker):
     def _begin(
         self, dynamics: Dynamics, soles: Mapping[int, Sole], orientations: Mapping[str, Array], decision: Decision
     ) -> None:
-        self._height, self._clearance = float(dynamics.com[2]), self.gait.height - self.gait.lowering
+        self._height = float(dynamics.com[2])
         self._heading = mean_angle(soles[1].heading, soles[-1].heading)
         self._references = {foot.task: foot.at_rest(dynamics) for foot in self._feet.values()}
         self.steps, self.velocity, self._step = 0, Velocity(), None
@@ -253,13 +252,13 @@ class BipedWalker(Walker):
     def _next_step(self, velocity: Velocity, cycle: _Cycle) -> tuple[Stance, NominalStep, complex]:
         """Return the single support to the next planned footstep, or at a velocity, and the DCM at its start."""
         foot, sole, gait = cycle.soles[-self._stance], cycle.soles[self._stance], self.gait
-        stance = Stance(sole.place, sole.heading, -self._stance, cycle.omega)
+        stance = Stance(sole.place, sole.heading, -self._stance, self._omega)
         if self.footsteps:
             step = step_towards(self.footsteps, stance, gait)
         else:
             step = nominal_step(velocity, stance, gait, gait.single)
-        push = swing_push(gait.reaction, gait.single, cycle.omega) * (step.place - foot.place)
-        return stance, step, before(step.place + step.offset, sole.place, cycle.omega, gait.single, push)
+        push = swing_push(gait.reaction, gait.single, self._omega) * (step.place - foot.place)
+        return stance, step, before(step.place + step.offset, sole.place, self._omega, gait.single, push)
 
     def _enter(self, phase: Phase, cycle: _Cycle) -> None:
         self.phase, self._since, self._blend = phase, cycle.time, cycle.dcm
@@ -272,7 +271,7 @@ class BipedWalker(Walker):
             _, _, goal = self._next_step(Velocity(), cycle)
         share, rate = smooth_step(elapsed / duration)
         self._dcm_wanted = self._blend + (goal - self._blend) * share
-        pressure = self._dcm_wanted - (goal - self._blend) * rate / (duration * cycle.omega)
+        pressure = self._dcm_wanted - (goal - self._blend) * rate / (duration * self._omega)
         if self.phase is Phase.STOP and self.command is not None:
             self._enter(Phase.SHIFT, cycle)
         elif self.phase is Phase.SHIFT and self.command is None and elapsed < 0.5 * duration:
@@ -349,13 +348,13 @@ class BipedWalker(Walker):
         sole, sensor = cycle.soles[-self._stance], self._sensor(foot.contact, cycle.touching)
         if self._touchdown_detection.update(cycle.time, elapsed, swing, landing, clearance, sole, sensor):
             if not (step.planned or self.footsteps) and steps_again(
-                cycle.dcm, stance.place, stance.heading, sole.place, sole.heading, stance.side, cycle.omega, gait.sizes,
+                cycle.dcm, stance.place, stance.heading, sole.place, sole.heading, stance.side, self._omega, gait.sizes,
                 shortest,
             ):  # fmt: skip
                 self._swing(cycle, step.ground)
             else:
                 self._land(step, cycle, elapsed - landing.time, decision)
-        beyond = _BEYOND * self._clearance * max(0.0, 1.0 - self._roughness.unevenness / _EDGES)
+        beyond = _BEYOND * self._com_height * max(0.0, 1.0 - self._roughness.unevenness / _EDGES)
         return self._corrected(stance.place, cycle, stance.place, stance.place, beyond)
 
     def _land(self, step: Step, cycle: _Cycle, late: float, decision: Decision) -> None:
@@ -369,7 +368,7 @@ class BipedWalker(Walker):
         self._stance = -self._stance
         _, _, start = self._next_step(self.velocity, cycle)
         self._transfer = WeightTransfer.after_touchdown(
-            late, cycle.dcm, start, step.stance.place, sole.place, sole.heading, cycle.omega, self.gait,
+            late, cycle.dcm, start, step.stance.place, sole.place, sole.heading, self._omega, self.gait,
             step.landing.roughness,
         )  # fmt: skip
         self._stopping = self._stopping + 1 if self.command is None else 0
@@ -378,7 +377,7 @@ class BipedWalker(Walker):
 
     def _double(self, transfer: WeightTransfer, cycle: _Cycle, decision: Decision) -> complex:
         """Transfer the weight; return the centre of pressure."""
-        self._dcm_wanted, pressure, ended = transfer.at(cycle.time - self._since, cycle.omega)
+        self._dcm_wanted, pressure, ended = transfer.at(cycle.time - self._since, self._omega)
         heading = cycle.soles[self._stance].heading
         beside = abs(((transfer.new - transfer.old) * cmath.rect(1.0, -heading)).real)
         enough = _BESIDE if self._stopping < _AT_LAST else _NEAR
@@ -396,7 +395,7 @@ class BipedWalker(Walker):
         ξ̇ = ω (ξ - p) = ξ̇* - k (ξ - ξ*) needs p = p* + (1 + k / ω) (ξ - ξ*).
         """
         foot, heading = self._feet[self._stance], cycle.soles[self._stance].heading
-        pressure += (1.0 + _GAIN / cycle.omega) * (cycle.dcm - self._dcm_wanted)
+        pressure += (1.0 + _GAIN / self._omega) * (cycle.dcm - self._dcm_wanted)
         length, width = foot.usable
         return nearest_in_support(pressure, first, second, heading, length, width + beyond)
 

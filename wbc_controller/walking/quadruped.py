@@ -58,7 +58,7 @@ class QuadrupedWalker(Walker):
     gait: QuadrupedGait
 
     STATE_FIELDS = (
-        "phase", "command", "goal", "leaving", "velocity", "steps", "_until", "_since", "_last", "_group", "_clearance",
+        "phase", "command", "goal", "leaving", "velocity", "steps", "_until", "_since", "_last", "_group",
         "_height", "_heading", "_begun", "_orientations", "_body", "_body_velocity", "_sway", "_start",
         "_swings", "_landings", "_lifted", "_places", "_references",
     )  # fmt: skip
@@ -128,7 +128,7 @@ class QuadrupedWalker(Walker):
             self.velocity = self.velocity.towards(self.command or Velocity(), self.gait, dt)
         self._heading += self.velocity.turning * dt
         com, dcm, omega = motion_of_body(
-            dynamics.com, dynamics.com_velocity, dynamics.centroidal_matrix.T, dynamics.v, self._mass, self._clearance,
+            dynamics.com, dynamics.com_velocity, dynamics.centroidal_matrix.T, dynamics.v, self._mass, self._com_height,
             self._gravity,
         )  # fmt: skip
         cycle = _Cycle(time, dt, com, dcm, omega, cmath.rect(1.0, self._heading), feet, touching)
@@ -174,7 +174,7 @@ class QuadrupedWalker(Walker):
         self._swings, self._landings, self._places[:] = {}, {}, feet[:, :3]
         com = dynamics.com
         self._body = complex(com[0], com[1])
-        self._height, self._clearance = float(com[2]), self.gait.height - self.gait.lowering
+        self._height = float(com[2])
         _, self._heading = self._stance(feet)
         self._references = {}
         self.steps, self.velocity, self._sway, self._group = 0, Velocity(), (0.0, 0.0, 0.0), 0

@@ -60,6 +60,7 @@ class Walker(ABC):
     def __init__(self, tasks: TaskSets) -> None:
         """Make a standing walker."""
         self.tasks = tasks
+        self._com_height = self.gait.height - self.gait.lowering  # above the ground while walking, m
         self.reset()
 
     def reset(self) -> None:
@@ -74,7 +75,6 @@ class Walker(ABC):
         self.fall_prediction = FallPrediction()
         self._lifted: tuple[str, ...] = ()  # swing feet whose contact sensor has shown the lift-off
         self._since = self._last = 0.0  # start of the phase, and last cycle, s
-        self._clearance = 0.0  # of the centre of mass above the ground, m
         self._height = self._heading = 0.0  # references of its height in the world, m, and of the heading, rad
         self._begun = 0.0  # heading at the start, rad
         #: Quaternions (x, y, z, w) of the tasks on orientations at the start, (n, 4).
@@ -164,7 +164,7 @@ class Walker(ABC):
         names, turn = self.tasks, self._heading - self._begun
         out = np.empty(12 + self._orientations.size)
         self._height = body_references(
-            place, velocity, acceleration, self._height, ground + self._clearance, turn, turning, dt,
+            place, velocity, acceleration, self._height, ground + self._com_height, turn, turning, dt,
             self._orientations, out,
         )  # fmt: skip
         self._references[names.com] = self._references[names.height] = Reference(out[:3], out[3:6], out[6:9])
