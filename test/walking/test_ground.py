@@ -115,19 +115,27 @@ def test_a_drift_of_the_estimated_height_is_no_slope():
     assert max(slopes) < 0.01
 
 
-def test_the_height_above_the_origin_of_the_world_does_not_change_the_speed():
+def test_the_height_above_the_origin_of_the_world_does_not_change_the_walk():
     """On a slope, a controller with the DCM of a pendulum above z = 0 walked downhill faster and faster."""
-    simulation, controller, _ = simulated("g1", {"safety.base_mismatch": 10.0})
-    cycle = controller.cycle
+    simulation, controller, walker = simulated("g1", {"safety.base_mismatch": 10.0})
+    cycle, stiffness = controller.cycle, 9.81 / (walker.gait.height - walker.gait.lowering)  # ω², 1/s²
+    errors = []
 
     def sinking(inputs):
         q = inputs.state.q.copy()
         q[2] -= 0.1 * inputs.now
-        return cycle(replace(inputs, state=replace(inputs.state, q=q)))
+        result = cycle(replace(inputs, state=replace(inputs.state, q=q)))
+        seen, pressure = walker._latest
+        swing = walker._step.acceleration if walker.phase is Phase.SINGLE else 0.0
+        place = complex(*seen.dynamics.com[:2])
+        expected = stiffness * (place - pressure) + walker.gait.reaction * swing
+        errors.append(abs(complex(*walker._references["walking_com"].acceleration[:2]) - expected))
+        return result
 
     controller.cycle = sinking
     controller.walk(0.3)
     simulation.run(6.0)
+    assert max(errors) < 1e-9
     assert simulation.plant.state()[0][0] == pytest.approx(1.47, abs=0.15)  # 1.47 m without, 1.93 m with that pendulum
 
 
