@@ -43,7 +43,7 @@ def make_walking_tasks(settings: Settings, model: RobotModel) -> list[Task]:
         return make_quadruped_tasks(settings, model)
     left, right = find_feet(settings, model)
     tasks: dict[str, tuple[float, Task]] = {
-        # With a weight of 35, the centre of pressure left its reference at the limits of the forces.
+        # With a weight of 35, the centre of pressure is twice as far from its reference.
         COM: (350.0, ComTask(COM, [True, True, False], stiffness=0.0, damping=0.0)),
         HEIGHT: (100.0, ComTask(HEIGHT, [False, False, True], stiffness=100.0, damping=20.0)),
         POSTURE: (0.05, PostureTask(POSTURE, model, _without_legs(model, left, right), stiffness=50.0)),
