@@ -83,10 +83,10 @@ class BipedWalker(Walker):
 
     def __init__(self, gait: Gait, left: Foot, right: Foot, tasks: TaskSets, gravity: float, lag: float = 0.0) -> None:
         """Make a standing walker; gravity in m/s², and the delay of the torques in s."""
-        self.gait, self._lag = gait, lag
+        self._lag = lag
         self._feet = {1: left, -1: right}
         self._gravity = gravity
-        super().__init__(tasks)
+        super().__init__(gait, tasks)
         self._omega = natural_frequency(self._com_height, gravity)  # ω, 1/s
 
     def reset(self) -> None:

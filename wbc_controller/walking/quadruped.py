@@ -67,11 +67,10 @@ class QuadrupedWalker(Walker):
         self, gait: QuadrupedGait, feet: Sequence[PointFoot], tasks: TaskSets, gravity: float, mass: float
     ) -> None:
         """Make a standing walker; gravity in m/s²."""
-        self.gait = gait
         self._feet = {foot.contact: foot for foot in feet}
         self._links, self._offsets = np.array([foot.link for foot in feet]), np.array([foot.offset for foot in feet])
         self._gravity, self._mass = gravity, mass
-        super().__init__(tasks)
+        super().__init__(gait, tasks)
 
     def reset(self) -> None:
         """Stand, without a command."""

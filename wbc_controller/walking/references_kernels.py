@@ -28,7 +28,7 @@ def body_references(
     w).
 
     Args:
-        place, velocity, acceleration: horizontal, x + i y.
+        place, velocity, acceleration: horizontal, x + i y in m, m/s and m/s².
         height, goal: height of the last cycle, and the one to follow, m.
         turn, turning: angle by which the orientations, (n, 4), are turned about the vertical, rad, and its rate, rad/s.
         dt: time since the last cycle, s.

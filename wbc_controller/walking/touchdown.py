@@ -13,8 +13,8 @@ _DESCENDING = 0.07  # least downward speed of the reference for the comparison o
 #: Largest speed of a foot stopped by the ground: m/s; share of the horizontal speed of its reference; after the planned
 #: touchdown, m/s. Soles of fast steps slide.
 _SLOW, _SLOWED, _SLIDES = 0.2, 0.5, 1.0
-#: Least horizontal angular velocity of a sole turned by an edge, rad/s, and least delay of its vertical velocity behind
-#: the reference, m/s; largest speed and vertical velocity of its centre, m/s: an obstacle throws a foot up.
+#: Least horizontal angular velocity of a sole turned by an edge, rad/s, and least excess of its vertical velocity over
+#: that of the reference, m/s; largest speed and vertical velocity of its centre, m/s: an obstacle throws a foot up.
 _TURNED, _TURNED_BEHIND, _TURNED_SPEED, _TURNED_RISE = 0.8, 0.05, 0.5, 0.1
 LATEST = 0.15  # longest time after the planned touchdown until the foot counts as landed, s
 _LOW = 0.5  # height of a sole and its reference below which a touchdown counts at once, as a share of the clearance

@@ -57,10 +57,10 @@ class Walker(ABC):
     gait: Gait | QuadrupedGait
     footsteps_left = 0  # planned footsteps without a touchdown
 
-    def __init__(self, tasks: TaskSets) -> None:
+    def __init__(self, gait: Gait | QuadrupedGait, tasks: TaskSets) -> None:
         """Make a standing walker."""
-        self.tasks = tasks
-        self._com_height = self.gait.height - self.gait.lowering  # above the ground while walking, m
+        self.gait, self.tasks = gait, tasks
+        self._com_height = gait.height - gait.lowering  # above the ground while walking, m
         self.reset()
 
     def reset(self) -> None:
@@ -157,7 +157,7 @@ class Walker(ABC):
     def _command_body(
         self, place: complex, velocity: complex, acceleration: complex, ground: float, turning: float, dt: float
     ) -> None:
-        """Set the references of the body on the ground; its height follows that of the ground, m.
+        """Set the references of the body; its height follows that of the ground, m.
 
         The tasks on orientations turn with the heading, which changes at the rate `turning` in rad/s.
         """
