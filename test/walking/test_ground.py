@@ -242,6 +242,20 @@ def test_steps_on_rough_ground_are_slower(roughness, share):
     assert walker._step.landing.time == pytest.approx(share * walker.gait.single)
 
 
+@pytest.mark.parametrize(
+    ("rolled", "moved"), [(0.02, 0.0), (0.05, 0.012), (-0.05, -0.012), (0.05j, 0.012j), (1.0, 0.068), (-1.0j, -0.0175j)]
+)
+def test_the_centre_of_pressure_moves_to_the_raised_side_of_a_rolling_stance_sole(rolled, moved):
+    """By 0.6 m per radian beyond 0.03 rad, to the edge of the usable area at most; G1 fell backwards on `cheap`."""
+    _, _, walker = walking("g1", 0.0, seconds=1.0)
+    cycle, step, (last, *earlier) = walker._latest[0], walker._step, walker._footholds
+    sole, pressures = cycle.soles[walker._stance], []
+    for change in (0.0, rolled):
+        walker._footholds = (replace(last, slope=sole.slope - change), *earlier)
+        pressures.append(walker._single(step, cycle._replace(dt=0.0), Decision([], {})))
+    assert pressures[1] - pressures[0] == pytest.approx(moved, abs=1e-3)
+
+
 def test_fast_steps_do_not_measure_the_roughness():
     """After a push, a fast foot of G1 landed tilted, 7 mm too high; with high steps on even ground the robot fell."""
     _, _, walker = walking("g1", 0.0, seconds=1.0)

@@ -44,6 +44,7 @@ from wbc_controller.walking.touchdown import LATEST, SoleTouchdown, lands, rebou
 
 GAIT = replace(GAIT, braking=4.0)
 DT = 0.002
+LEVEL = 0j, 0.0, 0j  # place, height and slope of the ground
 
 
 def stance(side=1, heading=0.0):
@@ -109,9 +110,9 @@ def walked(disturbance, *, elapsed=0.1, cycles=150, planned=True):
 
     dcm = before(nominal.place + nominal.offset, at.place, at.omega, GAIT.single - elapsed, push()) + disturbance
     for _ in range(cycles):
-        *_, place, time, _ = adapt(
-            planned, nominal.place, nominal.heading, nominal.offset, 0.2, 0.0, landing.place, landing.time,
-            at.place, at.heading, at.side, at.omega, GAIT.sizes, dcm, swing, 0.0, elapsed, DT, SHORTEST * GAIT.single,
+        *_, place, _, _, time, _ = adapt(
+            planned, nominal.place, nominal.heading, nominal.offset, 0.2, 0.0, landing.place, landing.time, at.place,
+            at.heading, at.side, at.omega, GAIT.sizes, dcm, swing, *LEVEL, elapsed, DT, SHORTEST * GAIT.single,
         )  # fmt: skip
         landing = Landing(place, 0.0, 0.0, time)
         landings.append((landing, swing, elapsed))
@@ -180,7 +181,7 @@ def test_a_step_is_hurried_only_if_the_dcm_is_not_above_the_sole(beside, ahead, 
     nominal, swing = nominal_step(Velocity(), at, GAIT, GAIT.single), at_rest(at.place + 1j * GAIT.width, 0.0, 0.0)
     *_, time, _ = adapt(
         False, nominal.place, 0.0, nominal.offset, 0j, 0.0, nominal.place, GAIT.single, at.place, at.heading, at.side,
-        at.omega, GAIT.sizes, dcm, swing, 0.0, 0.05, DT, SHORTEST * GAIT.single,
+        at.omega, GAIT.sizes, dcm, swing, *LEVEL, 0.05, DT, SHORTEST * GAIT.single,
     )  # fmt: skip
     assert time == pytest.approx(GAIT.single - rate * DT)
 
@@ -190,11 +191,23 @@ def test_a_planned_step_ends_at_its_place():
     at, corner = stance(), stance().place + complex(GAIT.length, GAIT.greatest_width)
     swing = at_rest(corner - 0.1, 0.0, 0.0)
     dcm = dcm_towards(corner, -0.1j, at.place, at.omega, GAIT.reaction, swing, 0.3)
-    *_, place, _, _ = adapt(
+    *_, place, _, _, _, _ = adapt(
         True, corner, 0.0, -0.1j, 0j, 0.0, corner, GAIT.single, at.place, at.heading, at.side, at.omega, GAIT.sizes,
-        dcm, swing, 0.0, GAIT.single - 0.3, DT, SHORTEST * GAIT.single,
+        dcm, swing, *LEVEL, GAIT.single - 0.3, DT, SHORTEST * GAIT.single,
     )  # fmt: skip
     assert place == pytest.approx(corner)
+
+
+def test_a_touchdown_is_on_the_ground_with_the_nearest_heading():
+    """The foot has turned by more than one turn, and the ground rises by 0.1 m per metre to the left."""
+    at = stance(heading=0.3)
+    nominal, turned = nominal_step(Velocity(0.2), at, GAIT, GAIT.single), 0.2 + 2.0 * math.tau
+    *_, place, height, heading, _, _ = adapt(
+        False, nominal.place, 0.0, nominal.offset, 0.2, 0.0, nominal.place, GAIT.single, at.place, at.heading, at.side,
+        at.omega, GAIT.sizes, at.place, at_rest(at.place, 0.0, turned), 1j, 0.5, 0.1j, 0.1, DT, SHORTEST * GAIT.single,
+    )  # fmt: skip
+    assert height == pytest.approx(0.5 + 0.1 * (place.imag - 1.0))
+    assert heading == pytest.approx(at.heading + 2.0 * math.tau)
 
 
 @pytest.mark.parametrize(("side", "heading"), [(1, 0.0), (-1, 0.7)])

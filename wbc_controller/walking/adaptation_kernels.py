@@ -20,6 +20,8 @@ from __future__ import annotations
 import cmath
 import math
 
+import numpy as np
+
 from wbc_controller.compilation import Matrix, compiled, part
 from wbc_controller.walking.footsteps_kernels import StepSizes, periodic_step
 from wbc_controller.walking.pendulum_kernels import before, later
@@ -87,6 +89,12 @@ def _within_reach(
     return stance + complex(x, side * y) * axes
 
 
+@part
+def _height_at(place: complex, ground: complex, level: float, slope: complex) -> float:
+    to = place - ground
+    return level + slope.real * to.real + slope.imag * to.imag
+
+
 @compiled
 def dcm_towards(
     place: complex, offset: complex, stance: complex, omega: float, reaction: float, swing: Matrix, left: float
@@ -99,9 +107,12 @@ def dcm_towards(
 def adapt(
     planned: bool, nominal_place: complex, nominal_heading: float, nominal_offset: complex, velocity: complex,
     turning: float, place: complex, time: float, stance: complex, heading: float, side: int, omega: float,
-    sizes: StepSizes, dcm: complex, swing: Matrix, ground: float, elapsed: float, dt: float, shortest: float,
-) -> tuple[complex, float, complex, complex, float, complex]:  # fmt: skip
-    """Return the nominal step, place and time of the touchdown for the measured DCM, and the DCM that leads to them.
+    sizes: StepSizes, dcm: complex, swing: Matrix, ground: complex, level: float, slope: complex, elapsed: float,
+    dt: float, shortest: float,
+) -> tuple[complex, float, complex, complex, float, float, float, complex]:  # fmt: skip
+    """Return the nominal step, the touchdown for the measured DCM, and the DCM that leads to them.
+
+    The touchdown has a place, a height, a heading less than half a turn away from that of the foot, and a time.
 
     Args:
         planned: keep the nominal step, u*, heading and b*, of the last cycle; otherwise it follows the velocity.
@@ -113,7 +124,7 @@ def adapt(
         sizes: of the steps; `sizes.single` is T*.
         dcm: ξ, measured.
         swing: motion of the swing foot, (3, 4).
-        ground: height of the ground, m.
+        ground, level, slope: place and height of a point of the ground, m, and slope dz/dx + i dz/dy.
         elapsed: t, since the start of the single support, s.
         dt: time since the last cycle, s.
         shortest: duration of the fastest step, s.
@@ -124,7 +135,8 @@ def adapt(
         )
     single, reaction = sizes.single, sizes.reaction
     braking = stopping_time(math.hypot(swing[1, 0], swing[1, 1]))
-    earliest = max(shortest, elapsed + max(_AHEAD, braking, descent_time(swing[0, 2] - ground, swing[1, 2])))
+    above = swing[0, 2] - _height_at(place, ground, level, slope)
+    earliest = max(shortest, elapsed + max(_AHEAD, braking, descent_time(above, swing[1, 2])))
     latest = max(LONGEST * single, earliest)
     axes, lowest, best = cmath.rect(1.0, heading), math.inf, (place, time)
     local = (dcm - stance) / axes
@@ -146,9 +158,12 @@ def adapt(
         cost = W_PLACE * place_error**2 + W_OFFSET * offset_error**2 + W_TIME * late * late
         if cost < lowest:
             lowest, best = cost, (u, T)
-    left = max(best[1] - elapsed, 0.0)
-    wanted = dcm_towards(nominal_place, nominal_offset, stance, omega, reaction, swing, left)
-    return nominal_place, nominal_heading, nominal_offset, best[0], best[1], wanted
+    (place, time), facing = best, swing[0, 3]
+    wanted = dcm_towards(nominal_place, nominal_offset, stance, omega, reaction, swing, max(time - elapsed, 0.0))
+    turn = nominal_heading - facing
+    facing += turn - 2.0 * math.pi * np.round(turn / (2.0 * math.pi))
+    height = _height_at(place, ground, level, slope)
+    return nominal_place, nominal_heading, nominal_offset, place, height, facing, time, wanted
 
 
 @compiled

@@ -36,6 +36,9 @@ _MEASURES = 0.75
 #: the angular momentum of trunk and arms replaces the missing moment. None on ground of this unevenness, m, where an
 #: edge may support the sole.
 _BEYOND, _EDGES = 0.18, 0.01
+#: Largest change of a flat stance sole's slope since lift-off, and displacement of the centre of pressure per further
+#: change, m.
+_FLAT, _FLATTENING = 0.03, 0.6
 _LEVELLING = 0.05  # time constant of the swing foot's rotation to the slope of the ground, s
 _HEADING_RATE = 6.0  # rate of the heading towards its goal, 1/s
 #: Largest distance between the feet along the heading for a stop, m: first, and after a number of steps.
@@ -321,23 +324,23 @@ class BipedWalker(Walker):
         landing, swing, slope = step.landing, step.swing, step.slope
         shortest = gait.single * (SHORTEST + (SHORTEST_ROUGH - SHORTEST) * landing.roughness)
         if landing.time - elapsed > _FREEZE:
-            to, facing, offset, place, duration, wanted = adapt(
-                step.planned, nominal.place, nominal.heading, nominal.offset, self.velocity.linear,
-                self.velocity.turning, landing.place, landing.time, stance.place, stance.heading, stance.side,
-                stance.omega, gait.sizes, cycle.dcm, swing, landing.height, elapsed, dt, shortest,
-            )  # fmt: skip
-            nominal = NominalStep(to, facing, offset)
-            heading = swing.item(0, 3)
-            heading += math.remainder(nominal.heading - heading, math.tau)
             # The ground has sunk since lift-off, also by drift of the estimate.
             sunk = cycle.soles[self._stance].height - self._footholds[0].height
-            height = step.ground.height_at(place) + sunk - aim_below(landing.roughness)
+            ground, level = step.ground, step.ground.height + sunk - aim_below(landing.roughness)
+            to, facing, offset, place, height, heading, duration, wanted = adapt(
+                step.planned, nominal.place, nominal.heading, nominal.offset, self.velocity.linear,
+                self.velocity.turning, landing.place, landing.time, stance.place, stance.heading, stance.side,
+                stance.omega, gait.sizes, cycle.dcm, swing, ground.place, level, ground.slope, elapsed, dt, shortest,
+            )  # fmt: skip
+            nominal = NominalStep(to, facing, offset)
             landing = Landing(place, height, heading, duration, landing.speed, landing.roughness)
         else:
             left = max(landing.time - elapsed, 0.0)
             wanted = dcm_towards(nominal.place, nominal.offset, stance.place, stance.omega, gait.reaction, swing, left)
-        share, _ = smooth_step(elapsed / _BLEND)
-        self._dcm_wanted = wanted + self._blend * (1.0 - share)
+        if elapsed < _BLEND:
+            share, _ = smooth_step(elapsed / _BLEND)
+            wanted += self._blend * (1.0 - share)
+        self._dcm_wanted = wanted
         if dt > 0.0:
             slope += (step.ground.slope - slope) * min(1.0, dt / _LEVELLING)
         clearance = gait.clearance_on(landing.roughness)
@@ -355,7 +358,7 @@ class BipedWalker(Walker):
             else:
                 self._land(step, cycle, elapsed - landing.time, decision)
         beyond = _BEYOND * self._com_height * max(0.0, 1.0 - self._roughness.unevenness / _EDGES)
-        return self._corrected(stance.place, cycle, stance.place, stance.place, beyond)
+        return self._flattened(self._corrected(stance.place, cycle, stance.place, stance.place, beyond), cycle)
 
     def _land(self, step: Step, cycle: _Cycle, late: float, decision: Decision) -> None:
         """Begin a double support, `late` after the planned touchdown, s."""
@@ -398,6 +401,20 @@ class BipedWalker(Walker):
         pressure += (1.0 + _GAIN / self._omega) * (cycle.dcm - self._dcm_wanted)
         length, width = foot.usable
         return nearest_in_support(pressure, first, second, heading, length, width + beyond)
+
+    def _flattened(self, pressure: complex, cycle: _Cycle) -> complex:
+        """Return the centre of pressure, moved to the raised side of a stance sole that rolls over its edge.
+
+        The sole has rolled from its slope at lift-off: the error of the estimate is larger than the distance of the
+        centre of pressure from the edge.
+        """
+        sole, foot = cycle.soles[self._stance], self._feet[self._stance]
+        rolled = sole.slope - self._footholds[0].slope
+        angle = abs(rolled)
+        if angle <= _FLAT:
+            return pressure
+        pressure += _FLATTENING * (angle - _FLAT) * rolled / angle
+        return nearest_in_support(pressure, sole.place, sole.place, sole.heading, *foot.usable)
 
     def _turn(self, soles: Mapping[int, Sole], dt: float) -> float:
         """Turn the heading to that of the feet; return its rate, rad/s."""

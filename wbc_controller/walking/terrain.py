@@ -41,13 +41,16 @@ class Ground:
 def plane_through(footholds: Sequence[Ground]) -> Ground:
     """Return the plane through footholds, the last one first."""
     last = footholds[0].place
-    A, b = np.zeros((3, 3)), np.zeros(3)
+    n = x = y = xx = xy = yy = z = xz = yz = 0.0  # weighted sums
     for age, each in enumerate(footholds):
-        weight, to = 0.5**age, each.place - last
-        row = np.array([1.0, to.real, to.imag])
-        A += weight / _HEIGHT**2 * np.outer(row, row)
-        b += weight / _HEIGHT**2 * each.height * row
-        A[1:, 1:] += weight / _SLOPE**2 * np.eye(2)
-        b[1:] += weight / _SLOPE**2 * np.array([each.slope.real, each.slope.imag])
-    height, along_x, along_y = np.linalg.solve(A, b).tolist()
+        to, of_height, of_slope = each.place - last, 0.5**age / _HEIGHT**2, 0.5**age / _SLOPE**2
+        n, x, y = n + of_height, x + of_height * to.real, y + of_height * to.imag
+        xx = xx + of_height * (to.real * to.real) + of_slope
+        xy = xy + of_height * (to.real * to.imag)
+        yy = yy + of_height * (to.imag * to.imag) + of_slope
+        z = z + of_height * each.height
+        xz = xz + of_height * each.height * to.real + of_slope * each.slope.real
+        yz = yz + of_height * each.height * to.imag + of_slope * each.slope.imag
+    solution = np.linalg.solve([[n, x, y], [x, xx, xy], [y, xy, yy]], [z, xz, yz])
+    height, along_x, along_y = solution.tolist()
     return Ground(last, height, complex(along_x, along_y))
