@@ -256,6 +256,19 @@ def test_the_centre_of_pressure_moves_to_the_raised_side_of_a_rolling_stance_sol
     assert pressures[1] - pressures[0] == pytest.approx(moved, abs=1e-3)
 
 
+def test_at_a_touchdown_the_last_foothold_does_not_move_the_centre_of_pressure():
+    """It is that of the old stance foot."""
+    pressures = []
+    for change in (0.0, 1.0):
+        _, _, walker = walking("g1", 0.0, seconds=1.0)
+        last, *earlier = walker._footholds
+        walker._footholds = (replace(last, slope=last.slope + change), *earlier)
+        late = walker._latest[0]._replace(dt=0.0, time=walker._since + walker._step.landing.time + 0.2)
+        pressures.append(walker._single(walker._step, late, Decision([], {})))
+        assert walker.phase is Phase.DOUBLE
+    assert pressures[0] == pressures[1]
+
+
 def test_fast_steps_do_not_measure_the_roughness():
     """After a push, a fast foot of G1 landed tilted, 7 mm too high; with high steps on even ground the robot fell."""
     _, _, walker = walking("g1", 0.0, seconds=1.0)

@@ -358,7 +358,8 @@ class BipedWalker(Walker):
             else:
                 self._land(step, cycle, elapsed - landing.time, decision)
         beyond = _BEYOND * self._com_height * max(0.0, 1.0 - self._roughness.unevenness / _EDGES)
-        return self._flattened(self._corrected(stance.place, cycle, stance.place, stance.place, beyond), cycle)
+        pressure = self._corrected(stance.place, cycle, stance.place, stance.place, beyond)
+        return self._flattened(pressure, cycle) if self.phase is Phase.SINGLE else pressure
 
     def _land(self, step: Step, cycle: _Cycle, late: float, decision: Decision) -> None:
         """Begin a double support, `late` after the planned touchdown, s."""
