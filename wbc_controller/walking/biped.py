@@ -194,7 +194,7 @@ class BipedWalker(Walker):
             acceleration += self.gait.reaction * self._step.acceleration
         height, turning = soles[self._stance].height, self._turn(soles, dt)
         self._command_body(complex(x, y), complex(vx, vy), acceleration, height, turning, dt)
-        decision.references = dict(self._references)
+        decision.references = self._references
         return decision
 
     def _predict_fall(self, cycle: _Cycle) -> None:

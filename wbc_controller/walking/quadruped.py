@@ -150,7 +150,7 @@ class QuadrupedWalker(Walker):
         place, velocity = self._body + sway * left, self._body_velocity + rate * left
         self._command_body(place, velocity, push * left, ground.height_at(cycle.com), self.velocity.turning, dt)
         self._latest = cycle
-        decision.references = dict(self._references)
+        decision.references = self._references
         return decision
 
     def _limited(self, command: Velocity | None) -> Velocity | None:

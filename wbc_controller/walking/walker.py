@@ -26,7 +26,7 @@ class Decision:
     """Changes of tasks and contacts, and references of tasks, requested by the walker in one cycle."""
 
     changes: list[Change]
-    references: dict[str, Reference]
+    references: Mapping[str, Reference]  # valid until the next cycle
 
 
 @dataclass(frozen=True, slots=True)
