@@ -4,8 +4,10 @@
 docs/stability.md for the next one.
 """
 
+import ast
 import inspect
 import json
+import textwrap
 from collections.abc import Iterator
 from enum import Enum
 from importlib import import_module
@@ -81,11 +83,23 @@ def _python() -> Iterator[str]:
         value = getattr(wbc_controller, name)
         yield name
         yield from _parameters(name, value)
+        if not inspect.isclass(value):
+            continue
         fields = getattr(value, "__dataclass_fields__", ())
-        for member in getattr(value, "__members__", {*dir(value), *fields}) if inspect.isclass(value) else ():
+        for member in getattr(value, "__members__", {*dir(value), *fields, *_attributes(value)}):
             if not member.startswith("_") and not hasattr(Exception, member):
                 yield f"{name}.{member}"
                 yield from _parameters(f"{name}.{member}", getattr(value, member, None))
+
+
+def _attributes(kind: type) -> Iterator[str]:
+    """Attributes that the methods of a class and of its bases assign."""
+    for base in kind.__mro__:
+        if base.__module__.startswith("wbc_controller."):
+            for node in ast.walk(ast.parse(textwrap.dedent(inspect.getsource(base)))):
+                match node:
+                    case ast.Attribute(value=ast.Name("self"), attr=name, ctx=ast.Store()):
+                        yield name
 
 
 def _parameters(name: str, value: Any) -> Iterator[str]:

@@ -24,7 +24,6 @@ from wbc_controller.inverse_dynamics.contacts import Contact
 from wbc_controller.inverse_dynamics.limits import RowLimit
 from wbc_controller.inverse_dynamics.references.board import ReferenceBoard
 from wbc_controller.inverse_dynamics.references.changes import Change, WalkingChange
-from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import Task
 from wbc_controller.records import ChangeSettings, Fault, Mode, Reference, References, RobotState, Solution
@@ -40,6 +39,12 @@ class ControlCycle:
     """References, quadratic program and supervisor of one robot, called once per period.
 
     Attributes:
+        model: of the robot.
+        dynamics: of the last cycle; at first in the nominal posture with the base at 0.
+        tasks: by name.
+        contacts: by name.
+        limits: row limits by kind: ``self_collision`` and the user's limits.
+        period: configured, 1 / ``control.rate``, s.
         walker: step planner, or None without a section ``walking``.
         model_error: compensation of friction and disturbances.
         live: current settings.
@@ -83,6 +88,11 @@ class ControlCycle:
                 check_qp(settings, self.qp, ReferenceBoard(self.live.newest.board))
         except ConfigurationError as error:
             raise ConfigurationError(self.config.with_source(str(error))) from error
+        qp = self.qp
+        self.model, self.dynamics = model, qp.dynamics
+        self.tasks, self.contacts = qp.tasks, qp.contacts
+        self.limits: Mapping[str, RowLimit] = {limit.kind: limit for limit in qp.formulation.row_limits}
+        self.period = qp.formulation.period
         self._live = self.live.newest
         self.board = ReferenceBoard(self._live.board)
         self.supervisor = Supervisor(model, make_supervisor_limits(settings, model))
@@ -101,31 +111,6 @@ class ControlCycle:
         self._changed_outside = False  # state changed between two cycles
 
     @property
-    def model(self) -> RobotModel:
-        """Model of the robot."""
-        return self.qp.model
-
-    @property
-    def dynamics(self) -> Dynamics:
-        """Dynamics of the last cycle; at first in the nominal posture with the base at 0."""
-        return self.qp.dynamics
-
-    @property
-    def tasks(self) -> Mapping[str, Task]:
-        """Tasks by name."""
-        return self.qp.tasks
-
-    @property
-    def contacts(self) -> Mapping[str, Contact]:
-        """Contacts by name."""
-        return self.qp.contacts
-
-    @property
-    def limits(self) -> Mapping[str, RowLimit]:
-        """Row limits by kind: ``self_collision`` and the user's limits."""
-        return {limit.kind: limit for limit in self.qp.formulation.row_limits}
-
-    @property
     def mode(self) -> Mode:
         """Mode of the supervisor."""
         return self.supervisor.mode
@@ -139,11 +124,6 @@ class ControlCycle:
     def is_walking(self) -> bool:
         """True while the controller is active and the robot walks or is about to."""
         return self.supervisor.solving and self.walker is not None and self.walker.moves
-
-    @property
-    def period(self) -> float:
-        """Configured period, 1 / ``control.rate``, s."""
-        return self.qp.formulation.period
 
     @property
     def state_timeout(self) -> float:
