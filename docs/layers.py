@@ -44,7 +44,7 @@ ROOMS = {
     ),
     _QP + "solvers": Room(_QP + "formulation", "numpy scipy qpsolvers daqp osqp proxsuite"),
     _QP + "whole_body_qp": Room(f"{_QP}formulation {_QP}solvers"),
-    "estimation": Room(f"{_QP}arrays {_QP}robot {_QP}contacts", "numpy scipy pinocchio"),
+    "estimation": Room(f"settings {_QP}arrays {_QP}robot {_QP}contacts", "numpy scipy pinocchio"),
     # The supervisor is independent of the quadratic program.
     "safety": Room(f"settings estimation {_QP}arrays {_QP}robot {_QP}limits {_QP}references", "numpy scipy pinocchio"),
     "walking": Room(f"{_QP}robot {_QP}references", "numpy pinocchio"),

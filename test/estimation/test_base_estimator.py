@@ -258,7 +258,7 @@ def test_covariance_of_the_base():
     np.testing.assert_allclose(of_twist, expected[6:, 6:], atol=1e-5 * np.abs(expected).max())
     running._interval = 0.002
     noisier = scene.estimator.covariance[1] - of_twist
-    np.testing.assert_allclose(noisier[3:, 3:], found.noise.gyroscope**2 / 0.002 * np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(noisier[3:, 3:], found.settings.gyroscope_noise**2 / 0.002 * np.eye(3), atol=1e-12)
     assert np.linalg.eigvalsh(noisier).min() > -1e-12
 
 

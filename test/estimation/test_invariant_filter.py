@@ -10,11 +10,26 @@ from hypothesis import strategies as st
 from plain_filter import PlainFilter
 from scipy.linalg import logm
 
-from wbc_controller.estimation.invariant_filter import ImuNoise, InvariantFilter
+from wbc_controller.estimation.invariant_filter import InvariantFilter
 from wbc_controller.estimation.planar_transform import heading_of
+from wbc_controller.settings.estimation import EstimationSettings
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
-NOISE = ImuNoise(0.01, 0.1, 1e-3, 1e-2, 0.05)
+DENSITIES = (
+    "gyroscope_noise",
+    "accelerometer_noise",
+    "gyroscope_bias_walk",
+    "accelerometer_bias_walk",
+    "contact_noise",
+)
+
+
+def noise_of(*densities):
+    """Settings with densities that may be 0."""
+    return EstimationSettings.model_construct(**dict(zip(DENSITIES, densities, strict=True)))
+
+
+NOISE = noise_of(0.01, 0.1, 1e-3, 1e-2, 0.05)
 PERIOD = 0.002
 STEPS = 300
 NAMES = "abcdefgh"
@@ -117,7 +132,7 @@ def error(filter, other):
 @pytest.mark.parametrize("direction", range(18))
 def test_the_covariance_goes_with_the_error(direction):
     """An error along one direction of the covariance follows the covariance."""
-    size, still = 1e-6, ImuNoise(0.0, 0.0, 0.0, 0.0, 0.0)
+    size, still = 1e-6, noise_of(0.0, 0.0, 0.0, 0.0, 0.0)
     truth, wrong = made(noise=still), made(noise=still)
     for filter in (truth, wrong):
         filter.add("a", np.array([0.1, -0.2, -0.9]), np.zeros((3, 3)))
@@ -186,7 +201,7 @@ def test_equal_to_numpy(seed, points, kept):
         "gyroscope_bias": 0.1 * rng.normal(size=3), "accelerometer_bias": 0.1 * rng.normal(size=3),
         "P": 0.01 * root @ root.T,
     }  # fmt: skip
-    noise = ImuNoise(*rng.uniform(0.01, 1.0, 5))
+    noise = noise_of(*rng.uniform(0.01, 1.0, 5))
     found, plain = (kind(noise, GRAVITY, **begin) for kind in (InvariantFilter, PlainFilter))
     noisy = rng.normal(size=(3 * points, 3 * points))
     covariance, positions = 1e-2 * (noisy @ noisy.T + np.eye(3 * points)), rng.normal(size=(points, 3))

@@ -11,7 +11,7 @@ _ROTATION, _VELOCITY, _POSITION, _POINTS = slice(0, 3), slice(3, 6), slice(6, 9)
 
 class PlainFilter(InvariantFilter):
     def propagate(self, angular_velocity, specific_force, dt, creep):
-        R, noise, end = self.rotation, self.noise, 9 + 3 * len(self.names)
+        R, noise, end = self.rotation, self.settings, 9 + 3 * len(self.names)
         turned = pin.exp3((angular_velocity - self.gyroscope_bias) * dt)
         acceleration = R @ (specific_force - self.accelerometer_bias) + self._gravity
         # The covariance first: its matrices are those of the state before (as in the authors' own code).
@@ -24,12 +24,12 @@ class PlainFilter(InvariantFilter):
         lever = np.array([pin.skew(column) for column in self.columns.T]) @ R
         Phi[3:end, end : end + 3] -= dt * lever.reshape(-1, 3)
         adjoint = np.zeros((len(self.P), len(self.P) - 3))
-        adjoint[_ROTATION, :3] = R * noise.gyroscope
-        adjoint[3:end, :3] = lever.reshape(-1, 3) * noise.gyroscope
-        adjoint[_VELOCITY, 3:6] = R * noise.accelerometer
+        adjoint[_ROTATION, :3] = R * noise.gyroscope_noise
+        adjoint[3:end, :3] = lever.reshape(-1, 3) * noise.gyroscope_noise
+        adjoint[_VELOCITY, 3:6] = R * noise.accelerometer_noise
         for i in range(len(self.names)):
             adjoint[_POINTS + 3 * i : _POINTS + 3 * i + 3, 6 + 3 * i : 9 + 3 * i] = R * creep[i]
-        adjoint[end:, -6:] = np.diag(np.repeat([noise.gyroscope_bias, noise.accelerometer_bias], 3))
+        adjoint[end:, -6:] = np.diag(np.repeat([noise.gyroscope_bias_walk, noise.accelerometer_bias_walk], 3))
         driven = Phi @ adjoint
         self.P = Phi @ self.P @ Phi.T + dt * (driven @ driven.T)
         self.columns[:, 1] += self.velocity * dt + 0.5 * dt**2 * acceleration

@@ -40,15 +40,6 @@ _TIME_CONSTANT, SPEED, TURN = 0.2, 0.02, 0.02  # time constant of `smoothed`, s,
 
 
 @dataclass(frozen=True, slots=True)
-class PoseSensor:
-    """Source of absolute poses."""
-
-    frame: str  # measured robot frame
-    position: float  # least standard deviation of a position, m
-    turn: float  # least standard deviation of a heading, rad
-
-
-@dataclass(frozen=True, slots=True)
 class PoseSample:
     """Absolute pose."""
 
@@ -72,16 +63,17 @@ class AbsolutePoses:
     control. `odometry` and `smoothed` transform from the filter's world.
     """
 
-    def __init__(self, sensor: PoseSensor, kinematics: LegKinematics, filter: InvariantFilter) -> None:
+    def __init__(self, frame: str, kinematics: LegKinematics, filter: InvariantFilter) -> None:
+        """Start without poses; `frame` is the measured frame of the robot."""
         self.aligned = False
         self.odometry, self.smoothed = pin.SE3.Identity(), pin.SE3.Identity()
         self.used = self.rejected = self.relocations = 0
         self.contradiction = ""
         self._kinematics, self._filter = kinematics, filter
-        self._frame = kinematics.frame(sensor.frame, "estimation.pose_frame")
-        self._least_variances = np.array([sensor.position, sensor.position, sensor.position, sensor.turn]) ** 2
-        noise = filter.noise
-        self._creep = np.array([noise.contact, noise.contact, noise.contact, noise.gyroscope]) ** 2
+        self._frame = kinematics.frame(frame, "estimation.pose_frame")
+        own = filter.settings
+        self._least_variances = np.repeat([own.pose_noise, own.pose_turn_noise], [3, 1]) ** 2
+        self._creep = np.repeat([own.contact_noise, own.gyroscope_noise], [3, 1]) ** 2
         self._past: deque[_PastEstimate] = deque()
         self._first_stamp = math.inf
         self._contradicting: tuple[float, Array] | None = None  # stamp and difference of the first contradicting pose

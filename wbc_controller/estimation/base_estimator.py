@@ -1,33 +1,23 @@
 """Estimator of base pose and twist."""
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.estimation.absolute_pose import AbsolutePoses, PoseSample, PoseSensor
-from wbc_controller.estimation.invariant_filter import ImuNoise, InvariantFilter
+from wbc_controller.estimation.absolute_pose import AbsolutePoses, PoseSample
+from wbc_controller.estimation.invariant_filter import InvariantFilter
 from wbc_controller.estimation.leg_kinematics import LegKinematics
 from wbc_controller.estimation.running_estimate import GAP, ImuSample, RunningEstimate
 from wbc_controller.estimation.sensor_agreement import gravity_contradiction
 from wbc_controller.records import Array
+from wbc_controller.settings.estimation import EstimationSettings
 
 _GRAVITY_TOLERANCE = 0.1  # largest relative difference of specific force and gravity
 _LARGEST_BIAS = 0.5  # largest mean angular velocity at the start, rad/s
 _SETTLED = 0.9  # share of the settling time that the samples must span
 _INITIAL_VELOCITY_VARIANCE = 1.0e-4  # variance of the initial velocity, (m/s)²
 _INITIAL_POSE_VARIANCE = 1.0e-8  # variance of the initial position and heading, m² and rad²
-
-
-@dataclass(frozen=True, slots=True)
-class Sensors:
-    """Parameters of the IMU and of the initialization."""
-
-    noise: ImuNoise
-    accelerometer_bias: float  # standard deviation of the initial bias, m/s²
-    settling: float  # duration of the initial rest, s
-    stillness: float  # of the angular velocity at rest, rad/s
 
 
 class BaseEstimator:
@@ -42,17 +32,17 @@ class BaseEstimator:
     """
 
     def __init__(
-        self, kinematics: LegKinematics, sensors: Sensors, gravity: Array, poses: PoseSensor | None = None
+        self, kinematics: LegKinematics, settings: EstimationSettings, gravity: Array, pose_frame: str | None = None
     ) -> None:
-        """Start without data; gravity is in the world, (3,) in m/s²."""
-        if poses is not None:
-            kinematics.frame(poses.frame, "estimation.pose_frame")
-        self._pose_sensor = poses
+        """Start without data; gravity is in the world, (3,) in m/s². `pose_frame` is the frame of absolute poses."""
+        if pose_frame is not None:
+            kinematics.frame(pose_frame, "estimation.pose_frame")
+        self._pose_frame = pose_frame
         self.imu_frame = kinematics.imu_frame
         self.lost = ""
         self._waits_for = "no IMU data received"
         self._kinematics = kinematics
-        self._sensors = sensors
+        self._settings = settings
         self._gravity = gravity
         self._still: list[ImuSample] = []
         self._running: RunningEstimate | None = None
@@ -93,7 +83,7 @@ class BaseEstimator:
     @property
     def uses_poses(self) -> bool:
         """True if absolute poses are used."""
-        return self._pose_sensor is not None
+        return self._pose_frame is not None
 
     @property
     def poses(self) -> AbsolutePoses | None:
@@ -157,33 +147,33 @@ class BaseEstimator:
     def _after_update(self, lost: str | None) -> None:
         if lost is not None:
             self.restart()
-            self.lost, self._waits_for = lost, f"the robot has to stand still for {self._sensors.settling:g} s"
+            self.lost, self._waits_for = lost, f"the robot has to stand still for {self._settings.settling:g} s"
         elif self._running is not None and self._running.poses is not None:
             self._waits_for = self._running.poses.waits_for
 
     def _wait_for_rest(self, samples: Sequence[ImuSample], active_contacts: Sequence[str]) -> None:
-        sensors = self._sensors
+        settings = self._settings
         if self._still and samples and not (0.0 < samples[0].stamp - self._still[-1].stamp <= GAP):
             self._still = []
         self._still += samples
         if not self._still:
             return
         newest = self._still[-1].stamp
-        self._still = [sample for sample in self._still if newest - sample.stamp <= sensors.settling]
-        if newest - self._still[0].stamp < _SETTLED * sensors.settling:
-            self._waits_for = f"the robot has to stand still for {sensors.settling:g} s"
+        self._still = [sample for sample in self._still if newest - sample.stamp <= settings.settling]
+        if newest - self._still[0].stamp < _SETTLED * settings.settling:
+            self._waits_for = f"the robot has to stand still for {settings.settling:g} s"
             return
         turning = np.array([sample.angular_velocity for sample in self._still])
         force = np.array([sample.specific_force for sample in self._still])
         wobble, pull = float(turning.std(axis=0).max()), float(np.linalg.norm(force.mean(axis=0)))
         turn = float(np.linalg.norm(turning.mean(axis=0)))
         gravity = float(np.linalg.norm(self._gravity))
-        if not wobble <= sensors.stillness:
+        if not wobble <= settings.stillness:
             self._waits_for = (
-                f"the robot has to stand still for {sensors.settling:g} s: its angular velocity varies by {wobble:.3g} "
-                f"rad/s (limit {sensors.stillness:g}, estimation.stillness)"
+                f"the robot has to stand still for {settings.settling:g} s: its angular velocity varies by "
+                f"{wobble:.3g} rad/s (limit {settings.stillness:g}, estimation.stillness)"
             )
-            if wobble <= np.degrees(sensors.stillness):
+            if wobble <= np.degrees(settings.stillness):
                 self._waits_for += "; possible cause: a gyroscope in deg/s instead of rad/s"
         elif not turn <= _LARGEST_BIAS:
             self._waits_for = (
@@ -202,14 +192,14 @@ class BaseEstimator:
             self._waits_for = f"the accelerometer contradicts the legs: {contradiction}"
         else:
             filter = self._initial_filter(turning.mean(axis=0), force.mean(axis=0), active_contacts)
-            sensor = self._pose_sensor
-            poses = None if sensor is None else AbsolutePoses(sensor, self._kinematics, filter)
+            frame = self._pose_frame
+            poses = None if frame is None else AbsolutePoses(frame, self._kinematics, filter)
             self._running = RunningEstimate(filter, self._still[-1], self._kinematics, poses)
             self._still, self.lost, self._waits_for = [], "", ""
             self._after_update(self._running.update([], active_contacts))
 
     def _initial_filter(self, turning: Array, force: Array, active_contacts: Sequence[str]) -> InvariantFilter:
-        sensors, noise, legs = self._sensors, self._sensors.noise, self._kinematics
+        settings, legs = self._settings, self._kinematics
         up = force / np.linalg.norm(force)
         across = np.cross(up, legs.imu_rotation[0])  # the world's x axis is the levelled x axis of the base
         across /= np.linalg.norm(across)
@@ -220,16 +210,17 @@ class BaseEstimator:
         ]  # fmt: skip
         level, height = R @ legs.imu_rotation.T @ legs.imu_position, float(np.concatenate(heights).mean())
         g = float(np.linalg.norm(self._gravity))
-        mean = noise.gyroscope**2 / sensors.settling + noise.gyroscope_bias**2 * sensors.settling
+        rest, bias = settings.settling, settings.accelerometer_bias**2
+        mean = settings.gyroscope_noise**2 / rest + settings.gyroscope_bias_walk**2 * rest
         at_rest = [_INITIAL_POSE_VARIANCE, _INITIAL_VELOCITY_VARIANCE, _INITIAL_POSE_VARIANCE]
-        P = np.diag(np.repeat([*at_rest, mean, sensors.accelerometer_bias**2], 3))
+        P = np.diag(np.repeat([*at_rest, mean, bias], 3))
         # The accelerometer's bias appears as a tilt, g ξ_R = up × R ζ_a: both errors are fully correlated.
         tilting = pin.skew(np.array([0.0, 0.0, 1.0 / g])) @ R
-        P[:3, 12:15] = sensors.accelerometer_bias**2 * tilting
+        P[:3, 12:15] = bias * tilting
         P[12:15, :3] = P[:3, 12:15].T
-        P[:3, :3] += (sensors.accelerometer_bias**2 + noise.accelerometer**2 / sensors.settling) * (tilting @ tilting.T)
+        P[:3, :3] += (bias + settings.accelerometer_noise**2 / rest) * (tilting @ tilting.T)
         return InvariantFilter(
-            noise,
+            settings,
             self._gravity,
             rotation=R,
             velocity=np.zeros(3),

@@ -12,7 +12,6 @@ and position remain unobservable.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
@@ -21,19 +20,9 @@ from wbc_controller.estimation import invariant_filter_kernels as kernel
 from wbc_controller.estimation.planar_transform import planar_transform
 from wbc_controller.inverse_dynamics.arrays import solved
 from wbc_controller.records import Array
+from wbc_controller.settings.estimation import EstimationSettings
 
 _POINTS = 9  # first row of the first contact point in P
-
-
-@dataclass(frozen=True, slots=True)
-class ImuNoise:
-    """Densities of isotropic white noise."""
-
-    gyroscope: float  # rad/s/√Hz
-    accelerometer: float  # m/s²/√Hz
-    gyroscope_bias: float  # random walk, rad/s²/√Hz
-    accelerometer_bias: float  # random walk, m/s³/√Hz
-    contact: float  # velocity of a contact point, m/s/√Hz
 
 
 class InvariantFilter:
@@ -41,7 +30,7 @@ class InvariantFilter:
 
     def __init__(
         self,
-        noise: ImuNoise,
+        settings: EstimationSettings,
         gravity: Array,
         *,
         rotation: Array,
@@ -52,10 +41,10 @@ class InvariantFilter:
         P: Array,
     ) -> None:
         """Start without contact points; gravity is in the world, (3,) in m/s², and P is (15, 15)."""
-        self.noise = noise
-        self._densities = np.array(
-            [noise.gyroscope, noise.accelerometer, noise.gyroscope_bias, noise.accelerometer_bias]
-        )
+        self.settings = settings
+        noise = settings.gyroscope_noise, settings.accelerometer_noise
+        walks = settings.gyroscope_bias_walk, settings.accelerometer_bias_walk
+        self._densities = np.array([*noise, *walks])
         self._gravity = np.array(gravity)
         self.rotation = np.array(rotation)  # R, (3, 3), from IMU axes to the world
         self.columns = np.ascontiguousarray(np.column_stack([velocity, position]))  # v, p, d₁ … d_N, (3, 2 + N)
@@ -83,9 +72,9 @@ class InvariantFilter:
 
         Ṙ = R (ω - b_g)ₓ, v̇ = R (a - b_a) + g, ṗ = v, ḋ = 0, ξ̇ = A ξ + Ad_X w. A contains gₓ (rotation to velocity), I
         (velocity to position), and -R, -xₓ R (biases). `creep` is the noise density of each contact point, (N,) in
-        m/s/√Hz, by default that of `noise`.
+        m/s/√Hz, by default that of `settings`.
         """
-        creep = np.full(len(self.names), self.noise.contact) if creep is None else creep
+        creep = np.full(len(self.names), self.settings.contact_noise) if creep is None else creep
         self.rotation, self.columns, self.P = kernel.propagate(
             *self._state, self._gravity, angular_velocity, specific_force, dt, self._densities, creep
         )

@@ -169,7 +169,7 @@ class RunningEstimate:
         errors[9:12, 9:12] = -legs.imu_rotation
         C = errors @ P[np.ix_(own, own)] @ errors.T
         noise = np.vstack([arm, np.eye(3)])
-        C[6:, 6:] += found.noise.gyroscope**2 / self._interval * (noise @ noise.T)
+        C[6:, 6:] += found.settings.gyroscope_noise**2 / self._interval * (noise @ noise.T)
         return C[:6, :6], C[6:, 6:]
 
     def _propagate(self, sample: ImuSample, dt: float) -> None:
@@ -188,7 +188,7 @@ class RunningEstimate:
 
     def _creep(self, steps: bool) -> Array:
         """Return the noise density of each contact point of the filter, (N,) in m/s/√Hz."""
-        noise, creep = self.filter.noise.contact, []
+        noise, creep = self.filter.settings.contact_noise, []
         for name in dict.fromkeys(point.rpartition("/")[0] for point in self.filter.names):
             least = (_BALL_STEPS if name in self._kinematics.rolling else _SOLE_STEPS) if steps else 0.0
             excess = np.maximum(self._consistency.tipping(name) - _LEAST_TIPPING, 0.0)

@@ -6,13 +6,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from wbc_controller.errors import ConfigurationError, require_known
-from wbc_controller.estimation.absolute_pose import PoseSensor
-from wbc_controller.estimation.base_estimator import BaseEstimator, Sensors
+from wbc_controller.estimation.base_estimator import BaseEstimator
 from wbc_controller.estimation.contact_detection import ContactSensing
 from wbc_controller.estimation.contact_forces import ContactForces
 from wbc_controller.estimation.disturbance_observer import DisturbanceLimits, DisturbanceObserver
 from wbc_controller.estimation.friction import FrictionCompensation
-from wbc_controller.estimation.invariant_filter import ImuNoise
 from wbc_controller.estimation.joint_velocity import VelocityFilter
 from wbc_controller.estimation.leg_kinematics import LegKinematics
 from wbc_controller.estimation.model_error import ModelErrorCompensation
@@ -122,17 +120,8 @@ def make_estimator(settings: Settings, model: RobotModel, contacts: Mapping[str,
             "the base cannot be estimated: no contact is fixed to the world (surface, point or fixed; not rolling, and "
             "not between two links); use estimation.base_state = 'odom'"
         )
-    noise = ImuNoise(
-        known.gyroscope_noise,
-        known.accelerometer_noise,
-        known.gyroscope_bias_walk,
-        known.accelerometer_bias_walk,
-        known.contact_noise,
-    )
-    sensors = Sensors(noise, known.accelerometer_bias, known.settling, known.stillness)
-    sensor = PoseSensor(pose_frame(settings, model), known.pose_noise, known.pose_turn_noise)
-    poses = sensor if known.absolute_pose else None
-    return BaseEstimator(legs, sensors, np.array(model.pinocchio.gravity.linear), poses)
+    poses = pose_frame(settings, model) if known.absolute_pose else None
+    return BaseEstimator(legs, known, np.array(model.pinocchio.gravity.linear), poses)
 
 
 def make_sensing(settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]) -> ContactSensing:
