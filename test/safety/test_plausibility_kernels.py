@@ -2,7 +2,6 @@
 
 import numpy as np
 import pinocchio as pin
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -27,7 +26,6 @@ class Watched:
         self.dt, self.magnitude = 0.004, 100.0
         self.limits = np.full((3, self.nv), np.inf)
         self.mismatch, self.stuck_motion = rng.normal(size=(2, self.nv))
-        self.any_stuck_motion = True
 
     def configuration(self, motion):
         if not self.floating:
@@ -60,7 +58,7 @@ class Watched:
             mismatch=self.mismatch,
             stuck_motion=self.stuck_motion,
         )
-        found = compare(memory, self.q, self.v, self.dt, self.any_stuck_motion)
+        found = compare(memory, self.q, self.v, self.dt)
         expected = [self.before, self.v_before] if found & kernels.OUT_OF_RANGE else [self.q, self.v]
         assert all(each.tobytes() == other.tobytes() for each, other in zip(kept, expected, strict=True))
         return found
@@ -71,9 +69,6 @@ class Watched:
         x, u = self.mismatch, self.stuck_motion
         if not (np.abs(self.q) <= self.magnitude).all() or not (np.abs(self.v) <= fastest).all():
             return kernels.OUT_OF_RANGE, x, u
-        moves = self.v.any() or self.v_before.any() or self.any_stuck_motion or (x**2).sum() > 1e-12
-        if not moves and self.q.tobytes() == self.before.tobytes():
-            return 0, x, u
         change, integrated = self.change(), 0.5 * self.dt * (self.v_before + self.v)
         known, keep = 0.0 <= self.dt <= kernels.GAP, 1.0 - self.dt / kernels.MEMORY
         reach = abs(self.dt) * fastest
@@ -84,7 +79,6 @@ class Watched:
         if change[self.v_index].all():
             u = np.zeros(self.nv)
         else:
-            found |= kernels.STUCK_MOTION if known or self.any_stuck_motion else 0
             if known:
                 u = np.where(change == 0.0, keep * u + integrated, 0.0)
                 found |= 0 if (np.abs(u) <= stuck_limit).all() else kernels.STUCK
@@ -114,18 +108,13 @@ class Watched:
     joints=st.sampled_from(["move", "move", "some", "still", "repeat", "rest"]),
     base=st.sampled_from(["moves", "moves", "still", "repeats", "rests"]),
     size=st.sampled_from([0.3, 2.0, np.inf]),
-    any_stuck_motion=st.booleans(),
     spoilt=st.sampled_from([None] * 6 + ["q", "v"]),
     value=st.sampled_from([np.nan, np.inf, -np.inf, 1e3, -1e3]),
 )
-def test_a_comparison_finds_what_numpy_and_pinocchio_find(
-    seed, floating, dt, joints, base, size, any_stuck_motion, spoilt, value
-):
+def test_a_comparison_finds_what_numpy_and_pinocchio_find(seed, floating, dt, joints, base, size, spoilt, value):
     case = Watched(seed, floating=floating)
-    case.dt, case.any_stuck_motion = dt, any_stuck_motion
+    case.dt = dt
     case.limits = np.array([[100.0], [size], [size]]) * case.rng.uniform(1.0, 2.0, (3, case.nv))
-    if not any_stuck_motion:
-        case.stuck_motion[:] = 0.0
     if joints in ("still", "repeat", "rest"):
         case.q[-N:] = case.before[-N:]
     elif joints == "some":
@@ -146,23 +135,16 @@ def test_a_comparison_finds_what_numpy_and_pinocchio_find(
     case.check()
 
 
-@pytest.mark.parametrize("what", ["nothing", "v", "v_before", "stuck_motion", "mismatch", "q", "sign"])
-def test_rest_of_a_robot(what):
+def test_rest_of_a_robot():
+    """Nothing is found, and the mismatch decays."""
     case = Watched(1)
-    case.before[-1] = 0.0
     case.q = case.before.copy()
-    for each in (case.v, case.v_before, case.mismatch, case.stuck_motion):
+    for each in (case.v, case.v_before, case.stuck_motion):
         each[:] = 0.0
-    case.mismatch[4], case.any_stuck_motion = 1e-7, what == "stuck_motion"
-    if what in ("v", "v_before", "mismatch"):
-        getattr(case, what)[-1] = 1e-5
-    if what == "q":
-        case.q[-1] = 1e-9
-    if what == "sign":
-        case.q[-1] = -0.0
-    kept = case.mismatch.copy()
-    assert (case.check() == 0) == (what == "nothing")
-    assert np.array_equal(case.mismatch, kept) == (what == "nothing")
+    case.mismatch[:] = 1e-7
+    assert case.check() == 0
+    assert (case.mismatch < 1e-7).all()
+    assert not case.stuck_motion.any()
 
 
 def test_a_zero_quaternion_fails():

@@ -26,8 +26,7 @@ class StateWatch:
     """Comparison of each state with limits and the previous state; `fault` belongs to the newest state."""
 
     STATE_FIELDS = (
-        "fault", "_state", "_before", "_v_before", "_mismatch", "_stuck_motion", "any_stuck_motion", "_joint_values",
-        "_base_values",
+        "fault", "_state", "_before", "_v_before", "_mismatch", "_stuck_motion", "_joint_values", "_base_values",
     )  # fmt: skip
 
     def __init__(self, model: RobotModel, settings: SafetySettings) -> None:
@@ -44,9 +43,7 @@ class StateWatch:
         # Odometry may repeat until it is stale.
         frozen_time = max(settings.frozen_time, settings.state_timeout)
         self._joint_values = _ValueGroup("the joint states", model.v_places, frozen_time)
-        self._base_values = (
-            _ValueGroup("the base's pose and twist", slice(0, 6), frozen_time) if model.floating_base else None
-        )
+        self._base_values = _ValueGroup("the base's pose and twist", slice(0, 6), frozen_time)
         if model.floating_base:
             fastest[:6] = np.repeat([settings.max_base_speed, settings.max_base_turn], 3)
             tolerance[:6] = np.repeat([settings.base_mismatch, settings.base_turn_mismatch], 3)
@@ -54,7 +51,6 @@ class StateWatch:
         self._before, self._v_before = np.zeros(model.nq), np.zeros(model.nv)
         self._mismatch = np.zeros(model.nv)  # x
         self._stuck_motion = np.zeros(model.nv)  # u
-        self.any_stuck_motion = False
         self._memory = kernels.StateMemory(
             q_index=model.q_index,
             v_index=model.v_index,
@@ -78,7 +74,7 @@ class StateWatch:
         found = 0
         if before is not None:
             elapsed = 1.0e-9 * (state.stamp - before.stamp)
-            found = kernels.compare(self._memory, state.q, state.v, elapsed, self.any_stuck_motion)
+            found = kernels.compare(self._memory, state.q, state.v, elapsed)
         elif self._out_of_range(state) is None:
             self._before[:], self._v_before[:] = state.q, state.v
         else:
@@ -87,13 +83,7 @@ class StateWatch:
             self.fault = self._out_of_range(state)
             return self.fault
         self._state = state
-        if found == 0:
-            self.fault, self.any_stuck_motion = None, False
-            self._joint_values.since = state.stamp
-            if self._base_values is not None:
-                self._base_values.since = state.stamp
-        else:
-            self.fault = self._to_fault(found, state)
+        self.fault = self._to_fault(found, state)
         return self.fault
 
     def plausible_velocities(self, joint_velocity: Array) -> Array | None:
@@ -124,7 +114,6 @@ class StateWatch:
         )
 
     def _to_fault(self, found: int, state: RobotState) -> Fault | None:
-        self.any_stuck_motion = bool(found & kernels.STUCK_MOTION)
         fault = None
         if found & kernels.JUMPED:
             fault = self._limit_fault(_JUMP, self._mismatch, self._memory.tolerance)
@@ -133,15 +122,12 @@ class StateWatch:
             self._stuck_motion[:] = 0.0
         if fault is not None:
             self._mismatch[:] = 0.0
-        if not found & kernels.JOINTS_REPEAT:
-            self._joint_values.since = state.stamp
-        elif fault is None:
-            fault = self._joint_values.frozen_fault(state)
-        if self._base_values is not None:
-            if not found & kernels.BASE_REPEATS:
-                self._base_values.since = state.stamp
+        groups = (self._joint_values, kernels.JOINTS_REPEAT), (self._base_values, kernels.BASE_REPEATS)
+        for values, repeats in groups:
+            if not found & repeats:
+                values.since = state.stamp
             elif fault is None:
-                fault = self._base_values.frozen_fault(state)
+                fault = values.frozen_fault(state)
         return fault
 
     def _limit_fault(self, what: str, values: Array, limits: Array) -> Fault:

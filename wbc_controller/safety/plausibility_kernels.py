@@ -11,9 +11,8 @@ from wbc_controller.records import Array
 
 MEMORY = 0.2  # time constant T of mismatches, s; averages sensor noise
 GAP = 0.05  # largest time between two states for the integration of velocities, s
-SETTLED = 1.0e-12  # negligible Σ x², rad² and m²
 #: Findings of `compare`, as bits.
-OUT_OF_RANGE, JUMPED, STUCK, STUCK_MOTION, JOINTS_REPEAT, BASE_REPEATS = 1, 2, 4, 8, 16, 32
+OUT_OF_RANGE, JUMPED, STUCK, JOINTS_REPEAT, BASE_REPEATS = 1, 2, 4, 8, 16
 
 
 class StateMemory(Struct):
@@ -63,21 +62,6 @@ def _is_out_of_range(memory: StateMemory, q: Array, v: Array) -> bool:
         if not abs(v[i]) <= memory.fastest[i]:
             return True
     return False
-
-
-@part
-def _rests(memory: StateMemory, q: Array, v: Array) -> bool:
-    squares = 0.0
-    for i in range(len(v)):
-        if v[i] != 0.0 or memory.v_before[i] != 0.0:
-            return False
-        squares += memory.mismatch[i] * memory.mismatch[i]
-    if not squares <= SETTLED:
-        return False
-    for i in range(len(q)):
-        if not _same(memory.before[i], q[i]):
-            return False
-    return True
 
 
 @part
@@ -147,23 +131,20 @@ def _update_stuck_motion(memory: StateMemory, change: Array, v: Array, dt: float
 
 
 @compiled
-def compare(memory: StateMemory, q: StridedVector, v: StridedVector, dt: float, any_stuck_motion: bool) -> int:
-    """Compare a state with the previous one, and store it unless it is out of range or at rest.
+def compare(memory: StateMemory, q: StridedVector, v: StridedVector, dt: float) -> int:
+    """Compare a state with the previous one, and store it unless it is out of range.
 
     The mismatch x is the difference of Δq and Δt (v₁ + v₂) / 2. The stuck motion u is the sum of Δt (v₁ + v₂) / 2 at a
-    constant position. Both decay with T; a jump resets u. `any_stuck_motion` is True if u is not zero.
+    constant position. Both decay with T; a jump resets u.
 
     Returns:
         Bits: ``OUT_OF_RANGE`` (nothing else is compared); ``JUMPED`` and ``STUCK`` (x and u beyond their limits);
-        ``STUCK_MOTION`` (u is not zero); ``JOINTS_REPEAT`` and ``BASE_REPEATS`` (bit for bit, with non-zero
-        velocities).
+        ``JOINTS_REPEAT`` and ``BASE_REPEATS`` (bit for bit, with non-zero velocities).
     """
     if not (len(q) == len(memory.before) and len(v) == len(memory.v_before)):
         raise ValueError("compare: the sizes of state and memory do not match")
     if _is_out_of_range(memory, q, v):
         return OUT_OF_RANGE
-    if not any_stuck_motion and _rests(memory, q, v):
-        return 0
     change, known = _change(memory, q, len(v)), 0.0 <= dt <= GAP
     found = _update_mismatch(memory, change, v, dt, known)
     if found:
@@ -175,9 +156,7 @@ def compare(memory: StateMemory, q: StridedVector, v: StridedVector, dt: float, 
         memory.stuck_motion[:] = 0.0
     else:
         if known:
-            found |= STUCK_MOTION | _update_stuck_motion(memory, change, v, dt)
-        elif any_stuck_motion:
-            found |= STUCK_MOTION
+            found |= _update_stuck_motion(memory, change, v, dt)
         if _repeats_in_motion(memory, q, v, memory.q_index, memory.v_index):
             found |= JOINTS_REPEAT
     if len(memory.base_q) and _repeats_in_motion(memory, q, v, memory.base_q, memory.base_v):
