@@ -169,28 +169,18 @@ class Formulation:
                 self.task_errors[level][1][place] = rows[:, :-1] @ x - rows[:, -1]
 
     def _current_structure(self, references: References) -> Structure:
-        known, structure = self.parameters, self.structure
         changes = self.motion_limit.version + self.torque_limit.version
         for owner in self._owners:
             changes += owner.version
-        if (
-            structure is not None
-            and known is not None
-            and known.changes == changes
-            and known.motion_limit is self.motion_limit
-            and known.torque_limit is self.torque_limit
-            # fast for the same objects
-            and (known.weights, known.activations) == (references.weights, references.contacts)
-        ):
-            return structure
         parameters = Parameters(
             weights=_read_only(references.weights),
             activations=_read_only(references.contacts),
             motion_limit=self.motion_limit,
             torque_limit=self.torque_limit,
             changes=changes,
-            version=0 if known is None else known.version + 1,
         )
+        if self.structure is not None and parameters == self.parameters:  # fast for the same objects
+            return self.structure
         self.parameters = None  # until all are written
         structure = self._structure_for(parameters.weights, parameters.activations)
         if structure.parameters != parameters:
@@ -218,7 +208,7 @@ class Formulation:
                 for level in self._levels
             ]
             levels = [cost.level for cost in costs]
-            self._structures[contacts, tasks] = Structure(len(self._structures), layout, costs, levels)
+            self._structures[contacts, tasks] = Structure(layout, costs, levels)
         structure = self._structures[contacts, tasks]
         layout = structure.layout
         if layout.levels is not structure.levels:

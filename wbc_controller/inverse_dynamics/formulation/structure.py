@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from wbc_controller.inverse_dynamics.formulation.cost import LevelCost
 from wbc_controller.inverse_dynamics.formulation.formulation_kernels import Program
@@ -10,8 +11,7 @@ from wbc_controller.inverse_dynamics.formulation.problem import Level
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit, TorqueLimit
 
 
-@dataclass(slots=True)
-class Parameters:
+class Parameters(NamedTuple):
     """Numbers of the problem that may change between cycles, other than state and references."""
 
     weights: Mapping[str, float]  # of tasks
@@ -19,14 +19,12 @@ class Parameters:
     motion_limit: JointMotionLimit
     torque_limit: TorqueLimit
     changes: int  # number of attribute changes (`Tunable.version`)
-    version: int = field(compare=False)  # counter
 
 
 @dataclass(slots=True)
 class Structure:
     """Arrays of the problem for one set of active contacts and tasks."""
 
-    version: int
     layout: Layout  # also of the structures with other tasks
     costs: list[LevelCost]  # of each priority level, highest first
     levels: list[Level]  # of the costs
