@@ -63,7 +63,7 @@ class Task(Tunable, ABC):
     enabled: bool = True
     setpoint_duration: float = 1.0
     unit: str = ""  # of the task error
-    gain_names: tuple[str, ...] = ()  # each () or (size,)
+    gain_names: tuple[str, ...] = ()  # each () or (size,); first the gain of the task error
 
     def __init__(self, name: str, mask: Sequence[bool]) -> None:
         self.name = name
@@ -98,11 +98,8 @@ class Task(Tunable, ABC):
         """Return the tolerance as half-width of the rows, (k,)."""
         if self.tolerance is None:
             return np.zeros(self.dimension)
-        return np.broadcast_to(self.tolerance * self._stiffness_of_rows(), (self.size,))[self.rows]
-
-    @abstractmethod
-    def _stiffness_of_rows(self) -> Array:
-        """Return the change of right-hand sides per unit of error, () or (size,)."""
+        gain = getattr(self, self.gain_names[0]) if self.gain_names else 1.0
+        return np.broadcast_to(self.tolerance * gain, (self.size,))[self.rows]
 
 
 def rest_of(task: Task, dynamics: Dynamics) -> Reference:
@@ -227,9 +224,6 @@ class EffortTask(Task):
         still = np.zeros(self.size)
         return Reference(self.target, still, still)
 
-    def _stiffness_of_rows(self) -> Array:
-        return np.ones(())
-
     @abstractmethod
     def equation(self, efforts: Efforts, reference: Reference) -> tuple[Array, Array] | None:
         """Return the rows R x = r in the decision variables x: R (k, n), r (k,).
@@ -283,9 +277,6 @@ class MotionTask(AccelerationTask):
         """Stiffness and damping, for compiled code."""
         return self.stiffness, self.damping
 
-    def _stiffness_of_rows(self) -> Array:
-        return self.stiffness
-
     @abstractmethod
     def velocity(self, dynamics: Dynamics) -> Array:
         """Return ẋ, (size,)."""
@@ -316,9 +307,6 @@ class RateTask(AccelerationTask):
         """Make a task with a mask (size,) and a gain k; errors begin with the key."""
         super().__init__(name, mask)
         self.gain = gains(gain, len(mask), f"tasks.{name}.{key}")
-
-    def _stiffness_of_rows(self) -> Array:
-        return self.gain
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
         """Return x_ref - x, (size,)."""
