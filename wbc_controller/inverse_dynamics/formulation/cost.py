@@ -13,8 +13,7 @@ from wbc_controller.inverse_dynamics.formulation.rows import CompiledRows, RowEn
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.frame_kernels import JOINTS, MOMENTUM
 from wbc_controller.inverse_dynamics.robot.instruction import Instruction
-from wbc_controller.inverse_dynamics.tasks import EffortTask, PostureTask, Task
-from wbc_controller.inverse_dynamics.tasks.task import AccelerationTask
+from wbc_controller.inverse_dynamics.tasks import EffortTask, MotionTask, PostureTask, Task
 from wbc_controller.records import Array, References
 
 Errors = tuple[Sequence[tuple[str, slice]], Array]  # name and part of each task of a level; the array
@@ -73,8 +72,8 @@ class LevelCost:
         entries = [RowEntry(instruction, task=task, error=places[task.name].start) for task, instruction in posture]
         for task in with_rows:
             rows = places[task.name]
-            instruction = task.instruction() if isinstance(task, AccelerationTask) else None
-            if isinstance(task, AccelerationTask) and instruction is not None and instruction.kind != JOINTS:
+            instruction = task.instruction() if isinstance(task, MotionTask) else None
+            if isinstance(task, MotionTask) and instruction is not None and instruction.kind != JOINTS:
                 entries.append(RowEntry(instruction, rows.start, task, rows.start))
             else:
                 self._python_rows.append((task, block[rows]))

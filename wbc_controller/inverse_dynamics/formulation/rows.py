@@ -8,7 +8,7 @@ import numpy as np
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.frame_kernels import JOINTS, FrameRows
 from wbc_controller.inverse_dynamics.robot.instruction import Instruction
-from wbc_controller.inverse_dynamics.tasks.task import AccelerationTask
+from wbc_controller.inverse_dynamics.tasks.task import MotionTask
 from wbc_controller.records import Array, Reference
 
 
@@ -18,13 +18,13 @@ class RowEntry:
 
     instruction: Instruction
     row: int = 0  # first row in the block; 0 for joint tasks
-    task: AccelerationTask | None = None  # None for contacts and the momentum
+    task: MotionTask | None = None  # None for contacts and the momentum
     error: int = 0  # first index of the error
 
 
 @dataclass(slots=True)
 class _TaskNumbers:
-    task: AccelerationTask
+    task: MotionTask
     gains: Array  # K and D, (2, size)
     position: Array  # of the reference
     motion: Array  # its velocity and acceleration, (2, size)
@@ -79,7 +79,7 @@ class CompiledRows:
     def set_gains(self) -> None:
         """Copy the gains of the tasks."""
         for own in self._tasks:
-            own.gains[0], own.gains[1] = own.task.parameters
+            own.gains[0], own.gains[1] = own.task.stiffness, own.task.damping
 
     def set_references(self, references: Mapping[str, Reference]) -> None:
         """Copy the references of the tasks.

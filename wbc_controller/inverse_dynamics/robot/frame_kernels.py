@@ -24,9 +24,8 @@ from wbc_controller.inverse_dynamics.robot.placement_kernels import (
 )
 from wbc_controller.records import Array
 
-#: Kinds of rows: tasks on frames, centre of mass, joints and capture point; surface and ball contacts; momentum rate.
-FRAME, COM, JOINTS, CAPTURE_POINT, SURFACE, BALL, MOMENTUM = range(7)
-LOWEST_PENDULUM = 0.1  # lower bound of the pendulum height, m, for lying robots
+#: Kinds of rows: tasks on frames, centre of mass and joints; surface and ball contacts; momentum rate.
+FRAME, COM, JOINTS, SURFACE, BALL, MOMENTUM = range(6)
 #: Columns of the instructions: kind; first row in `out`, number of rows; link, other link; first twist component,
 #: number of components; first index in `places`, `numbers` and task errors.
 KIND, ROW, COUNT, LINK, OTHER, FIRST, SIZE, PLACE, NUMBER, ERROR = range(10)
@@ -202,29 +201,6 @@ def _com_rows(motion: LinkMotion, numbers: Array, rows: Indices, out: Array, err
 
 
 @part
-def _capture_point_rows(motion: LinkMotion, numbers: Array, rows: Indices, out: Array, error: Array) -> None:
-    """Fill rows of a `CapturePointTask`: J_c / ω v̇ = ξ̇_ref + k (ξ_ref - ξ) - c̈ / ω - ċ (1 + ċ_z / (2 ω h)) at v̇ = 0.
-
-    `numbers` (10,): k, (2,); gravity and height of the support; ξ_ref, ξ̇_ref and ξ̈_ref, (2,) each.
-    """
-    height = motion.com[2] - numbers[3]
-    rising = 0.0
-    if height > LOWEST_PENDULUM:
-        rising = motion.com_velocity[2] / (2.0 * height)
-    else:
-        height = LOWEST_PENDULUM
-    omega = math.sqrt(numbers[2] / height)
-    per_mass, right = motion.per_mass, out.shape[1] - 1
-    for i in range(len(rows)):
-        k = rows[i]
-        for j in range(len(per_mass)):
-            out[i, j] = per_mass[j, k] / omega
-        error[i] = numbers[4 + k] - motion.com[k] - motion.com_velocity[k] / omega
-        drift = motion.com_drift[k] / omega + motion.com_velocity[k] * (1.0 + rising / omega)
-        out[i, right] = numbers[6 + k] + numbers[k] * error[i] - drift
-
-
-@part
 def _joint_targets(
     q: Array, v: Array, numbers: Array, places: Indices, count: int, target: Array, error: Array
 ) -> float:
@@ -268,8 +244,6 @@ def fill_rows(table: FrameRows, q: Vector, v: Vector, errors: OutVector) -> floa
             _com_rows(motion, numbers, rows, out, error)
         elif kind == JOINTS:
             rest += _joint_targets(q, v, numbers, places[step[PLACE] :], size, table.target, error)
-        elif kind == CAPTURE_POINT:
-            _capture_point_rows(motion, numbers, rows, out, error)
         elif kind == SURFACE:
             _contact_rows(motion, link, step[OTHER], numbers, rows, out, memory)
         elif kind == BALL:

@@ -4,13 +4,12 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
-from wbc_controller.inverse_dynamics.robot.frame_kernels import CAPTURE_POINT, LOWEST_PENDULUM
-from wbc_controller.inverse_dynamics.robot.instruction import Instruction
 from wbc_controller.inverse_dynamics.tasks.task import Gains, RateTask
 from wbc_controller.records import Array
+
+_LOWEST_PENDULUM = 0.1  # lower bound of the pendulum height, m, for lying robots
 
 
 class CapturePointTask(RateTask):
@@ -51,17 +50,8 @@ class CapturePointTask(RateTask):
         self._gravity = gravity
         self.support_height = support_height
 
-    def instruction(self) -> Instruction | None:
-        """Return the instruction."""
-        return Instruction(CAPTURE_POINT, self.rows, size=self.size) if type(self) is CapturePointTask else None
-
-    @property
-    def parameters(self) -> tuple[npt.ArrayLike, npt.ArrayLike]:
-        """The gain k, and gravity with the height of the support."""
-        return self.gain, (self._gravity, self.support_height)
-
     def _height(self, dynamics: Dynamics) -> float:
-        return max(float(dynamics.com[2]) - self.support_height, LOWEST_PENDULUM)
+        return max(float(dynamics.com[2]) - self.support_height, _LOWEST_PENDULUM)
 
     def omega(self, dynamics: Dynamics) -> float:
         """Return ω, 1/s."""
@@ -78,5 +68,5 @@ class CapturePointTask(RateTask):
     def drift(self, dynamics: Dynamics) -> Array:
         """Return ξ̇ at v̇ = 0, (2,) in m/s."""
         height, omega, velocity = self._height(dynamics), self.omega(dynamics), dynamics.com_velocity
-        rising = velocity[2] / (2.0 * omega * height) if height > LOWEST_PENDULUM else 0.0
+        rising = velocity[2] / (2.0 * omega * height) if height > _LOWEST_PENDULUM else 0.0
         return np.asarray(dynamics.com_drift[:2] / omega + (1.0 + rising) * velocity[:2])

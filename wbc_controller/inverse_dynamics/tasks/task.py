@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from wbc_controller.errors import ConfigurationError, MethodError
 from wbc_controller.inverse_dynamics.method_calls import (
@@ -147,13 +146,8 @@ class AccelerationTask(Task):
         """Return x⁽ⁿ⁾* - δ and the error, both (size,)."""
 
     def instruction(self) -> Instruction | None:
-        """Return the instruction for compiled code; None to fill the rows in Python."""
+        """Return the instruction for compiled code, only of a `MotionTask`; None to fill the rows in Python."""
         return None
-
-    @property
-    def parameters(self) -> tuple[npt.ArrayLike, npt.ArrayLike]:
-        """Gains of the compiled rows, two times () or (size,)."""
-        raise NotImplementedError(f"{type(self).__name__}.parameters: the task has no instruction for compiled code")
 
     def rest(self, dynamics: Dynamics) -> Reference:
         """Return a reference at the present value."""
@@ -271,11 +265,6 @@ class MotionTask(AccelerationTask):
         self.damping = np.asarray(2.0 * np.sqrt(self.stiffness))
         if damping is not None:
             self.damping = gains(damping, len(mask), f"tasks.{name}.damping")
-
-    @property
-    def parameters(self) -> tuple[npt.ArrayLike, npt.ArrayLike]:
-        """Stiffness and damping, for compiled code."""
-        return self.stiffness, self.damping
 
     @abstractmethod
     def velocity(self, dynamics: Dynamics) -> Array:
