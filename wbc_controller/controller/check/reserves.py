@@ -16,11 +16,10 @@ from wbc_controller.records import Array
 #: Directions in the axes of an upright base.
 _DIRECTIONS = {"forward": (1.0, 0.0, 0.0), "back": (-1.0, 0.0, 0.0), "left": (0.0, 1.0, 0.0), "right": (0.0, -1.0, 0.0)}
 _MATTERS = 1.0e-3  # smallest relative sensitivity to an effort limit that counts as the cause
-#: Step of a squat, m, smallest step, m, and deepest squat as a share of the centre of mass' height.
-_STEP, _LEAST_STEP, _DEEPEST = 0.01, 1.0e-6, 0.6
+_STEP, _DEEPEST = 0.01, 0.6  # step of a squat, m, and deepest one as a share of the centre of mass' height
 #: Newton iterations per step, largest error, m and rad, and largest contact error (`formulation.redundancy`).
 _ITERATIONS, _REACHED, _HELD = 6, 1.0e-3, 5.0e-4
-_STEPS, _HALVINGS = 3, 5  # steps to the static sway, and halvings of the last one
+_STEPS, _HALVINGS = 3, 7  # steps to the static sway, and halvings of the last one
 _FREE = 0.01  # weight of the height, and of an uncontrolled base orientation, in a sway
 _LEAST_MOTION = 1.0e-3  # weight of joint motion
 
@@ -49,13 +48,15 @@ def reserves(
     bearing = bearing_contacts(qp, active)
     arm = dynamics.com - dynamics.placement(model.frame_id(model.base_link, "base")).translation
     pushes, shifts = {}, static_sways(qp, active, hanging)
+    weights = np.repeat([1.0, _FREE, 1.0 if level else _FREE], [2, 1, 3])
     anchored = [contact for contact in bearing if isinstance(contact, AnchoredContact)]
     all_anchored = len(anchored) == len(bearing)  # a loop has no displacement
     for name, direction in _DIRECTIONS.items():
         way = np.array(direction)
         pushes[name] = _largest_multiple(qp, bearing, hanging, np.concatenate([way, np.cross(arm, way)]))
         if all_anchored and np.isfinite(shifts[name].most):
-            shifts[name] = _find_sway(_MotionWithContacts(qp, anchored, margin), hanging, q, way, level, shifts[name])
+            motion, step = _MotionWithContacts(qp, anchored, margin), shifts[name].most / _STEPS
+            shifts[name] = _largest_motion(motion, hanging, q, way, shifts[name], weights, step, _HALVINGS)
     found = [
         Finding("push", "steady, at the centre of mass: " + _format_directions(pushes, 1.0, "N")),
         Finding("sway", "of the centre of mass: " + _format_directions(shifts, 1e3, "mm")),
@@ -166,25 +167,23 @@ class _MotionWithContacts:
         return at, f"position of {beyond}" if beyond else ""
 
 
-def _find_sway(
-    motion: _MotionWithContacts, hanging: Sequence[int], q: Array, way: Array, level: bool, static: Reserve
-) -> Reserve:
-    qp, bearing = motion.qp, motion.bearing
-    done, far, at, cause = 0.0, np.inf, np.array(q), static.cause
-    weights = np.repeat([1.0, _FREE, 1.0 if level else _FREE], [2, 1, 3])
-    tried = static.most / _STEPS
-    for _ in range(_STEPS + _HALVINGS):
-        there, reason = motion.reach(motion.com + tried * way, at, weights)
-        if not reason and not _can_stand(qp, bearing, hanging):
+def _largest_motion(
+    motion: _MotionWithContacts, hanging: Sequence[int], q: Array, direction: Array, limit: Reserve, weights: Array,
+    step: float, halvings: int = 0,
+) -> Reserve:  # fmt: skip
+    """Search up to a limit in steps, m, and halve the last one."""
+    done, far, at, cause = 0.0, np.inf, np.array(q), limit.cause
+    while done < limit.most and halvings >= 0:
+        tried = min(limit.most, done + step, 0.5 * (done + far))
+        there, reason = motion.reach(motion.com + tried * direction, at, weights)
+        if not reason and not _can_stand(motion.qp, motion.bearing, hanging):
             reason = "torques or contacts"
         if reason:
             far, cause = tried, reason
         else:
             done, at = tried, there
-        if done == static.most:
-            break
-        tried = min(static.most, done + static.most / _STEPS, 0.5 * (done + far))
-    qp.dynamics.update(q, np.zeros(qp.model.nv))
+        halvings -= far < np.inf
+    motion.qp.dynamics.update(q, np.zeros(motion.qp.model.nv))
     return Reserve(done, cause)
 
 
@@ -206,18 +205,7 @@ def com_distance(
     if len(anchored) < len(bearing):
         return None
     motion = _MotionWithContacts(qp, anchored, margin)
-    distance, reason, at = 0.0, "", np.array(q)
-    while not reason:
-        step = min(_STEP, most - distance)
-        if not (step > _LEAST_STEP):
-            reason = "limit of the search"
-            break
-        at, reason = motion.reach(motion.com + (distance + step) * direction, at, np.ones(6))
-        if not reason and not _can_stand(qp, anchored, hanging):
-            reason = "torques or contacts"
-        distance += 0.0 if reason else step
-    qp.dynamics.update(q, np.zeros(qp.model.nv))
-    return Reserve(distance, reason)
+    return _largest_motion(motion, hanging, q, direction, Reserve(most, "limit of the search"), np.ones(6), _STEP)
 
 
 def _can_stand(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequence[int]) -> bool:
