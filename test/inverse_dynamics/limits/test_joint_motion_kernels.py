@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit
-from wbc_controller.inverse_dynamics.limits.joint_motion import RETURN_TIME, STOPPING_DISTANCE, VELOCITY_HORIZON
+from wbc_controller.inverse_dynamics.limits.joint_motion import VELOCITY_HORIZON
+from wbc_controller.inverse_dynamics.limits.joint_motion_kernels import RETURN_TIME, STOPPING_DISTANCE
 
 MANY = 2000
 

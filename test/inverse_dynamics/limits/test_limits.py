@@ -6,7 +6,7 @@ import pytest
 
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit, TorqueLimit, TorqueSpeedCurve
-from wbc_controller.inverse_dynamics.limits.joint_motion import STOPPING_DISTANCE
+from wbc_controller.inverse_dynamics.limits.joint_motion_kernels import STOPPING_DISTANCE
 from wbc_controller.inverse_dynamics.robot.dynamics_kernels import DynamicsRows, fill_dynamics
 from wbc_controller.records import Tuning
 from wbc_controller.settings.limits import ActuatorTorqueSpeed, TorqueSpeedSettings

@@ -16,7 +16,8 @@ from wbc_controller.controller.build.limits import make_self_collision
 from wbc_controller.errors import NoSolution
 from wbc_controller.inverse_dynamics.formulation.formulation import Formulation
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit, SelfCollisionLimit, TorqueLimit
-from wbc_controller.inverse_dynamics.limits.self_collision import _SPEED_INCREASE, RETURN_SPEED, ROW_ERROR
+from wbc_controller.inverse_dynamics.limits.self_collision import RETURN_SPEED, ROW_ERROR
+from wbc_controller.inverse_dynamics.limits.self_collision_kernels import SPEED_INCREASE
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.tasks import PostureTask
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
@@ -163,7 +164,7 @@ def test_rows_do_not_depend_on_earlier_states(every_pair):
         skipped += len(limit._pair_names) - limit.computed
         if i % 10 == 9:
             distances = limit.distances(dynamics)
-            assert (limit._distance_bounds <= [distances[name] + 1e-9 for name in limit._pair_names]).all()
+            assert (limit._shapes.least <= [distances[name] + 1e-9 for name in limit._pair_names]).all()
             new = another(model, limit)
             new.fill(dynamics, 0.002, *filled[1])
             assert new.computed > 0
@@ -189,7 +190,7 @@ def test_no_pair_is_missed(every_pair):
         assert new.computed < 0.7 * len(all_pairs)
         distance = np.array(list(new.distances(dynamics).values()))
         bound = limit.bound(distance, rows_of(new, dynamics, all_pairs)[0] @ v, limit.horizon)
-        needed = {limit._pair_names[i] for i in np.flatnonzero(bound >= -_SPEED_INCREASE / limit.horizon)}
+        needed = {limit._pair_names[i] for i in np.flatnonzero(bound >= -SPEED_INCREASE / limit.horizon)}
         assert set(new.names) - {"self_collision:unused"} == needed
         found += len(needed)
     assert found > 50
@@ -344,12 +345,12 @@ def test_pairs_with_the_largest_required_acceleration_have_a_row(every_pair, row
     block, lower, upper = rng.normal(size=(rows, model.nv + 3)), rng.normal(size=rows), rng.normal(size=rows)
     C, rest = block[:, : model.nv], block[:, model.nv :].copy()
     limit.fill(dynamics, period, C, lower, upper)
-    names, near = limit.names, limit._near[: limit.computed]
-    near = near[~(limit._distances[near] > limit._reach[: len(near)])]
+    names, near = limit.names, limit._shapes.near[: limit.computed]
+    near = near[~(limit._distances[near] > limit._shapes.reach[: len(near)])]
     J, rate, drift = limit._rows(dynamics, near)
     ahead = max(period, limit.horizon)
     bound = limit.bound(limit._distances[near], rate, ahead)
-    needed = ~(bound < -_SPEED_INCREASE / ahead)
+    needed = ~(bound < -SPEED_INCREASE / ahead)
     asks = dict(zip(near[needed].tolist(), (bound - drift)[needed].tolist(), strict=True))
     ranked = sorted(asks, key=lambda pair: (np.isnan(asks[pair]), -asks[pair]))[:rows]
     expected = sorted(ranked)

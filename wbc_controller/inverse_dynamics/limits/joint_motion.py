@@ -3,17 +3,14 @@
 import numpy as np
 
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.inverse_dynamics.limits.joint_motion_kernels import JointMotion, acceleration_bounds
+from wbc_controller.inverse_dynamics.limits import joint_motion_kernels as kernels
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tunable import Tunable
 from wbc_controller.records import Array, Tuning
 
-RETURN_TIME = 0.1  # time constant beyond a position limit, s: slow, as the robot may start there
 #: Longest horizon of velocity limits, s: for torque delays up to 26 ms. Above `RETURN_TIME` / 4, the velocity limit
 #: would prevent the return from beyond a position limit.
 VELOCITY_HORIZON = 0.017
-_ROUNDING = 1.0e-11  # of a position limit, rad
-STOPPING_DISTANCE = 0.0165  # beyond a position limit, for a joint that cannot meet its bounds, rad
 _SIDES = np.array([[1.0], [-1.0]])  # signs of q for upper and lower limits
 
 
@@ -88,10 +85,12 @@ class JointMotionLimit(Tunable):
         """Return bounds of q̈ (nj,) for a period in s, at q and v, (nj,) each."""
         lower, upper, each = np.empty(len(q)), np.empty(len(q)), np.arange(len(q))
         table = self.bind(each, each, period, lower, upper)
-        acceleration_bounds(table, np.ascontiguousarray(q), np.ascontiguousarray(v))
+        kernels.acceleration_bounds(table, np.ascontiguousarray(q), np.ascontiguousarray(v))
         return lower, upper
 
-    def bind(self, q_index: np.ndarray, v_index: np.ndarray, period: float, lower: Array, upper: Array) -> JointMotion:
+    def bind(
+        self, q_index: np.ndarray, v_index: np.ndarray, period: float, lower: Array, upper: Array
+    ) -> kernels.JointMotion:
         """Return the table for `acceleration_bounds`, with joint indices (nj,) in q, and in v and the bounds.
 
         Raises:
@@ -100,7 +99,7 @@ class JointMotionLimit(Tunable):
         sizes = {len(v_index), self._limits.shape[1] or len(q_index), len(self._fastest) or len(q_index)}
         if sizes != {len(q_index)}:
             raise ValueError(f"expected indices and limits of {len(q_index)} joints, got sizes {sorted(sizes)}")
-        return JointMotion(
+        return kernels.JointMotion(
             q_index=q_index,
             v_index=v_index,
             limits=self._limits,
@@ -109,9 +108,6 @@ class JointMotionLimit(Tunable):
             period=period,
             ahead=max(period, self.horizon),
             slowing=max(period, min(self.horizon, VELOCITY_HORIZON)),
-            stopping=STOPPING_DISTANCE,
-            return_time=RETURN_TIME,
-            rounding=_ROUNDING,
             lower=lower,
             upper=upper,
         )
@@ -125,7 +121,8 @@ class JointMotionLimit(Tunable):
             return np.repeat([[-np.inf], [np.inf]], len(q), axis=1)
         lower, upper = limits
         speed = np.multiply(_SIDES, v)
-        room = np.stack([upper + STOPPING_DISTANCE - q, q - (lower - STOPPING_DISTANCE)])
+        distance = kernels.STOPPING_DISTANCE
+        room = np.stack([upper + distance - q, q - (lower - distance)])
         held = np.maximum(_braking(speed, room), np.stack([bounds[1], -bounds[0]]))
         above, below = np.where((speed > 0.0) & (held < self.acceleration), held, np.inf)
         return np.stack([-below, above])

@@ -4,6 +4,11 @@ import math
 
 from wbc_controller.compilation import Indices, Matrix, OutVector, Struct, Vector, compiled, part
 
+RETURN_TIME = 0.1  # time constant beyond a position limit, s: slow, as the robot may start there
+STOPPING_DISTANCE = 0.0165  # beyond a position limit, for a joint that cannot meet its bounds, rad
+_ROUNDING = 1.0e-11  # of a position limit, rad
+_SPRING = 4.0 / RETURN_TIME**2  # 1/s²
+
 
 class JointMotion(Struct):
     """Limits of joint positions, velocities and accelerations, and the resulting bounds."""
@@ -16,9 +21,6 @@ class JointMotion(Struct):
     period: float  # s
     ahead: float  # horizon of position limits, s; ≥ `period`
     slowing: float  # horizon of velocity limits, s; ≥ `period`
-    stopping: float  # rad
-    return_time: float  # s
-    rounding: float  # rad
     lower: OutVector  # out: by index in v, rad/s²
     upper: OutVector  # likewise
 
@@ -37,12 +39,12 @@ def _position_bound(table: JointMotion, room: float, speed: float, fastest: floa
     left = room - 0.5 * ahead * speed
     reach = most * ahead
     bound = (math.sqrt(reach**2 + 2.0 * most * max(left, 0.0)) - reach - speed) / ahead
-    if left < -table.rounding:  # not viable
+    if left < -_ROUNDING:  # not viable
         bound = _returning_bound(table, room, speed, fastest)
     late = bound < -most
     bound = clipped(bound, -most, most)
     if late:
-        harder = max(_braking(speed, room + table.stopping), -speed / table.period)
+        harder = max(_braking(speed, room + STOPPING_DISTANCE), -speed / table.period)
         if harder < -most:
             return harder
     return bound
@@ -50,11 +52,10 @@ def _position_bound(table: JointMotion, room: float, speed: float, fastest: floa
 
 @part
 def _returning_bound(table: JointMotion, room: float, speed: float, fastest: float) -> float:
-    if not room < table.rounding:
+    if not room < _ROUNDING:
         return -(speed**2) / (2.0 * room)
-    spring = 4.0 / table.return_time**2
-    bound = spring * max(room, -table.return_time * fastest)
-    return bound - (speed / table.period if speed > 0.0 else spring * table.return_time * speed)
+    bound = _SPRING * max(room, -RETURN_TIME * fastest)
+    return bound - (speed / table.period if speed > 0.0 else _SPRING * RETURN_TIME * speed)
 
 
 @part

@@ -6,8 +6,8 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from wbc_controller.inverse_dynamics.limits import self_collision_kernels as kernels
 from wbc_controller.inverse_dynamics.limits.limit import RowLimit
-from wbc_controller.inverse_dynamics.limits.self_collision_kernels import ShapePairs, distance_rows, near_pairs
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics, support_matrix
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
@@ -15,8 +15,6 @@ from wbc_controller.records import Array
 RETURN_SPEED = 0.1  # of links nearer than the margin, m/s: slow, as the robot may start there
 ROW_ERROR = 0.002  # approximation error of the rows, m; observed up to 1.2 mm
 _LARGEST_DEMAND = 3.0  # acceleration, in multiples of A
-#: Largest increase of a closing speed in a cycle without a row, m/s; rows with smaller requirements are omitted.
-_SPEED_INCREASE = 0.2
 _GJK_TOLERANCE = 1.0e-10  # m
 _GUESS = np.array([1.0, 0.0, 0.0]), np.zeros(2, dtype=np.int32)
 _UNUSED = "self_collision:unused"
@@ -86,30 +84,25 @@ class SelfCollisionLimit(RowLimit):
         reach = np.array([_reach(model.pinocchio, *shape) for shape in zip(shapes, radii, strict=True)])
         starts, components, levers, ends = _levers(moves, links, reach, self._pairs)
         count = len(self._pairs)
-        self._distances, self._normals = np.full(count, np.nan), np.zeros((count, 3))
-        self._nearest = np.zeros((2, count, 3))  # on the first and the second shape of each pair
-        self._near, self._reach = np.zeros(count, dtype=np.int64), np.zeros(count)
-        self._distance_bounds = np.full(count, np.nan)
-        self._fields = {
-            "shape_links": links,
-            "mounts": np.column_stack([[shape.placement.translation for shape in shapes], radii]),
-            "pairs": self._pairs,
-            "starts": starts,
-            "components": components,
-            "levers": levers,
-            "places": _places(model.pinocchio),
-            "ends": ends,
-            "faster": _SPEED_INCREASE,
-            "normals": self._normals,
-            "first": self._nearest[0],
-            "second": self._nearest[1],
-            "seen": np.full(model.nq, np.nan),
-            "least": self._distance_bounds,
-            "sums": np.zeros((len(levers) + 1, 2)),
-            "near": self._near,
-            "reach": self._reach,
-        }
-        self._table: ShapePairs | None = None
+        self._distances = np.full(count, np.nan)
+        self._shapes = kernels.ShapePairs(
+            shape_links=links,
+            mounts=np.column_stack([[shape.placement.translation for shape in shapes], radii]),
+            pairs=self._pairs,
+            starts=starts,
+            components=components,
+            levers=levers,
+            places=_places(model.pinocchio),
+            ends=ends,
+            normals=np.zeros((count, 3)),
+            first=np.zeros((count, 3)),
+            second=np.zeros((count, 3)),
+            seen=np.full(model.nq, np.nan),
+            least=np.full(count, np.nan),
+            sums=np.zeros((len(levers) + 1, 2)),
+            near=np.zeros(count, dtype=np.int64),
+            reach=np.zeros(count),
+        )
         self._row_pairs: list[int] = []
         self.computed = 0
 
@@ -118,12 +111,12 @@ class SelfCollisionLimit(RowLimit):
         rows[:], lower[:], upper[:] = 0.0, -np.inf, np.inf
         ahead = max(period, self.horizon)
         near = self._compute_near_distances(dynamics, ahead)
-        near = near[~(self._distances[near] > self._reach[: len(near)])]
+        near = near[~(self._distances[near] > self._shapes.reach[: len(near)])]
         shown: list[int] = []
         if len(near):
             J, rate, drift = self._rows(dynamics, near)
             bound = self.bound(self._distances[near], rate, ahead)
-            needed = np.flatnonzero(~(bound < -_SPEED_INCREASE / ahead))
+            needed = np.flatnonzero(~(bound < -kernels.SPEED_INCREASE / ahead))
             bound = bound[needed] - drift[needed]
             most = np.sort(np.argsort(-bound, kind="stable")[: len(lower)])
             rows[: len(most)], lower[: len(most)] = J[needed[most]], bound[most]
@@ -152,27 +145,22 @@ class SelfCollisionLimit(RowLimit):
         return pin.computeDistance(self._geometry, self._data, pair)
 
     def _compute_near_distances(self, dynamics: Dynamics, ahead: float) -> np.ndarray:
-        table = self._bind(dynamics)
-        count = near_pairs(table, dynamics.q, dynamics.v, self.acceleration, ahead, self.margin + ROW_ERROR)
-        self.computed, near = count, self._near[:count]
+        shapes, braking = self._shapes, (self.acceleration, ahead, self.margin + ROW_ERROR)
+        count = kernels.near_pairs(shapes, dynamics.motion, dynamics.q, dynamics.v, *braking)
+        self.computed, near = count, shapes.near[:count]
         if count:
             dynamics.place(self._geometry, self._data)
         for i in near.tolist():
             result = self._distance(i)
-            self._distances[i] = self._distance_bounds[i] = result.min_distance
-            self._normals[i] = result.normal
-            self._nearest[0, i], self._nearest[1, i] = result.getNearestPoint1(), result.getNearestPoint2()
+            self._distances[i] = shapes.least[i] = result.min_distance
+            shapes.normals[i] = result.normal
+            shapes.first[i], shapes.second[i] = result.getNearestPoint1(), result.getNearestPoint2()
         return near
 
     def _rows(self, dynamics: Dynamics, pairs: np.ndarray) -> tuple[Array, Array, Array]:
         rows, rates, drifts = np.empty((len(pairs), dynamics.model.nv)), np.empty(len(pairs)), np.empty(len(pairs))
-        distance_rows(self._bind(dynamics), pairs, rows, rates, drifts)
+        kernels.distance_rows(self._shapes, dynamics.motion, pairs, rows, rates, drifts)
         return rows, rates, drifts
-
-    def _bind(self, dynamics: Dynamics) -> ShapePairs:
-        if self._table is None or self._table.motion is not dynamics.motion:
-            self._table = ShapePairs(motion=dynamics.motion, **self._fields)
-        return self._table
 
 
 def _levers(

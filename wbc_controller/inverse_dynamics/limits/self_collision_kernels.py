@@ -27,11 +27,13 @@ from wbc_controller.inverse_dynamics.robot.placement_kernels import (
 )
 from wbc_controller.records import Array
 
+#: Largest increase of a closing speed in a cycle without a row, m/s; rows with smaller requirements are omitted.
+SPEED_INCREASE = 0.2
+
 
 class ShapePairs(Struct):
     """Pairs of shapes with a minimum distance; a lever is the largest speed of a shape per unit of a component of v."""
 
-    motion: LinkMotion  # of the links
     shape_links: Indices  # of each shape, (s,)
     mounts: Matrix  # origin on the link and enclosing radius of each shape, (s, 4) in m
     pairs: IndexMatrix  # (k, 2)
@@ -40,7 +42,6 @@ class ShapePairs(Struct):
     levers: Vector  # (e,)
     places: Indices  # index in q of each component of v, or -1, (nv,)
     ends: IndexMatrix  # indices in `sums` of the levers that can close each pair, (k, 2)
-    faster: float  # m/s
     normals: Matrix  # unit vectors from the first to the second shape, (k, 3)
     first: Matrix  # nearest points on the first shape, (k, 3) in m
     second: Matrix  # on the second shape, (k, 3) in m
@@ -52,12 +53,12 @@ class ShapePairs(Struct):
 
 
 @part
-def _reach(closing: float, A: float, T: float, faster: float, margin: float) -> float:
+def _reach(closing: float, A: float, T: float, margin: float) -> float:
     """Return the distance below which a pair with the largest closing speed w may need a row.
 
-    w_f² / (2 A) + w_f T + w T + margin, with the speed w_f = w + faster after a cycle without a row.
+    w_f² / (2 A) + w_f T + w T + margin, with the speed w_f = w + `SPEED_INCREASE` after a cycle without a row.
     """
-    w = closing + faster
+    w = closing + SPEED_INCREASE
     return w * w / (2.0 * A) + w * T + closing * T + margin
 
 
@@ -77,11 +78,11 @@ def _closing_speed(line: Vector3, length: float, radii: float, velocity: Vector3
 
 
 @part
-def _ball_distance(table: ShapePairs, first: int, second: int) -> tuple[float, float]:
+def _ball_distance(table: ShapePairs, motion: LinkMotion, first: int, second: int) -> tuple[float, float]:
     """Return the distance of two enclosing spheres, and the largest closing speed of the shapes."""
-    links, a, b = table.motion.links, table.shape_links[first], table.shape_links[second]
-    center_a = transform(table.motion.joints[a], three(table.mounts[first], 0))
-    center_b = transform(table.motion.joints[b], three(table.mounts[second], 0))
+    links, a, b = motion.links, table.shape_links[first], table.shape_links[second]
+    center_a = transform(motion.joints[a], three(table.mounts[first], 0))
+    center_b = transform(motion.joints[b], three(table.mounts[second], 0))
     radius_a, radius_b = table.mounts[first, 3], table.mounts[second, 3]
     angular = subtract(three(links[b], 3), three(links[a], 3))
     linear = subtract(three(links[b], 0), three(links[a], 0))
@@ -111,7 +112,7 @@ def _sum_levers(table: ShapePairs, q: Array, v: Array) -> None:
 
 
 @compiled
-def near_pairs(table: ShapePairs, q: Vector, v: Vector, A: float, T: float, margin: float) -> int:
+def near_pairs(table: ShapePairs, motion: LinkMotion, q: Vector, v: Vector, A: float, T: float, margin: float) -> int:
     """Find the pairs of shapes that may need a row, by lower bounds of their distances; return their number.
 
     First bound: the last bound minus possible joint motion. If a pair could not brake within it with the deceleration A
@@ -127,13 +128,13 @@ def near_pairs(table: ShapePairs, q: Vector, v: Vector, A: float, T: float, marg
     for i in range(len(table.pairs)):
         a, b = table.ends[i, 0], table.ends[i, 1]
         table.least[i] -= table.sums[a, 1] + table.sums[b, 1]
-        limit = _reach(table.sums[a, 0] + table.sums[b, 0], A, T, table.faster, margin)
+        limit = _reach(table.sums[a, 0] + table.sums[b, 0], A, T, margin)
         if table.least[i] > limit:
             continue
-        apart, closing = _ball_distance(table, table.pairs[i, 0], table.pairs[i, 1])
+        apart, closing = _ball_distance(table, motion, table.pairs[i, 0], table.pairs[i, 1])
         if not table.least[i] > apart:
             table.least[i] = apart
-        tighter = _reach(closing, A, T, table.faster, margin)
+        tighter = _reach(closing, A, T, margin)
         if tighter < limit:
             limit = tighter
         if not table.least[i] > limit:
@@ -143,20 +144,22 @@ def near_pairs(table: ShapePairs, q: Vector, v: Vector, A: float, T: float, marg
 
 
 @part
-def _turning(table: ShapePairs, shape: int, normal: Vector3, p: Vector3) -> float:
+def _turning(table: ShapePairs, motion: LinkMotion, shape: int, normal: Vector3, p: Vector3) -> float:
     """Return nᵀ (ω × v(p)), the classical minus the spatial acceleration, without a separating centripetal part."""
-    link = table.shape_links[shape]
-    motion, center = table.motion.links[link], transform(table.motion.joints[link], three(table.mounts[shape], 0))
-    angular = three(motion, 3)
-    carried = dot(normal, cross(angular, add(three(motion, 0), cross(angular, center))))
+    i = table.shape_links[shape]
+    link, center = motion.links[i], transform(motion.joints[i], three(table.mounts[shape], 0))
+    angular = three(link, 3)
+    carried = dot(normal, cross(angular, add(three(link, 0), cross(angular, center))))
     about = dot(normal, cross(angular, cross(angular, subtract(p, center))))
     return carried if about > 0.0 else carried + about
 
 
 @compiled
-def distance_rows(table: ShapePairs, chosen: Indices, rows: OutMatrix, rates: OutVector, drifts: OutVector) -> None:
+def distance_rows(
+    table: ShapePairs, motion: LinkMotion, chosen: Indices, rows: OutMatrix, rates: OutVector, drifts: OutVector
+) -> None:
     """Write J_d (m, nv) with ḋ = J_d v, the rates ḋ, and δ with d̈ ≥ J_d v̇ + δ, for `chosen` pairs (m,)."""
-    motion, count = table.motion, len(chosen)
+    count = len(chosen)
     if not (rows.shape == (count, len(motion.joint_twists)) and len(rates) == count and len(drifts) == count):
         raise ValueError("distance_rows: sizes of rows, rates, drifts and pairs differ")
     for i in range(count):
@@ -176,4 +179,5 @@ def distance_rows(table: ShapePairs, chosen: Indices, rows: OutMatrix, rates: Ou
         rates[i] = dot(normal, velocity) + dot(moment, turn)
         linear, angular = subtract(three(second, 6), three(first, 6)), subtract(three(second, 9), three(first, 9))
         spatial = dot(normal, linear) + dot(moment, angular)
-        drifts[i] = spatial + _turning(table, one, scale(-1.0, normal), p) + _turning(table, other, normal, p_other)
+        first_turning = _turning(table, motion, one, scale(-1.0, normal), p)
+        drifts[i] = spatial + first_turning + _turning(table, motion, other, normal, p_other)
