@@ -3,7 +3,6 @@
 import numpy as np
 from scipy.linalg import null_space
 
-from wbc_controller.inverse_dynamics.arrays import as_slice
 from wbc_controller.inverse_dynamics.robot.transmission import Drive
 from wbc_controller.records import Array, frozen
 
@@ -24,7 +23,6 @@ class Actuation(Drive):
         C: coupling rows of mimic joints, (nm, nv).
         free: number of rows of N.
         projection: [N; T] in compressed rows: starts of rows and end, (free + na + 1,); columns; values.
-        direct: True without transmissions and mimic joints.
     """
 
     def __init__(self, drive: Drive, v_index: np.ndarray, coupling: Array) -> None:
@@ -52,12 +50,10 @@ class Actuation(Drive):
         rows, columns = self._N_T.nonzero()
         starts = np.searchsorted(rows, np.arange(len(self._N_T) + 1)).astype(np.int64)
         self.projection = (starts, columns.astype(np.int64), self._N_T[rows, columns])
-        self.direct = self.motors is not None and not len(coupling)
-        self._all_rows = as_slice(np.concatenate([untouched, v_index[self.motors]])) if self.direct else None
 
     def split(self, force: Array) -> Array:
-        """Return [N force; T force] of forces (nv,) or (nv, k), possibly as a view."""
-        return np.asarray(force[self._all_rows] if self._all_rows is not None else self._N_T @ force)
+        """Return [N force; T force] of forces (nv,) or (nv, k)."""
+        return np.asarray(self._N_T @ force)
 
     def torques(self, force: Array) -> Array:
         """Return the actuator torques T force, (nv,) to (na,)."""
