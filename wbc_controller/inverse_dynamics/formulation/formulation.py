@@ -75,7 +75,6 @@ class Formulation:
         self._structures: dict[tuple[tuple[str, ...], tuple[str, ...]], Structure] = {}  # by contacts and tasks
         self._tuning: Tuning | None = None
         self._prepared: RobotState | None = None  # of the present dynamics
-        self._q_index, self._v_index = (index.astype(np.int64) for index in (model.q_index, model.v_index))
 
     @cached_property
     def has_priorities(self) -> bool:
@@ -217,7 +216,7 @@ class Formulation:
         return structure
 
     def _write_parameters(self, parameters: Parameters, structure: Structure) -> None:
-        layout, nv = structure.layout, self.model.nv
+        layout, model, nv = structure.layout, self.model, self.model.nv
         for place in layout.places:
             self._bound_force(place, parameters.activations)
         most = self.torque_limit.effort_limits
@@ -228,7 +227,7 @@ class Formulation:
         structure.program = Program(
             rows=structure.costs[0].rows.arrays,
             dynamics=layout.dynamics_rows,
-            motion_limit=self.motion_limit.bind(self._q_index, self._v_index, self.period, lower, upper),
+            motion_limit=self.motion_limit.bind(model.q_index, model.v_index, self.period, lower, upper),
         )
 
     def _apply_tuning(self, tuning: Tuning) -> None:
