@@ -50,25 +50,13 @@ class DaqpSolver(Solver):
     tolerance = 1.0e-5
 
     def __init__(self, n: int, equalities: int, inequalities: int) -> None:
-        rows = equalities + inequalities
-        self._inequalities = n + inequalities  # bounds of x first
-        self._rows = np.zeros((rows, n))
-        self._upper = np.zeros(n + rows)
-        self._lower = np.zeros(n + rows)
-        self._sense = np.zeros(n + rows, dtype=np.int32)
-        self._sense[n + inequalities :] = _EQUALITY
         self.active_set: ActiveSet = ActiveSet(n, equalities, inequalities)
 
     def _search(self, problem: QuadraticProgram) -> Answer:
-        m = self._inequalities
-        self._rows[: len(problem.C)] = problem.C
-        self._rows[len(problem.C) :] = problem.A
-        for out, bound in ((self._lower, problem.bounds[0]), (self._upper, problem.bounds[1])):
-            np.clip(bound, -_INFINITY, _INFINITY, out=out[:m])
-            out[m:] = problem.b
-        side = self.active_set.side
-        self._sense[:m] = _ACTIVE * (side != 0) + _LOWER * (side < 0)
-        constraints = self._rows, self._upper, self._lower, self._sense
+        side, m = self.active_set.side, problem.bounds.shape[1]
+        rows, upper, lower, sense = _constraints(problem)
+        sense[:m] = _ACTIVE * (side != 0) + _LOWER * (side < 0)
+        constraints = rows, upper, lower, sense
         answer = _checked_answer(problem, *_run(*_set_up(problem.H, problem.g, constraints, _SETTINGS)))
         if answer.x is None:
             iterations, answer = answer.iterations, solve_carefully(problem)
@@ -86,11 +74,8 @@ def solve_carefully(problem: QuadraticProgram, soft: SoftConstraints | None = No
         The minimizer, with the multipliers of soft constraints added to their places; without x after a failure.
     """
     n, m = problem.n, problem.bounds.shape[1]
-    end = m + len(problem.b)
-    rows = np.vstack([problem.C, problem.A])
-    lower, upper = np.clip(np.hstack([problem.bounds, [problem.b, problem.b]]), -_INFINITY, _INFINITY)
-    sense = np.zeros(end, dtype=np.int32)
-    sense[m:] = _EQUALITY
+    rows, upper, lower, sense = _constraints(problem)
+    end = len(sense)
     iterations = 0
     for settings in _CAREFUL_SETTINGS:
         x, flag, used, multipliers = _run(*_set_up(np.eye(n), np.zeros(n), (rows, upper, lower, sense), settings))
@@ -131,7 +116,15 @@ def solve_carefully(problem: QuadraticProgram, soft: SoftConstraints | None = No
     return answer
 
 
-_Constraints = tuple[Array, Array, Array, np.ndarray]
+_Constraints = tuple[Array, Array, Array, np.ndarray]  # rows, upper and lower bounds, kinds
+
+
+def _constraints(problem: QuadraticProgram) -> _Constraints:
+    """Return the constraints in DAQP's order: bounds of x, inequalities, equalities."""
+    bounds = np.clip(np.hstack([problem.bounds, [problem.b, problem.b]]), -_INFINITY, _INFINITY)
+    sense = np.zeros(bounds.shape[1], dtype=np.int32)
+    sense[problem.bounds.shape[1] :] = _EQUALITY
+    return np.vstack([problem.C, problem.A]), bounds[1], bounds[0], sense
 
 
 def _set_up(H: Array, g: Array, constraints: _Constraints, settings: Mapping[str, float]) -> tuple[daqp.Model, int]:
