@@ -292,7 +292,8 @@ def test_the_state_is_that_of_the_newest_accepted_messages(robot_on, stance_of, 
                 position, velocity = values.reshape(2, -1)[:, order].copy()
                 wire.send("joint_states", make.joint_state(model.joints[order], position, velocity, time=time))
             valid = np.isfinite(values).all() and (key != "odom" or kind != "bad quaternion")
-            if key in keys and valid and trackers[key].check_stamp(time, wire.clock.time) is None:
+            if key in keys and valid and trackers[key].refusal(time, wire.clock.time) is None:
+                trackers[key].accept(time, wire.clock.time)
                 newest[key] = time, values
             else:
                 refused += key in keys

@@ -52,3 +52,10 @@ class ContactDetector:
         self.measured = measured = {**self._by_switch, **fresh}
         unmeasured = [name for name in planned if name not in measured]
         return frozenset(unmeasured + [name for name, active in measured.items() if active])
+
+    def timeout_note(self, contact: str) -> str:
+        """Return a sentence on the stale force at a contact."""
+        return (
+            f"no force message for more than {self.sensing.timeout:g} s (estimation.contact_timeout); "
+            f"contact {contact!r} is active as commanded"
+        )

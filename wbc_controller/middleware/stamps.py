@@ -74,13 +74,6 @@ class StampTracker:
         self._contradicted_since = math.inf  # on the local clock, s
         self._new_time = False  # True if the last timestamp begins a new time
 
-    def check_stamp(self, stamp: int, arrival: float) -> str | None:
-        """Accept a timestamp, ns, with its local arrival, s, or return the reason of its refusal."""
-        reason = self.refusal(stamp, arrival)
-        if reason is None:
-            self.accept(stamp, arrival)
-        return reason
-
     def refusal(self, stamp: int, arrival: float) -> str | None:
         """Return the reason to refuse a timestamp, ns, with its local arrival, s; None before `accept`."""
         if not stamp > 0:

@@ -153,6 +153,8 @@ CONTROLLER_TOPICS: tuple[Topic, ...] = (
           "For RViz and Foxglove in the world frame (docs/diagnostics.md, on demand)."),
 )
 
+#: Rows of the contact sensors.
+CONTACT_SENSORS = ("measured_wrench", "holds")
 #: Rows of walking robots only.
 WALKING_KEYS = ("cmd_vel", "cmd_vel_stamped", "walk_goal", "walk_footsteps", "walk_footsteps_left")
 

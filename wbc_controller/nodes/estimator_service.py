@@ -17,10 +17,16 @@ from wbc_controller.controller.build.estimation import make_estimator, make_sens
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.codec import OK, WARN, diagnostics, encode, odometry, transform
-from wbc_controller.middleware.topics import ESTIMATOR_NODE, ESTIMATOR_TOPICS, Direction, Endpoint, endpoints
+from wbc_controller.middleware.topics import (
+    CONTACT_SENSORS,
+    ESTIMATOR_NODE,
+    ESTIMATOR_TOPICS,
+    Direction,
+    Endpoint,
+    endpoints,
+)
 from wbc_controller.middleware.transports.transport import Publish, Transport
 from wbc_controller.nodes.clock import Clock, MonotonicClock
-from wbc_controller.nodes.contact_sensors import KEYS
 from wbc_controller.nodes.inputs import Inputs
 from wbc_controller.nodes.urdf import find_urdf
 from wbc_controller.nodes.wiring import make_vocabulary
@@ -59,7 +65,7 @@ class EstimatorService:
             topic.key: transport.advertise(topic) for topic in topics if topic.direction is Direction.OUT
         }
         self._forces = {topic.subject: transport.stream(topic, 1) for topic in topics if topic.key == "contact_wrench"}
-        sensors = [topic for topic in topics if topic.key in ("joint_states", "imu", "pose", *KEYS)]
+        sensors = [topic for topic in topics if topic.key in ("joint_states", "imu", "pose", *CONTACT_SENSORS)]
         tolerance = settings.safety.clock_tolerance if settings.safety.synchronized_clocks else None
         self._inputs = Inputs(
             model, make_vocabulary(settings, model), sensors, transport, clock,

@@ -18,20 +18,20 @@ from wbc_controller.controller.report import LatchedInputs
 from wbc_controller.errors import InputRefused
 from wbc_controller.estimation.absolute_pose import PoseSample
 from wbc_controller.estimation.base_estimator import BaseEstimator
-from wbc_controller.estimation.contact_detection import ContactSensing
+from wbc_controller.estimation.contact_detection import ContactDetector, ContactSensing
 from wbc_controller.estimation.joint_velocity import VelocityFilter
 from wbc_controller.estimation.odometry_agreement import OdometryAgreement
 from wbc_controller.estimation.running_estimate import ImuSample
 from wbc_controller.inverse_dynamics.references.changes import Change
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware import decoding
+from wbc_controller.middleware.codec import decode
 from wbc_controller.middleware.joint_states import JointStateReader, JointStates, StateReader
 from wbc_controller.middleware.stamps import StampTracker
-from wbc_controller.middleware.states import ImuReader, OdometryReader, PoseReader
-from wbc_controller.middleware.topics import Direction, Endpoint
+from wbc_controller.middleware.states import ContactForceReader, ImuReader, OdometryReader, PoseReader
+from wbc_controller.middleware.topics import CONTACT_SENSORS, Direction, Endpoint
 from wbc_controller.middleware.transports.transport import Stream, Transport
 from wbc_controller.nodes.clock import Clock
-from wbc_controller.nodes.contact_sensors import KEYS, ContactSensors
 from wbc_controller.nodes.requests import Requests, refusal_reason
 from wbc_controller.records import Array, ChangeSettings, Fault, RobotState
 from wbc_controller.safety.checks import stale_inputs
@@ -39,7 +39,13 @@ from wbc_controller.safety.sample_plausibility import SampleCheck
 from wbc_controller.settings.service import SafetySettings
 
 #: Largest state message, bytes, by row of the topic table.
-_MAX_BYTES = {"joint_states": 1 << 18, "odom": 1 << 16, "imu": 1 << 16, "pose": 1 << 16, **dict.fromkeys(KEYS, 1 << 14)}
+_MAX_BYTES = {
+    "joint_states": 1 << 18,
+    "odom": 1 << 16,
+    "imu": 1 << 16,
+    "pose": 1 << 16,
+    **dict.fromkeys(CONTACT_SENSORS, 1 << 14),
+}
 _MAX_IMU_SAMPLES = 20  # newest of one cycle, for an IMU faster than the loop
 _MAX_POSES = 4  # newest absolute poses of one cycle
 _STATE_DEPTH = 10  # an oversized message must not displace a valid one
@@ -55,6 +61,7 @@ class _Source:
     reader: StateReader
     stamps: StampTracker
     check: SampleCheck | None = None  # plausibility of the samples
+    topic: str = ""
     newest: Any = None
 
 
@@ -64,7 +71,7 @@ class _Queue:
     stream: Stream
     pending: deque[tuple[float, bytes]]  # arrival, s, and serialized message
     largest: int
-    source: _Source | None  # None for a contact sensor
+    source: _Source | None  # None for a contact switch
 
 
 class Inputs:
@@ -107,7 +114,11 @@ class Inputs:
         self._imu: list[ImuSample] = []  # since the last estimate
         self._poses: list[PoseSample] = []
         self._base: tuple[Array, Array] | None = None  # pose and twist of the last cycle
-        self._contact_sensors = ContactSensors(sensing or _NO_SENSORS, self._tracker)
+        self._detector = ContactDetector(sensing or _NO_SENSORS)
+        self._forces = {
+            name: _Source(ContactForceReader(name, normals), self._tracker())
+            for name, normals in self._detector.sensing.normals.items()
+        }
         self.holding: Collection[str] = ()  # active contacts of the base estimate in the last cycle
         self._refusals: dict[str, str] = {}  # by topic with a refused newest message
         columns = ("position", "velocity") if velocity_filter is None else ("position",)
@@ -125,15 +136,18 @@ class Inputs:
         if estimator is not None and estimator.uses_poses:
             self._sources["pose"] = _Source(PoseReader(), self._tracker())
         self._queues: list[_Queue] = []
-        latched = [*self._sources, *(KEYS if sensing is not None else ())]
+        latched = [*self._sources, *(CONTACT_SENSORS if sensing is not None else ())]
         for endpoint in endpoints:
             if endpoint.direction is Direction.OUT or endpoint.key in _NOT_LATCHED:
                 continue
             if endpoint.key in latched:
-                self._queues.append(_open_queue(endpoint, transport, self._sources.get(endpoint.key)))
+                measures_force = endpoint.key == "measured_wrench"
+                source = self._forces[endpoint.subject] if measures_force else self._sources.get(endpoint.key)
+                if source is not None:
+                    source.topic = endpoint.name
+                self._queues.append(_open_queue(endpoint, transport, source))
             elif endpoint.key not in _MAX_BYTES:
                 transport.subscribe(endpoint, partial(self.requests.put, endpoint))
-        self._topics = {queue.endpoint.key: queue.endpoint.name for queue in self._queues}
         self._trigger = next(queue for queue in self._queues if queue.source is joints)
 
     def wait(self, seconds: float) -> bool:
@@ -172,14 +186,14 @@ class Inputs:
 
     def restart(self) -> None:
         """Restart the timestamp trackers, filters and estimates after a jump of the clock."""
-        for source in self._sources.values():
+        for source in (*self._sources.values(), *self._forces.values()):
             source.stamps = self._tracker()
             if source.check is not None:
                 source.check.restart()
         if self._velocity_filter is not None:
             self._velocity_filter.restart()
         self.restart_estimator()
-        self._contact_sensors.restart()
+        self._detector.forget_forces()
 
     def restart_estimator(self) -> None:
         """Restart the base estimate or the comparison of odometry, at rest."""
@@ -228,7 +242,7 @@ class Inputs:
             refused_states=tuple(refused),
             requests=self.requests.take(),
             estimate=self._pose_notes(),
-            touching=self._contact_sensors.measured,
+            touching=self._detector.measured,
         )
 
     def compare_odometry(self, holding: Collection[str], *, controlled: bool) -> None:
@@ -247,7 +261,7 @@ class Inputs:
         arrival, payload = queue.pending.popleft()
         try:
             if source is None:
-                self._contact_sensors.read(endpoint, arrival, payload)
+                self._detector.update_switch(endpoint.subject, bool(decode(payload, endpoint.type).data))
                 return
             newest = source.reader.read(payload)
             reason = source.stamps.refusal(newest.stamp, arrival)
@@ -268,6 +282,8 @@ class Inputs:
             self._imu.append(ImuSample(1.0e-9 * newest.stamp, newest.angular_velocity, newest.specific_force))
         elif key == "pose":
             self._poses.append(PoseSample(1.0e-9 * newest.stamp, newest.pose, newest.covariance))
+        elif key == "measured_wrench":
+            self._detector.update_force(endpoint.subject, newest.normal)
 
     def _publishers_note(self, topic: str) -> str:
         names = self.shared().get(topic)
@@ -285,7 +301,14 @@ class Inputs:
         self, estimator: BaseEstimator, holding: Collection[str], *, controlled: bool, walking: bool
     ) -> list[str]:
         """Update the base estimate; return a sentence per new sensor timeout, slipping contact and refused pose."""
-        measured, sentences = self._contact_sensors.update_active(self._clock.now(), holding)
+        detector, now = self._detector, self._clock.now()
+        silent = detector.silent
+        measured = detector.active(holding, {name: force.stamps.age(now) for name, force in self._forces.items()})
+        sentences = [
+            f"{self._forces[name].topic}: {detector.timeout_note(name)}"
+            for name in detector.silent
+            if name not in silent
+        ]
         # A hanging robot has no contact forces at the start.
         self.holding = holding if estimator.filter is None else measured
         joints: JointStates | None = self._joints.newest
@@ -299,7 +322,7 @@ class Inputs:
         contradictions = estimator.correct(poses, controlled=controlled) if "pose" in self._sources else []
         if contradictions:
             self._refusals["pose"] = contradictions[-1]
-            sentences += [f"{self._topics['pose']}: {reason}" for reason in contradictions]
+            sentences += [f"{self._sources['pose'].topic}: {reason}" for reason in contradictions]
         self._base = estimator.base
         return sentences + [
             f"the base estimate ignores the slipping contact {name!r} until it rests"
@@ -317,10 +340,10 @@ class Inputs:
 
     def fault(self, ages: Mapping[str, float], timeout: float) -> Fault | None:
         """Return the input fault, or None, for the ages of the parts of the state and their limit, s."""
-        for key, part in self._parts.items():
-            found = part.check.fault(self._topics[key]) if part.check is not None and part.check.in_row else None
+        for part in self._parts.values():
+            found = part.check.fault(part.topic) if part.check is not None and part.check.in_row else None
             if found is not None:
-                return Fault(found.code, found.sentence + self._publishers_note(self._topics[key]))
+                return Fault(found.code, found.sentence + self._publishers_note(part.topic))
         stale = stale_inputs(ages, timeout, self.notes)
         if stale is None and self._agreement is not None and self._agreement.contradiction is not None:
             return Fault("IMPLAUSIBLE_STATE", self._agreement.contradiction)
@@ -349,7 +372,8 @@ class Inputs:
 
     def notes(self) -> dict[str, str]:
         """Return explanations of the ages by part of the state: a refusal, or the transit time."""
-        notes, now = self._contact_sensors.notes(), self._clock.now()
+        now = self._clock.now()
+        notes = {self._forces[name].topic: self._detector.timeout_note(name) for name in self._detector.silent}
         if self.estimator is not None and self._base is None:
             notes[ESTIMATE] = self.estimator.waits_for
         for name, part in self._parts.items():

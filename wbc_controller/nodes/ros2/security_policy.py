@@ -8,9 +8,17 @@ from typing import Any
 from xml.etree import ElementTree
 
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.middleware.topics import ESTIMATOR_NODE, NODES, REQUEST, Direction, Endpoint, endpoints, resolve
+from wbc_controller.middleware.topics import (
+    CONTACT_SENSORS,
+    ESTIMATOR_NODE,
+    NODES,
+    REQUEST,
+    Direction,
+    Endpoint,
+    endpoints,
+    resolve,
+)
 from wbc_controller.middleware.topics import MOCK_NODE as MOCK
-from wbc_controller.nodes.contact_sensors import KEYS as CONTACT_SENSORS
 from wbc_controller.nodes.ros2.command_outcomes import RECORD, SERVICES
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.settings import NODE_NAME as CONTROLLER
