@@ -17,6 +17,8 @@ def array_of_numbers(values: Any, subject: str) -> Array:
     parts = values if isinstance(values, list | tuple) else [values]
     if any(isinstance(part, np.ma.MaskedArray) for part in parts):
         raise InputRefused(f"{subject} is a masked array; fill it with numpy.ma.filled")
+    if any(isinstance(part, bool | np.bool_) for part in parts):  # NumPy converts them beside numbers
+        raise InputRefused(f"{subject} is not an array of numbers: {reprlib.repr(values)}")
     try:
         array = np.asarray(values)
         if array.dtype.kind == "O" and all(isinstance(value, numbers.Real) for value in array.flat):

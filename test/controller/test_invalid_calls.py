@@ -134,6 +134,7 @@ def test_a_call_works_or_raises_an_error_of_the_package(name):
         (lambda c: c.set("comm", [0, 0, 0]), "unknown task 'comm'; did you mean 'com'"),
         (lambda c: c.set("com", [0, 0]), r"the position of task 'com' has the shape \(2,\); it takes \(3,\)"),
         (lambda c: c.set("com", [0, 0, np.nan]), "the position of task 'com' is not finite"),
+        (lambda c: c.set("com", [0, 0, True]), r"is not an array of numbers: \[0, 0, True\]"),
         (lambda c: c.set("com", "up"), "the position of task 'com' is not an array of numbers"),
         (lambda c: c.set("com", [0, 0, 0], velocity=[1.0]), r"the velocity of task 'com' has shape \(1,\)"),
         (lambda c: c.set("base", [0, 0, 0, 2]), r"the position of task 'base': \[0, 0, 0, 2] is not a unit quaternion"),

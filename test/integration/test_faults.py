@@ -117,7 +117,7 @@ def test_bad_inputs_over_the_wire_are_refused_and_do_no_harm(start, processes, p
         ("odom", "", make.odom([0, 0, 0.3, 0, 0, 0, 1], child="torso"), "/odom: child_frame_id is 'torso'"),
         ("setpoint", "com", make.point([0, np.nan, 0]), "tasks/com/setpoint: the point is not finite"),
         ("trajectory", "com", nowhere, "tasks/com/trajectory: frame_id is 'laser'"),
-        ("weight", "com", make.float64(-1.0), "tasks/com/weight: weight is -1.0; valid: 0 to 1e6"),
+        ("weight", "com", make.float64(-1.0), "tasks/com/weight: weight must be from 0 to 1e+06, not -1.0"),
         ("update", "", make.string("{tasks: {comm: {weight: 1}}}"), "/update: unknown task 'comm'; did you mean"),
         ("update", "", make.string("{tasks: {com: "), "/update: not valid YAML"),
         ("command", "", make.string("actvate"), "command 'actvate' is unknown; did you mean 'activate'?"),

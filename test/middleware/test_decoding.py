@@ -131,7 +131,7 @@ class TestSetpoints:
         none = "has no direction"
         assert_refused("setpoint", "thumb", (make.vector([0, 0, 0]), f"the vector [0, 0, 0] {none} (length 0)"))
         content = make.frame_trajectory([(1.0, [[0, 0, 0, 0, 0, 0, 1]])])
-        assert_refused("trajectory", "thumb", (content, f"the position [0, 0, 0] {none}"))
+        assert_refused("trajectory", "thumb", (content, f"the transform [0, 0, 0] {none}"))
         content = make.string("{tasks: {thumb: {setpoint: [0, 0, 0]}}}")
         assert_refused("update", "", (content, f"tasks.thumb.setpoint [0, 0, 0] {none}"))
 
@@ -159,7 +159,7 @@ class TestSetpoints:
         assert_refused(
             "setpoint", "hand",
             (make.pose([1, 2, 3], [0, 0, 0, 0.9]), "[0, 0, 0, 0.9] is not a unit quaternion (norm 0.9)"),
-            (make.pose([1, INF, 3]), "the position is not finite"),
+            (make.pose([1, INF, 3]), "the pose is not finite: [1, inf, 3, 0, 0, 0, 1]"),
         )  # fmt: skip
 
 
@@ -175,7 +175,7 @@ class TestSwitchesAndWeights:
 
     def test_values_out_of_range(self, make):
         for bad in (NAN, INF, -INF, -1e-9, 1.0001e6):
-            assert_refused("weight", "com", (make.float64(bad), f"weight is {bad!r}; valid: 0 to 1e6"))
+            assert_refused("weight", "com", (make.float64(bad), f"weight must be from 0 to 1e+06, not {bad!r}"))
         wrench = make.wrench([0, 0, 0, 0, NAN, 0]), "the wrench is not finite: [0, 0, 0, 0, nan, 0]"
         assert_refused("external_wrench", "pelvis", wrench)
 
@@ -273,7 +273,7 @@ class TestTrajectories:
             ([(1.0, [AT, AT])], ["com"], "a point has 2 transforms; valid: 1"),
             ([(1.0, [AT], [AT[:6], AT[:6]])], ["com"], "a point has 2 velocities; valid: at most 1"),
             ([(1.0, [AT])], ["com", "hand"], "the trajectory has 2 joint names; valid: at most one frame"),
-            ([(1.0, [[NAN, *AT[1:]]])], ["com"], "the position is not finite"),
+            ([(1.0, [[NAN, *AT[1:]]])], ["com"], "the transform is not finite"),
             ([(1.0, [AT], [[0, 0, 0, NAN, 0, 0]])], ["com"], "velocities is not finite"),
         ):
             assert_refused("trajectory", "com", (make.frame_trajectory(points, names=names), said))
@@ -325,18 +325,20 @@ class TestUpdate:
             ),
             ("{contacts: {left: {enabled: true}}}", "unknown contact 'left'; did you mean 'left_foot'?"),
             ("{tasks: {com: {wieght: 1}}}", "tasks.com: unknown key 'wieght'; did you mean 'weight'? Valid: damping"),
-            ("{tasks: {com: {weight: heavy}}}", "weight is 'heavy'; it must be a number"),
-            ("{tasks: {com: {weight: .nan}}}", "weight is nan; valid: 0 to 1e6"),
+            ("{tasks: {com: {weight: heavy}}}", "tasks.com.weight must be from 0 to 1e+06, not 'heavy'"),
+            ("{tasks: {com: {weight: true}}}", "tasks.com.weight must be from 0 to 1e+06, not True"),
+            ("{tasks: {com: {weight: .nan}}}", "tasks.com.weight must be from 0 to 1e+06, not nan"),
             (f"{{tasks: {{com: {{weight: 1{'0' * 400}}}}}}}", "tasks.com.weight: integer with 401 characters"),
             ("{tasks: {com: {weight: !!bool x}}}", "not valid YAML: KeyError: 'x'"),
             ("{tasks: {com: {weight: 1, weight: 2}}}", "tasks.com.weight: duplicate key 'weight'"),
             ("{tasks: {com: &a {weight: 1}, base: *a}}", "aliases (*name) are not supported"),
             ("{tasks: {com: {enabled: 1}}}", "tasks.com.enabled is 1; valid: true or false"),
-            ("{tasks: {com: {setpoint: 1}}}", "tasks.com.setpoint is 1; it must be a list of 3 numbers"),
-            ("{tasks: {com: {setpoint: [1, 2]}}}", "tasks.com.setpoint has 2 values; a com task requires 3"),
-            ("{tasks: {steady: {setpoint: [1, 2, 3]}}}", "has 3 values; a capture_point task requires 2"),
+            ("{tasks: {com: {setpoint: 1}}}", "tasks.com.setpoint has the shape (); it takes (3,)"),
+            ("{tasks: {com: {setpoint: [1, 2]}}}", "tasks.com.setpoint has the shape (2,); it takes (3,)"),
+            ("{tasks: {steady: {setpoint: [1, 2, 3]}}}", "tasks.steady.setpoint has the shape (3,); it takes (2,)"),
             ("{tasks: {wrist: {setpoint: [1, 2, 3, 0, 0, 0, 2]}}}", "[0, 0, 0, 2] is not a unit quaternion (norm 2)"),
-            ("{tasks: {com: {setpoint: [1, 2, a]}}}", "is [1, 2, 'a']; it must be a list of 3 numbers"),
+            ("{tasks: {com: {setpoint: [1, 2, a]}}}", "setpoint is not an array of numbers: [1, 2, 'a']"),
+            ("{tasks: {com: {setpoint: [1, 2, true]}}}", "setpoint is not an array of numbers: [1, 2, True]"),
             ("{tasks: {com: {setpoint: [1, 2, .nan]}}}", "tasks.com.setpoint is not finite"),
         ],
     )

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 import yaml
 
-from wbc_controller.arguments import finite, shortened
+from wbc_controller.arguments import finite, number, shortened
 from wbc_controller.errors import ConfigurationError, InputRefused, require_known
 from wbc_controller.inverse_dynamics import tasks
 from wbc_controller.inverse_dynamics.references import changes
 from wbc_controller.inverse_dynamics.references.relative import own_frames
 from wbc_controller.inverse_dynamics.references.trajectories import Knot
-from wbc_controller.inverse_dynamics.tasks.form import ReferenceForm, unit_quaternion, unit_vector
+from wbc_controller.inverse_dynamics.tasks.form import ReferenceForm, unit_quaternion
 from wbc_controller.middleware.codec import nanoseconds
 from wbc_controller.middleware.joint_states import require_unique
 from wbc_controller.middleware.setpoints import JOINT_FIELDS
@@ -60,9 +60,8 @@ def _xyz(vector: Any) -> tuple[float, float, float]:
     return vector.x, vector.y, vector.z
 
 
-def _quaternion(quaternion: Any) -> Array:
-    values = finite([quaternion.x, quaternion.y, quaternion.z, quaternion.w], "the orientation")
-    return unit_quaternion(values, "the orientation ")
+def _xyzw(quaternion: Any) -> tuple[float, float, float, float]:
+    return quaternion.x, quaternion.y, quaternion.z, quaternion.w
 
 
 WORLD_FRAMES = ("", "world", "odom", "map")  # of the world in headers
@@ -130,18 +129,16 @@ def _read_setpoint(vocabulary: Vocabulary, task: str, content: Any) -> tuple[cha
         return (changes.SetSetpoint(task, _wrench(content), frame=frame),)
     form = _FORMS[kind]
     if form.oriented:
-        position = _position(form, content.pose.position, content.pose.orientation)
+        position = _position(form, content.pose.position, content.pose.orientation, "the pose")
     else:
         what = "point" if hasattr(content, "point") else "vector"
         position = _position(form, getattr(content, what), None, f"the {what}")
     return (changes.SetSetpoint(task, position, frame=frame),)
 
 
-def _position(form: ReferenceForm, vector: Any, quaternion: Any, what: str = "the position") -> Array:
-    values = finite(_xyz(vector)[: form.vector], what)
-    if form.direction:
-        values = unit_vector(values, what)
-    return np.concatenate([values, _quaternion(quaternion)]) if form.oriented else values
+def _position(form: ReferenceForm, vector: Any, quaternion: Any, what: str) -> Array:
+    orientation = _xyzw(quaternion) if form.oriented else ()
+    return form.position([*_xyz(vector)[: form.vector], *orientation], what)
 
 
 def _joint_values(joints: Sequence[str], names: Sequence[str], values: Any, what: str, *, partial: bool) -> Array:
@@ -203,7 +200,7 @@ def _frame_knot(form: ReferenceForm, point: Any) -> Knot:
     if len(point.transforms) != 1:
         raise InputRefused(f"a point has {len(point.transforms)} transforms; valid: 1")
     transform = point.transforms[0]
-    position = _position(form, transform.translation, transform.rotation)
+    position = _position(form, transform.translation, transform.rotation, "the transform")
     derivatives = []
     for what in ("velocities", "accelerations"):
         twists = getattr(point, what)
@@ -212,14 +209,6 @@ def _frame_knot(form: ReferenceForm, point: Any) -> Knot:
         six = [*_xyz(twists[0].linear), *_xyz(twists[0].angular)] if twists else np.zeros(6)
         derivatives.append(finite(six, what)[form.twist])
     return Knot(nanoseconds(point.time_from_start) * 1.0e-9, position, *derivatives)
-
-
-def _weight(value: Any) -> float:
-    if not _is_number(value):
-        raise InputRefused(f"weight is {reprlib.repr(value)}; it must be a number")
-    if not (0.0 <= value <= 1.0e6):
-        raise InputRefused(f"weight is {reprlib.repr(value)}; valid: 0 to 1e6")
-    return float(value)
 
 
 def _read_external_wrench(vocabulary: Vocabulary, frame: str, content: Any) -> tuple[changes.Change, ...]:
@@ -248,7 +237,8 @@ def _pose_on_ground(pose: Any, what: str) -> Array:
     place = finite([pose.position.x, pose.position.y], what)
     if not (np.abs(place) <= MAX_DISTANCE).all():
         raise InputRefused(f"{what} is at {shortened(place)} m; valid: up to {MAX_DISTANCE:g} m from the origin")
-    x, y, z, w = _quaternion(pose.orientation).tolist()
+    orientation = finite(_xyzw(pose.orientation), "the orientation")
+    x, y, z, w = unit_quaternion(orientation, "the orientation ").tolist()
     if not (abs(x) <= _LARGEST_TILT and abs(y) <= _LARGEST_TILT):
         raise InputRefused(f"the orientation of {what} is tilted (x {x:g}, y {y:g}); it must be a rotation about z")
     return np.array([*place, math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))])
@@ -329,7 +319,7 @@ def _read_update(vocabulary: Vocabulary, subject: str, content: Any) -> tuple[ch
 def _update_field(vocabulary: Vocabulary, section: str, name: str, key: Any, value: Any, frame: Any) -> changes.Change:
     require_known((key,), sum(_UPDATE_KEYS[section], ()), f"{section}.{name}: unknown key", error=InputRefused)
     if key == "weight":
-        return changes.SetWeight(name, _weight(value))
+        return changes.SetWeight(name, number(value, f"tasks.{name}.weight", 0.0, 1.0e6))
     if key == "setpoint":
         if not isinstance(frame, str):
             raise InputRefused(f"tasks.{name}.frame is {reprlib.repr(frame)}; it must be the name of a frame")
@@ -341,27 +331,17 @@ def _update_field(vocabulary: Vocabulary, section: str, name: str, key: Any, val
     return changes.EnableTask(name, value) if section == "tasks" else changes.EnableContact(name, value)
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
-
-
 def _setpoint_values(vocabulary: Vocabulary, task: str, value: Any) -> Array:
     kind = vocabulary.kinds[task]
     form = ReferenceForm(vector=len(vocabulary.joints[task])) if kind in JOINT_FIELDS else _FORMS[kind]
-    where = f"tasks.{task}.setpoint"
-    if not isinstance(value, list) or not all(_is_number(number) for number in value):
-        raise InputRefused(f"{where} is {reprlib.repr(value)}; it must be a list of {form.size} numbers")
-    if len(value) != form.size:
-        article = "an" if kind[0] in "aeiou" else "a"
-        raise InputRefused(f"{where} has {len(value)} values; {article} {kind} task requires {form.size}")
-    return form.position(value, where)
+    return form.position(value, f"tasks.{task}.setpoint")
 
 
 #: Decoders by row of the topic table.
 READERS: Mapping[str, Callable[[Vocabulary, str, Any], tuple[changes.Change | ChangeSettings, ...]]] = {
     "setpoint": _read_setpoint,
     "trajectory": _read_trajectory,
-    "weight": lambda vocabulary, task, content: (changes.SetWeight(task, _weight(float(content.data))),),
+    "weight": lambda vocabulary, task, content: (changes.SetWeight(task, number(content.data, "weight", 0.0, 1.0e6)),),
     "task_enable": lambda vocabulary, task, content: (changes.EnableTask(task, bool(content.data)),),
     "contact_enable": lambda vocabulary, contact, content: (changes.EnableContact(contact, bool(content.data)),),
     "external_wrench": _read_external_wrench,
