@@ -65,7 +65,7 @@ ROOMS = {
     ),
     "apps": Room(
         "settings inverse_dynamics controller middleware recording simulation nodes",
-        "numpy scipy pinocchio coal click rich viser websockets msgspec trimesh fast_simplification",
+        "numpy scipy pinocchio coal yaml click rich viser websockets msgspec trimesh fast_simplification",
     ),
     "validation": Room(
         "settings inverse_dynamics walking estimation safety controller middleware recording simulation nodes",

@@ -2,7 +2,9 @@
 
 import re
 
+import numpy as np
 import pytest
+import yaml
 from click.testing import CliRunner
 from command_line import wbc
 
@@ -10,7 +12,7 @@ from wbc_controller.apps.terminal.command_options import next_words
 from wbc_controller.apps.terminal.terminal_commands import as_text, find_topic
 from wbc_controller.cli import main
 from wbc_controller.errors import InputRefused
-from wbc_controller.middleware.codec import diagnostics
+from wbc_controller.middleware.codec import diagnostics, message
 from wbc_controller.middleware.topics import Direction
 from wbc_controller.nodes.wiring import topics_of
 from wbc_controller.settings.files import find_configuration, load_settings
@@ -42,6 +44,11 @@ def test_topics_and_messages():
     text = as_text(diagnostics(1_500_000_000, 1, "wbc: loop", "active", "g1", {"mode": "active"}))
     assert text.splitlines()[:4] == ["header:", "  stamp:", "    sec: 1", "    nanosec: 500000000"]
     assert "    mode: active" in text
+    assert yaml.safe_load(text)["status"][0]["name"] == "wbc: loop"
+    text = as_text(message("geometry_msgs/msg/PointStamped", point=message("geometry_msgs/msg/Point", x=1 / 3)))
+    assert "point: {x: 0.333333, y: 0.0, z: 0.0}" in text
+    assert "position: [1.5, .nan]" in as_text(message("sensor_msgs/msg/JointState", position=np.array([1.5, np.nan])))
+    assert as_text(message("std_msgs/msg/String", data="<robot>\n</robot>")) == "data: |-\n  <robot>\n  </robot>\n"
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
+import yaml
 
 from wbc_controller.apps.terminal import DISCOVERY_PATIENCE
 from wbc_controller.apps.terminal import command_options as common
@@ -123,8 +124,7 @@ def echo(config: str, topic: str, once: bool, **connection: Any) -> None:
         deadline = time.monotonic() + connection["patience"]
         while True:
             for content in messages(0.1):
-                click.echo(as_text(content))
-                click.echo("---")
+                click.echo(f"{as_text(content)}---")
                 deadline = math.inf
                 if once:
                     return
@@ -205,43 +205,31 @@ _KEY_VALUE = "diagnostic_msgs/msg/KeyValue"  # type of diagnostic entries, print
 
 def as_text(content: Any) -> str:
     """Return a message as YAML."""
-    return "\n".join(_fields(content, ""))
+    return yaml.dump(_plain(content), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=math.inf)
 
 
-def _fields(content: Any, indent: str) -> Iterator[str]:
-    for name, value in vars(content).items():
-        if name == "__msgtype__":
-            continue
-        if _is_message(value):
-            axes = [key for key in vars(value) if key != "__msgtype__"]
-            if set(axes) <= set("xyzw"):
-                yield f"{indent}{name}: {{{', '.join(f'{key}: {_scalar(getattr(value, key))}' for key in axes)}}}"
-            else:
-                yield f"{indent}{name}:"
-                yield from _fields(value, f"{indent}  ")
-        elif isinstance(value, list) and value and _is_message(value[0]):
-            yield f"{indent}{name}:"
-            for item in value:
-                yield from _item(item, indent)
-        elif isinstance(value, list | tuple | np.ndarray):
-            yield f"{indent}{name}: [{', '.join(map(_scalar, value))}]"
-        else:
-            yield f"{indent}{name}: {_scalar(value)}"
+def _plain(value: Any) -> Any:
+    """Return a message as dictionaries, lists and scalars, with six digits of each float."""
+    if hasattr(value, "__msgtype__"):
+        return {name: _plain(part) for name, part in vars(value).items() if name != "__msgtype__"}
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, list) and value and getattr(value[0], "__msgtype__", "") == _KEY_VALUE:
+        return {entry.key: entry.value for entry in value}
+    if isinstance(value, list | tuple):
+        return [_plain(part) for part in value]
+    return float(f"{value:.6g}") if isinstance(value, float) else value
 
 
-def _item(item: Any, indent: str) -> Iterator[str]:
-    if item.__msgtype__ == _KEY_VALUE:
-        yield f"{indent}  {item.key}: {item.value}"
-        return
-    for i, line in enumerate(_fields(item, "")):
-        yield f"{indent}{'- ' if i == 0 else '  '}{line}"
+class _Dumper(yaml.SafeDumper):
+    """Dumper with scalars of a list, vectors and quaternions in one line, and literal texts of several lines."""
 
+    def represent_sequence(self, tag: str, sequence: Any, flow_style: bool | None = None) -> yaml.SequenceNode:
+        nested = any(isinstance(part, dict) for part in sequence)
+        return super().represent_sequence(tag, sequence, flow_style=not nested)
 
-def _is_message(value: Any) -> bool:
-    return hasattr(value, "__msgtype__")
+    def represent_mapping(self, tag: str, mapping: Any, flow_style: bool | None = None) -> yaml.MappingNode:
+        return super().represent_mapping(tag, mapping, flow_style=set(mapping) <= set("xyzw"))
 
-
-def _scalar(value: Any) -> str:
-    if isinstance(value, float | np.floating):
-        return f"{float(value):.6g}"
-    return str(value)
+    def represent_scalar(self, tag: str, value: str, style: str | None = None) -> yaml.ScalarNode:
+        return super().represent_scalar(tag, value, "|" if "\n" in value else style)
