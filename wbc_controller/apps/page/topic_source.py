@@ -35,11 +35,10 @@ class TopicSource:
         columns = ("position", "velocity") if measured else ("position",)
         self._joints = _Stream(session.poll("controller", "joint_states"), JointStateReader(model.joints, *columns))
         self._base = _Stream(session.poll("controller", "odom"), OdometryReader(model.base_link))
-        self._commands = session.poll("controller", "joint_commands")
+        self._commands = _Stream(session.poll("controller", "joint_commands"), JointStateReader(model.joints, "effort"))
         self._wrenches = {name: session.poll("controller", "contact_wrench", name) for name in settings.contacts}
         self._markers = session.poll("controller", "markers") if settings.walking is not None else lambda: None
         self._steps: tuple[int, list[Shape]] = 0, []
-        self._command: tuple[int, Array] | None = None
         self._forces: dict[str, tuple[int, Array]] = {}
         self._vocabulary = make_vocabulary(settings, model)
         self._listener = StatusListener(session, settings)
@@ -84,13 +83,9 @@ class TopicSource:
         return refused
 
     def _torques(self, stamp: int) -> Array | None:
-        payload = self._commands()
-        if payload is not None:
-            content = decode(payload, "sensor_msgs/msg/JointState")
-            efforts = dict(zip(content.name, content.effort, strict=False))
-            tau = np.array([efforts.get(name, 0.0) for name in self._robot.model.joints], dtype=np.float64)
-            self._command = stamp_of(content), tau
-        return self._command[1] if self._command is not None and _is_fresh(self._command[0], stamp) else None
+        self._commands.update()
+        newest: JointStates | None = self._commands.newest
+        return newest.effort if newest is not None and _is_fresh(newest.stamp, stamp) else None
 
     def _contact_forces(self, stamp: int) -> dict[str, Array]:
         for name, newest in self._wrenches.items():
