@@ -3,7 +3,7 @@
 import math
 import statistics
 from array import array
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Generator, Mapping, Sequence
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 from wbc_controller.controller.report import CycleReport
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.codec import ERROR, OK, WARN, diagnostics
-from wbc_controller.records import Array, Disturbance, Mode, Solution
+from wbc_controller.records import Disturbance, Mode, Solution
 from wbc_controller.walking.footsteps import Velocity
 from wbc_controller.walking.walker import Walker
 
@@ -29,17 +29,9 @@ class _ReportWindow:
     def __init__(self, first: CycleReport) -> None:
         self.last = first
         self.count = 0
-        self.names: tuple[str, ...] = ()  # stages of the newest report
-        self.seconds = array("d")  # s, by cycle since the last change of stages
-        #: Stage names and times of each sequence of cycles with equal stages.
-        self.runs: list[tuple[tuple[str, ...], array[float]]] = []
+        self.times: defaultdict[str, array[float]] = defaultdict(lambda: array("d"))  # s, by stage
         self.relaxed: Counter[str] = Counter()  # cycles by relaxed limit
         self.refused: list[str] = []  # a sentence for each refused message
-
-    def times(self, stage: str) -> Array:
-        return np.concatenate(
-            [np.frombuffer(seconds)[names.index(stage) :: len(names)] for names, seconds in self.runs if stage in names]
-        )
 
 
 class StatusSummary:
@@ -73,12 +65,8 @@ class StatusSummary:
             window = self._window = _ReportWindow(report)
         window.last = report
         window.count += 1
-        stages = report.stage_seconds
-        names = tuple(stages)
-        if names != window.names:
-            window.names, window.seconds = names, array("d")
-            window.runs.append((names, window.seconds))
-        window.seconds.extend(stages.values())
+        for stage, seconds in report.stage_seconds.items():
+            window.times[stage].append(seconds)
         solution = report.solution
         if solution is not None and solution.relaxed:
             window.relaxed.update(solution.relaxed)
@@ -99,7 +87,7 @@ class StatusSummary:
         yield
         sorted_so_far = 0
         for stage in last.stage_seconds:
-            times = np.sort(window.times(stage)).tolist()
+            times = np.sort(window.times[stage]).tolist()
             values[f"time/{stage}/median"] = f"{1e6 * statistics.median(times):.0f} us"
             values[f"time/{stage}/max"] = f"{1e6 * times[-1]:.0f} us"
             sorted_so_far += len(times)
