@@ -5,9 +5,9 @@ import os
 import socket
 import tempfile
 import threading
-import time
 import webbrowser
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 
 import click
@@ -33,7 +33,6 @@ _REQUESTS = {
     "controller": ("command", "cmd_vel", "update", "setpoint", "weight", "task_enable", "contact_enable"),
     "mock": ("hold", "push", "fault"),
 }
-_PERIOD = 1.0  # wall time, s
 
 
 def serve(
@@ -65,7 +64,7 @@ def serve(
             for node, key, subject in session.topics:
                 if key in _REQUESTS.get(node, ()):
                     session.open(node, key, subject)  # before the first request, which would wait for discovery
-            page.enable_commands(sender, _MockDetector(session))
+            page.enable_commands(sender, partial(_has_mock, session))
             sender.start()
             closing.callback(sender.close)
         page.add_view_options()
@@ -99,20 +98,13 @@ def _page(
         server.stop()
 
 
-class _MockDetector:
-    def __init__(self, session: Session) -> None:
-        self._session, self._due, self._is_mock = session, 0.0, False
-
-    def __call__(self) -> bool:
-        now = time.monotonic()
-        if now >= self._due:
-            self._due = now + _PERIOD
-            try:
-                names = self._session.publishers(self._session.topics["mock", "joint_states", ""])
-            except TransportError:
-                return self._is_mock
-            self._is_mock = any(name.rpartition("/")[2] == MOCK_NODE for name in names)
-        return self._is_mock
+def _has_mock(session: Session) -> bool:
+    """Return True if the mock robot publishes the joint states."""
+    try:
+        names = session.publishers(session.topics["mock", "joint_states", ""])
+    except TransportError:
+        return False
+    return any(name.rpartition("/")[2] == MOCK_NODE for name in names)
 
 
 _FIRST_DOMAIN, _DOMAINS = 100, 100  # as for the demo, on the loopback
