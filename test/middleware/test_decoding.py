@@ -29,7 +29,6 @@ WORDS = Vocabulary(
     },
     joints={"posture": JOINTS},
     contacts=("left_foot", "right_foot"),
-    frames=("pelvis",),
     robot_frames=("pelvis", "torso_link"),
     reference_frames={"wrist": "right_hand"},
 )

@@ -34,7 +34,6 @@ class Vocabulary:
     kinds: Mapping[str, str]  # kind by task, such as ``frame_pose``
     joints: Mapping[str, tuple[str, ...]]  # joints by posture or torque task
     contacts: tuple[str, ...]
-    frames: tuple[str, ...]  # frames for external wrenches
     robot_frames: Collection[str] = ()  # frames of the robot for setpoints
     #: Reference frame by task; the world for all others.
     reference_frames: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))

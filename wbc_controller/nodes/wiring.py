@@ -26,14 +26,7 @@ def make_vocabulary(settings: Settings, model: RobotModel) -> Vocabulary:
             if frame is not None:
                 reference_frames[name] = frame
     robot_frames = frozenset(frame.name for frame in model.pinocchio.frames)
-    return Vocabulary(
-        kinds, joints, tuple(settings.contacts), wrench_frames(settings, model), robot_frames, reference_frames
-    )
-
-
-def wrench_frames(settings: Settings, model: RobotModel) -> tuple[str, ...]:
-    """Return the frames for external wrenches: the base, and the frames of tasks and contacts."""
-    return tuple(dict.fromkeys([model.base_link, *named_frames(settings)]))
+    return Vocabulary(kinds, joints, tuple(settings.contacts), robot_frames, reference_frames)
 
 
 def named_frames(settings: Settings) -> tuple[str, ...]:
@@ -58,7 +51,7 @@ def controller_endpoints(
         node,
         task_kinds={name: task.type for name, task in settings.tasks.items()},
         contacts=settings.contacts,
-        frames=wrench_frames(settings, model),
+        frames=dict.fromkeys([model.base_link, *named_frames(settings)]),
         namespace=namespace,
         remappings=remappings,
     )
