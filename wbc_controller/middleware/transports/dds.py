@@ -82,7 +82,7 @@ class DdsTransport:
             writer = DataWriter(self._participant, self._topic(endpoint), _writer_qos(endpoint))
             publication = DdsPublication(endpoint.name, writer)
             self._publications.setdefault(endpoint.name, []).append(publication)
-            self._announcement.add_writer(writer)
+            self._announcement.add(writer)
             return publication
 
     @property
@@ -135,7 +135,7 @@ class DdsTransport:
     def _reader(self, endpoint: Endpoint) -> Any:
         self._require_open("open", endpoint)
         reader = DataReader(self._participant, self._topic(endpoint), _reader_qos(endpoint))
-        self._announcement.add_reader(reader)
+        self._announcement.add(reader)
         return reader
 
     def _topic(self, endpoint: Endpoint) -> Any:

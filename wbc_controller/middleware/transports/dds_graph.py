@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
 from cyclonedds.core import Policy, Qos
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
@@ -43,14 +44,10 @@ class NodeAnnouncement:
         self._writer = DataWriter(participant, self._topic, qos)
         self._publish()
 
-    def add_reader(self, reader: Any) -> None:
-        """Announce a reader."""
-        self._readers.append(_gid(reader))
-        self._publish()
-
-    def add_writer(self, writer: Any) -> None:
-        """Announce a writer."""
-        self._writers.append(_gid(writer))
+    def add(self, entity: DataReader | DataWriter) -> None:
+        """Announce a reader or writer."""
+        gids = self._writers if isinstance(entity, DataWriter) else self._readers
+        gids.append(_gid(entity))
         self._publish()
 
     def delete(self) -> None:
@@ -79,7 +76,7 @@ class Graph:
         self._writers: dict[bytes, tuple[bytes, str]] = {}  # participant and topic by GUID
         self._announced: dict[bytes, bytes] = {}  # by participant: the newest announcement, serialized
         self._names: dict[bytes, tuple[bytes, dict[bytes, str]]] = {}  # by participant: announcement and its names
-        self._changes = dds_raw.writers_reader(participant)
+        self._changes = BuiltinDataReader(participant, BuiltinTopicDcpsPublication)
         qos = Qos(
             Policy.Reliability.Reliable(max_blocking_time=0),
             Policy.Durability.TransientLocal,

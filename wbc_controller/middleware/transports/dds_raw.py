@@ -9,7 +9,6 @@ import math
 from typing import Any
 
 from cyclonedds._clayer import ddspy_take, ddspy_take_endpoint, ddspy_write
-from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
 from cyclonedds.core import DDSException, InstanceState, ReadCondition, SampleState, ViewState, WaitSet
 from cyclonedds.internal import dds_c_t, dds_infinity
 
@@ -41,13 +40,8 @@ def take(reader: Any, limit: int) -> list[bytes]:
     return [payload for payload, info in samples if info.valid_data]
 
 
-def writers_reader(participant: Any) -> Any:
-    """Make a reader for `take_writers`."""
-    return BuiltinDataReader(participant, BuiltinTopicDcpsPublication)
-
-
 def take_writers(reader: Any, limit: int) -> list[tuple[bytes, bytes, str | None]]:
-    """Take the changes of the domain's writers (4 µs each); raises `DDSException` on a failure.
+    """Take the changes of the domain's writers (4 µs each) from a `BuiltinDataReader`; errors as for `take`.
 
     Returns:
         GUIDs of the writer and its participant, and the topic's name or None for a removed writer.
