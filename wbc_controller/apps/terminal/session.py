@@ -69,10 +69,8 @@ class Session:
     def listen(self, node: str, key: str, subject: str = "", *, depth: int = 1) -> None:
         """Subscribe, and store the newest messages."""
         place = (node, key, subject)
-        if place not in self._messages:
-            self._messages[place] = self._subscribe(counterpart(self.topics[place]), depth)
-
-    def _subscribe(self, endpoint: Endpoint, depth: int) -> deque[bytes]:
+        if place in self._messages:
+            return
         payloads: deque[bytes] = deque(maxlen=depth)
 
         def receive(payload: bytes) -> None:
@@ -80,8 +78,8 @@ class Session:
                 payloads.append(payload)
                 self._arrival.notify_all()
 
-        self._transport.subscribe(endpoint, receive)
-        return payloads
+        self._transport.subscribe(counterpart(self.topics[place]), receive)
+        self._messages[place] = payloads
 
     def poll(self, node: str, key: str, subject: str = "") -> Callable[[], bytes | None]:
         """Return a function that returns the newest payload since its last call (best effort)."""
@@ -255,15 +253,11 @@ class Session:
         """Subscribe; return a function that waits up to a time, s, and returns the new messages."""
         # Inputs accept publishers of any quality of service.
         endpoint = dataclasses.replace(topic, qos=STATE_IN) if topic.direction is Direction.IN else counterpart(topic)
-        deep = dataclasses.replace(endpoint.qos, depth=1000)
-        payloads = self._subscribe(dataclasses.replace(endpoint, qos=deep), 1000)
+        stream = self._transport.stream(endpoint, depth=1000)
 
         def messages(wait: float) -> list[Any]:
-            with self._arrival:
-                self._arrival.wait_for(lambda: payloads, wait)
-                received = list(payloads)
-                payloads.clear()
-            return [decode(payload, topic.type) for payload in received]
+            stream.wait(wait)
+            return [decode(payload, topic.type) for payload in stream.take()]
 
         return messages
 
