@@ -13,7 +13,7 @@ from peer import Peer
 
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.estimation.joint_velocity import VelocityFilter, delay
+from wbc_controller.estimation.joint_velocity import delay
 from wbc_controller.inverse_dynamics.references.changes import EnableTask, SetWeight
 from wbc_controller.middleware import decoding
 from wbc_controller.middleware.stamps import StampTracker
@@ -29,13 +29,10 @@ NAN = float("nan")
 class Wire(Peer):
     """`Inputs`, and a publisher."""
 
-    def __init__(self, settings, model, q, velocity_filter=None, clock_tolerance=None):
+    def __init__(self, settings, model, q):
         self.model, self.q, self.clock = model, q, ManualClock(50.0)
-        bus, topics = MemoryBus(), controller_endpoints(settings, model)
-        self.inputs = Inputs(
-            model, make_vocabulary(settings, model), topics, MemoryTransport(bus), self.clock,
-            velocity_filter=velocity_filter, clock_tolerance=clock_tolerance,
-        )  # fmt: skip
+        bus, topics, vocabulary = MemoryBus(), controller_endpoints(settings, model), make_vocabulary(settings, model)
+        self.inputs = Inputs(settings, model, {}, vocabulary, topics, MemoryTransport(bus), self.clock)
         super().__init__(bus, topics)
 
 
@@ -256,14 +253,24 @@ CYCLES = st.lists(
 )
 
 
+#: Settings that accept random samples as plausible.
+LENIENT = {
+    "joint_mismatch": 100.0, "base_mismatch": 100.0, "base_turn_mismatch": 10.0,
+    "max_joint_speed": 100.0, "max_base_speed": 1000.0, "max_base_turn": 1000.0,
+}  # fmt: skip
+
+
 @pytest.mark.parametrize("base", ["floating", "fixed"])
 @pytest.mark.parametrize("tolerance", [None, 0.015])
 @given(cycles=CYCLES, seed=st.integers(0, 1000))
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=30)
-def test_the_state_is_that_of_the_newest_accepted_messages(robot_on, stance_of, make, base, tolerance, cycles, seed):
+def test_the_state_is_that_of_the_newest_accepted_messages(
+    robot_on, stance_of, make, changed, base, tolerance, cycles, seed
+):
     own, model = robot_on(base)
     random = np.random.default_rng(seed)
-    wire = Wire(own, model, stance_of("go2"), clock_tolerance=tolerance)
+    clocks = {} if tolerance is None else {"synchronized_clocks": True, "clock_tolerance": tolerance}
+    wire = Wire(changed(own, {"safety": LENIENT | clocks}), model, stance_of("go2"))
     keys = ("joint_states", "odom") if base == "floating" else ("joint_states",)
     ahead = None if tolerance is None else lambda: 0.0
     trackers, newest = {key: StampTracker(ahead, tolerance or 0.0) for key in keys}, {}
@@ -373,9 +380,11 @@ def test_the_reader_leaves_the_loop_three_quarters_of_the_time(go2, make, monkey
     assert slept == [3.0]  # each reading advances that clock by one second
 
 
-def test_differentiated_velocities(robot_of, stance_of, make):
-    wire = Wire(*robot_of("go2"), stance_of("go2"), VelocityFilter(0.004))
-    model, speed = wire.model, np.linspace(-1.0, 1.0, wire.model.nj)
+def test_differentiated_velocities(robot_of, changed, stance_of, make):
+    own, model = robot_of("go2")
+    filtered = {"estimation": {"joint_velocity": "differentiated", "joint_velocity_time": 0.004}}
+    wire = Wire(changed(own, filtered), model, stance_of("go2"))
+    speed = np.linspace(-1.0, 1.0, model.nj)
     for i in range(50):
         stamp = 1_000_000_000 + 2_000_000 * i
         wire.clock.time += 0.002

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
-from wbc_controller.controller.build import estimation
+from wbc_controller.controller.build.estimation import estimates_base, make_estimator
 from wbc_controller.controller.controller import Controller
 from wbc_controller.controller.report import CycleReport
 from wbc_controller.errors import InputRefused
@@ -97,23 +97,11 @@ def make_loop(
         recorder.stamp = clock.stamp
         transport = RecordingTransport(transport, recorder)
         observers = (*observers, recorder.observe)
-    estimated = estimation.estimates_base(settings, model)
     scheduling = describe_scheduling()
     _log.info("scheduling: %s", scheduling or "unknown")
-    inputs = Inputs(
-        model,
-        vocabulary,
-        topics,
-        transport,
-        clock,
-        partial(_prepare, controller),
-        clock_tolerance=settings.safety.clock_tolerance if settings.safety.synchronized_clocks else None,
-        estimator=estimation.make_estimator(settings, model, published) if estimated else None,
-        agreement=estimation.make_odometry_agreement(settings, model, published),
-        sensing=estimation.make_sensing(settings, model, published) if estimated else None,
-        velocity_filter=estimation.make_velocity_filter(settings),
-        plausibility=settings.safety,
-    )
+    estimator = make_estimator(settings, model, published) if estimates_base(settings, model) else None
+    prepare = partial(_prepare, controller)
+    inputs = Inputs(settings, model, published, vocabulary, topics, transport, clock, prepare, estimator=estimator)
 
     def values() -> dict[str, str]:
         recorded = recorder.status() if recorder is not None else {"recorder": NOT_RECORDED}

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from wbc_controller.controller.build.contacts import make_contact
-from wbc_controller.controller.build.estimation import make_estimator, make_sensing, make_velocity_filter
+from wbc_controller.controller.build.estimation import make_estimator
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.codec import OK, WARN, diagnostics, encode, odometry, transform
@@ -66,12 +66,10 @@ class EstimatorService:
         }
         self._forces = {topic.subject: transport.stream(topic, 1) for topic in topics if topic.key == "contact_wrench"}
         sensors = [topic for topic in topics if topic.key in ("joint_states", "imu", "pose", *CONTACT_SENSORS)]
-        tolerance = settings.safety.clock_tolerance if settings.safety.synchronized_clocks else None
+        vocabulary = make_vocabulary(settings, model)
         self._inputs = Inputs(
-            model, make_vocabulary(settings, model), sensors, transport, clock,
-            clock_tolerance=tolerance, estimator=self.estimator, sensing=make_sensing(settings, model, contacts),
-            velocity_filter=make_velocity_filter(settings), plausibility=settings.safety,
-        )  # fmt: skip
+            settings, model, contacts, vocabulary, sensors, transport, clock, estimator=self.estimator
+        )
         self._stamp = -math.inf
         self._transform_due = self._diagnostics_due = -math.inf
         self._diagnostics_period = 1.0 / settings.control.diagnostics_rate

@@ -14,14 +14,14 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from wbc_controller.controller.build.estimation import make_odometry_agreement, make_sensing, make_velocity_filter
 from wbc_controller.controller.report import LatchedInputs
 from wbc_controller.errors import InputRefused
 from wbc_controller.estimation.absolute_pose import PoseSample
 from wbc_controller.estimation.base_estimator import BaseEstimator
 from wbc_controller.estimation.contact_detection import ContactDetector, ContactSensing
-from wbc_controller.estimation.joint_velocity import VelocityFilter
-from wbc_controller.estimation.odometry_agreement import OdometryAgreement
 from wbc_controller.estimation.running_estimate import ImuSample
+from wbc_controller.inverse_dynamics.contacts import Contact
 from wbc_controller.inverse_dynamics.references.changes import Change
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware import decoding
@@ -36,7 +36,7 @@ from wbc_controller.nodes.requests import Requests, refusal_reason
 from wbc_controller.records import Array, ChangeSettings, Fault, RobotState
 from wbc_controller.safety.checks import stale_inputs
 from wbc_controller.safety.sample_plausibility import SampleCheck
-from wbc_controller.settings.service import SafetySettings
+from wbc_controller.settings import Settings
 
 #: Largest state message, bytes, by row of the topic table.
 _MAX_BYTES = {
@@ -79,42 +79,39 @@ class Inputs:
 
     Args:
         prepare: validates a change; raises `ConfigurationError` or `InputRefused`.
-        clock_tolerance: largest lead of a timestamp over the clock, s; None without synchronized clocks.
         estimator: None for odometry.
-        velocity_filter: None for measured velocities.
 
     Attributes:
+        clock_tolerance: largest lead of a timestamp over the clock, s; None without synchronized clocks.
         shared: returns the publishers of inputs with several, by topic name, for messages.
     """
 
     def __init__(
         self,
+        settings: Settings,
         model: RobotModel,
+        contacts: Mapping[str, Contact],
         vocabulary: decoding.Vocabulary,
         endpoints: Iterable[Endpoint],
         transport: Transport,
         clock: Clock,
         prepare: Callable[[Change | ChangeSettings], None] = lambda change: None,
         *,
-        clock_tolerance: float | None = None,
         estimator: BaseEstimator | None = None,
-        agreement: OdometryAgreement | None = None,
-        sensing: ContactSensing | None = None,
-        velocity_filter: VelocityFilter | None = None,
-        plausibility: SafetySettings | None = None,
     ) -> None:
+        safety, estimated = settings.safety, estimator is not None
         self._model = model
         self._clock = clock
         self.requests = Requests(vocabulary, prepare, self.wake)
         self._woken = False
-        self.clock_tolerance = clock_tolerance  # s
-        self._velocity_filter = velocity_filter
+        self.clock_tolerance = safety.clock_tolerance if safety.synchronized_clocks else None
+        self._velocity_filter = velocity_filter = make_velocity_filter(settings)
         self.estimator = estimator
-        self._agreement = agreement
+        self._agreement = None if estimated else make_odometry_agreement(settings, model, contacts)
         self._imu: list[ImuSample] = []  # since the last estimate
         self._poses: list[PoseSample] = []
         self._base: tuple[Array, Array] | None = None  # pose and twist of the last cycle
-        self._detector = ContactDetector(sensing or _NO_SENSORS)
+        self._detector = ContactDetector(make_sensing(settings, model, contacts) if estimated else _NO_SENSORS)
         self._forces = {
             name: _Source(ContactForceReader(name, normals), self._tracker())
             for name, normals in self._detector.sensing.normals.items()
@@ -122,21 +119,20 @@ class Inputs:
         self.holding: Collection[str] = ()  # active contacts of the base estimate in the last cycle
         self._refusals: dict[str, str] = {}  # by topic with a refused newest message
         columns = ("position", "velocity") if velocity_filter is None else ("position",)
-        self._joints = joints = _Source(JointStateReader(model.joints, *columns), self._tracker())
+        joint_check = SampleCheck.of_joints(model, safety, measured=velocity_filter is None)
+        self._joints = joints = _Source(JointStateReader(model.joints, *columns), self._tracker(), joint_check)
         self._sources = {"joint_states": joints}
         self.shared: Callable[[], Mapping[str, str]] = dict
-        if plausibility is not None:
-            joints.check = SampleCheck.of_joints(model, plausibility, measured=velocity_filter is None)
         if estimator is not None:
             self._sources["imu"] = _Source(ImuReader(estimator.imu_frame), self._tracker())
         elif model.floating_base:
-            base_check = SampleCheck.of_base(plausibility) if plausibility is not None else None
+            base_check = SampleCheck.of_base(safety)
             self._sources["odom"] = _Source(OdometryReader(model.base_link), self._tracker(), base_check)
         self._parts = dict(self._sources)  # required for a state
         if estimator is not None and estimator.uses_poses:
             self._sources["pose"] = _Source(PoseReader(), self._tracker())
         self._queues: list[_Queue] = []
-        latched = [*self._sources, *(CONTACT_SENSORS if sensing is not None else ())]
+        latched = [*self._sources, *(CONTACT_SENSORS if estimated else ())]
         for endpoint in endpoints:
             if endpoint.direction is Direction.OUT or endpoint.key in _NOT_LATCHED:
                 continue
