@@ -68,7 +68,7 @@ ROOMS = {
         "numpy scipy pinocchio coal yaml click rich viser websockets msgspec trimesh fast_simplification",
     ),
     "validation": Room(
-        "settings inverse_dynamics walking estimation safety controller middleware recording simulation nodes",
+        "settings inverse_dynamics walking estimation safety controller middleware recording simulation nodes apps",
         "numpy scipy pinocchio click rich pydantic rosbags hypothesis joblib distributed ray",
     ),
     "node": Room("nodes"),

@@ -5,24 +5,18 @@ from typing import Any, TypeVar, get_args
 
 import click
 
+from wbc_controller.apps.terminal.command_options import with_options
 from wbc_controller.nodes.processes import end_with_parent
 from wbc_controller.settings.service import SensorQuality
 
 T = TypeVar("T")
-F = TypeVar("F", bound=Callable[..., Any])
 
-
-def common_options(function: F) -> F:
-    """Add the common arguments and options."""
-    options = [
-        click.argument("robots", nargs=-1, metavar="[ROBOT]..."),
-        click.option("--sensors", type=click.Choice(get_args(SensorQuality)), default="good", show_default=True,
-                     help="Quality of the mock robot's sensors."),
-        click.option("--jobs", default=-1, show_default=True, help="Parallel robots; -1 for one per processor."),
-    ]  # fmt: skip
-    for option in reversed(options):
-        function = option(function)
-    return function
+common_options = with_options(
+    click.argument("robots", nargs=-1, metavar="[ROBOT]..."),
+    click.option("--sensors", type=click.Choice(get_args(SensorQuality)), default="good", show_default=True,
+                 help="Quality of the mock robot's sensors."),
+    click.option("--jobs", default=-1, show_default=True, help="Parallel robots; -1 for one per processor."),
+)  # fmt: skip
 
 
 def run_parallel(function: Callable[..., T], calls: Iterable[Sequence[Any]], jobs: int) -> list[T]:

@@ -4,7 +4,6 @@ Each case is a folder with ``robot.yaml`` and ``robot.urdf``, one of them change
 process reads it (docs/robustness.md).
 """
 
-import contextlib
 import logging
 import multiprocessing
 import os
@@ -23,11 +22,12 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+from wbc_controller.apps.terminal.command_options import naming_file
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.build.robot_description import describe, read_urdf
 from wbc_controller.controller.check.preflight import check
 from wbc_controller.controller.controller import Controller
-from wbc_controller.errors import ConfigurationError, InputRefused, WbcError
+from wbc_controller.errors import ConfigurationError, WbcError
 from wbc_controller.nodes.processes import end_with_parent
 from wbc_controller.recording.mcap_file import write_messages
 from wbc_controller.settings.files import find_configuration, load_settings
@@ -186,20 +186,10 @@ def read_case(place: Path) -> str:
 def _read_configuration(path: Path) -> None:
     check(str(path))
     settings = load_settings(path)
-    with _named(path):
+    with naming_file(str(path)):
         Controller(settings, preflight=False)
         describe(read_urdf(settings.robot.urdf), settings.robot)
         Plant(make_model(settings), settings)
-
-
-@contextlib.contextmanager
-def _named(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except ConfigurationError as error:
-        raise ConfigurationError(f"{path}: {error}") from error
-    except InputRefused as error:
-        raise RuntimeError(f"message refusal without a message: {error}") from error
 
 
 @cache

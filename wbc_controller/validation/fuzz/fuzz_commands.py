@@ -11,6 +11,7 @@ from typing import Any, Protocol, TypeVar
 
 import click
 
+from wbc_controller.apps.terminal.command_options import with_options
 from wbc_controller.nodes.signals import exit_by_signals
 from wbc_controller.validation.fuzz import DOMAIN
 
@@ -41,27 +42,21 @@ def fuzz() -> None:
     )
 
 
-def _options(*options: Callable[[Any], Any]) -> Callable[[F], F]:
-    def add(function: F) -> F:
-        for option in reversed(options):
-            function = option(function)
-        return function
-
-    return add
-
-
 def _first(kind: str) -> Callable[[F], F]:
     return click.option("--first", default=0, show_default=True, help=f"Number of the first {kind}.")
 
 
 _seed = click.option("--seed", default=0, show_default=True, help="Seed of all random choices.")
 _robots = click.argument("robots", default="go2,g1,talos")
-_common = _options(_seed, click.option("--out", "folder", type=click.Path(path_type=Path), default=Path("fuzz"),
-                                       show_default=True, help="Folder of failures and logs."))  # fmt: skip
-_live = _options(
+_common = with_options(
+    _seed,
+    click.option("--out", "folder", type=click.Path(path_type=Path), default=Path("fuzz"), show_default=True,
+                 help="Folder of failures and logs."),
+)  # fmt: skip
+_live = with_options(
     click.option("--domain", default=DOMAIN, show_default=True, help="DDS domain of the processes."), _common
 )
-_of_files = _options(
+_of_files = with_options(
     _robots,
     click.option("--count", default=20_000, show_default=True, help="Number of files."),
     _first("file"),
