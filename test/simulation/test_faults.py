@@ -87,14 +87,6 @@ def test_sent_reports_the_true_time(stand):
     assert [taken for stream, taken in sent if stream == "odom"] == [2_000_000, 4_000_000, 6_000_000, 8_000_000]
 
 
-def test_without_faults_nothing_passes_through_them(stand, monkeypatch):
-    robot, peer = stand
-    for name in ("update", "distort", "deliver", "torques"):
-        monkeypatch.setattr(robot.faults, name, lambda *arguments, name=name: pytest.fail(f"{name} was called"))
-    peer.effort(np.ones(12))
-    step(robot)
-
-
 def test_faults_incompatible_with_lockstep_are_refused(go2):
     model, settings = go2
     robot = MockRobot(model, settings, MockPeer(MemoryBus(), settings).transport, lockstep=True)

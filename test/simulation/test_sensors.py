@@ -87,10 +87,10 @@ def test_the_mock_robot_measures_and_pulls_as_its_parts_do(robot_of, changed, qu
     off = np.abs(robot.plant.applied_torques / robot._tau - 1.0).max()
     assert (off == 0.0) == (quality == "ideal")
     assert off < 0.1
-    sent = {}
-    robot._send = lambda stream, taken, payload: sent.update({stream: payload})
+    sent = []
+    robot._publishers["joint_states", ""] = sent.append
     robot.publish()
-    measured, (q, _) = decode(sent["joint_states"], "sensor_msgs/msg/JointState").position, robot.plant.state()
+    measured, (q, _) = decode(sent[0], "sensor_msgs/msg/JointState").position, robot.plant.state()
     off = np.abs(measured - q[model.q_index]).max()
     assert (off == 0.0) == (quality == "ideal")
     assert off < 0.01

@@ -1,6 +1,4 @@
-"""Absolute poses, noisy and delayed."""
-
-from collections import deque
+"""Absolute poses with noise."""
 
 import numpy as np
 import pinocchio as pin
@@ -16,17 +14,16 @@ _SAME = 1e-9  # resolution of times, s
 
 
 class PoseSource:
-    """Measures a robot frame at the rate `mock.pose_rate`, and queues each message until it is due."""
+    """Measures a robot frame at the rate `mock.pose_rate`."""
 
     def __init__(self, settings: Settings, model: RobotModel) -> None:
         mock = settings.mock
         self._pinocchio, self._data = model.pinocchio, model.pinocchio.createData()
         self._frame = model.frame_id(pose_frame(settings, model), "estimation.pose_frame")
-        self._period, self._delay = 1.0 / mock.pose_rate, mock.pose_delay
+        self._period = 1.0 / mock.pose_rate
         self._noise = mock.pose_noise, mock.pose_turn_noise
         self._rng = np.random.default_rng(mock.sensor_seed)
         self._due = 0.0
-        self._queue: deque[tuple[float, int, bytes]] = deque()
 
     def measure(self, measured: Measurement, q: Array, time: float) -> None:
         """Measure the frame in the true configuration, (nq,), if due at a time, s."""
@@ -41,12 +38,3 @@ class PoseSource:
         measured.absolute = np.concatenate([place, quaternion_of(turned)])
         measured.pose_sigma = self._noise
         measured.silent.discard("pose")
-
-    def due_messages(self, time: float, taken: int, payload: bytes | None) -> list[tuple[int, bytes]]:
-        """Queue a new message, if any; return due messages with the time of their content, ns."""
-        if payload is not None:
-            self._queue.append((time + self._delay, taken, payload))
-        due = []
-        while self._queue and self._queue[0][0] <= time + _SAME:
-            due.append(self._queue.popleft()[1:])
-        return due

@@ -171,26 +171,21 @@ class MockRobot:
     def publish(self) -> None:
         """Publish time and present state, the joint states last."""
         stamp, base = self.stamp, self._robot.base_link
-        if self.faults.busy:
-            self.faults.update()
+        self.faults.update()
         measured = measure(self._robot, self.plant, stamp, self._imu_frame)
         measured.has_velocity = self._mock.joint_velocity
         if self._sensors is not None:
             self._sensors.measure(measured)
         if self._poses is not None:
             self._poses.measure(measured, self.plant.state()[0], self.plant.time)
-        if self.faults.busy:
-            self.faults.distort(measured)
+        self.faults.distort(measured)
         for stream in STREAMS:
             payload = messages.encode(measured.message(stream)) if stream not in measured.silent else None
-            if stream == "pose" and self._poses is not None:
-                for taken, late in self._poses.due_messages(self.plant.time, stamp, payload):
-                    self._send(stream, taken, late)
-            elif self.faults.busy:
-                for message in self.faults.deliver(stream, stamp, payload):
-                    self._send(stream, message.true_time, message.payload)
-            elif payload is not None:
-                self._send(stream, stamp, payload)
+            delay = self._mock.pose_delay if stream == "pose" else 0.0
+            for message in self.faults.deliver(stream, stamp, payload, delay):
+                self._publishers[stream, ""](message.payload)
+                if self.sent is not None:
+                    self.sent(stream, message.true_time)
         if self._periods % self._slow_decimation == 0:
             if self._robot.floating_base:
                 self._publish("tf", "", transform(stamp, WORLD_FRAME, base, self.plant.state()[0][:7]))
@@ -218,14 +213,13 @@ class MockRobot:
             self._try(key, payload, uses.get(key, partial(self._grip, contact)))
         if self._efforts is not None:
             newest = next(iter(self._efforts.take()), None)
-            if self.faults.busy:
-                newest = next((message.payload for message in self.faults.deliver("effort", 0, newest)[-1:]), None)
-            if newest is not None and not self._try("effort", newest, self._take_effort):
-                self._tau = None
+            for message in self.faults.deliver("effort", 0, newest)[-1:]:
+                if not self._try("effort", message.payload, self._take_effort):
+                    self._tau = None
         if self._tau is not None and self.plant.time - self._tau_time <= self._mock.command_timeout:
             self._release_brakes()
             tau = self._tau if self._sensors is None else self._sensors.torques(self._tau)
-            self.plant.apply(self.faults.torques(tau) if self.faults.busy else tau)
+            self.plant.apply(self.faults.torques(tau))
         else:
             self.plant.damp(self._mock.damping)
         for _ in range(self.plant.steps_per_period):
@@ -268,11 +262,6 @@ class MockRobot:
 
     def _publish(self, key: str, subject: str, content: Any) -> None:
         self._publishers[key, subject](messages.encode(content))
-
-    def _send(self, stream: str, taken: int, payload: bytes) -> None:
-        self._publishers[stream, ""](payload)
-        if self.sent is not None:
-            self.sent(stream, taken)
 
     def _try(self, key: str, payload: bytes, use: Callable[[Any], None]) -> bool:
         try:

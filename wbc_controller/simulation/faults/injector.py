@@ -18,10 +18,9 @@ _SAME = 1e-9  # resolution of times, s
 
 
 class Injector:
-    """Plans faults, and applies active ones to measurements, messages and torques; may be bypassed if not `busy`."""
+    """Plans faults, and applies active ones to measurements, messages and torques."""
 
     def __init__(self, robot: RobotModel, plant: Plant, period: float) -> None:
-        self.busy = False
         self._robot = robot
         self._plant = plant
         self._period = period
@@ -30,6 +29,11 @@ class Injector:
         self._waiting: dict[str, list[tuple[float, int, QueuedMessage]]] = {}  # heaps, by stream
         self._count = itertools.count()  # keeps the order of simultaneous messages
 
+    @property
+    def busy(self) -> bool:
+        """True if a fault is planned or active, or a message is queued."""
+        return bool(self._planned or self._acting or any(self._waiting.values()))
+
     def plan(self, faults: Sequence[Fault], since: float) -> None:
         """Plan all faults, or none (InputRefused), relative to the simulated time `since`, s."""
         if len(self._planned) + len(self._acting) + len(faults) > MOST:
@@ -37,7 +41,6 @@ class Injector:
         for fault in faults:
             fault.check(self._robot, tuple(self._plant.contacts))
         self._planned += [(since + fault.start, fault) for fault in faults]
-        self.busy = self.busy or bool(self._planned)
 
     def clear(self) -> None:
         """End all faults; queued messages are lost."""
@@ -61,17 +64,16 @@ class Injector:
             effect.each_period()
         if changed:
             self._plant.forward()  # changed physics
-        self.busy = bool(self._planned or self._acting or any(self._waiting.values()))
 
     def distort(self, measured: Measurement) -> None:
         """Apply sensor and stamp faults to a measurement."""
         for _, effect in self._acting:
             effect.measured(measured)
 
-    def deliver(self, stream: str, taken: int, payload: bytes | None) -> list[QueuedMessage]:
-        """Queue a message of a stream, if any, and return due messages."""
+    def deliver(self, stream: str, taken: int, payload: bytes | None, delay: float = 0.0) -> list[QueuedMessage]:
+        """Queue a message of a stream, if any, for a `delay`, s, and return due messages."""
         now = self._plant.time
-        queued = [QueuedMessage(now, taken, payload)] if payload is not None else []
+        queued = [QueuedMessage(now + delay, taken, payload)] if payload is not None else []
         for _, effect in self._acting:
             if stream in effect.posted:
                 queued = [changed for message in queued for changed in effect.posted[stream](message)]
