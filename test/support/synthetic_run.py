@@ -3,9 +3,10 @@
 import numpy as np
 import pinocchio as pin
 
+from wbc_controller.controller.build.contacts import contact_placement
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.recording.report.run_data import Result, RunData, collect_supports
+from wbc_controller.recording.report.run_data import Result, RunData
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings
 
@@ -20,7 +21,6 @@ def squat(name: str, duration: float, rate: float) -> tuple[RunData, RobotModel]
     """Make up a run of a robot on flat soles: stand, squat, and a shove."""
     settings, model = robot(name)
     rng = np.random.default_rng(1)
-    supports = collect_supports(settings.contacts)
     data = model.pinocchio.createData()
     time = np.arange(0.0, duration, 1.0 / rate)
     n = len(time)
@@ -29,15 +29,14 @@ def squat(name: str, duration: float, rate: float) -> tuple[RunData, RobotModel]
     bends = {"hip_pitch": -0.5, "knee": 1.0, "ankle_pitch": -0.5}
     bend = np.array([next((v for k, v in bends.items() if k in joint), 0.0) for joint in model.joints])
     q = np.array([model.configuration(model.posture + each * bend) for each in depth])
-    foot = next(iter(supports.values()))
+    joint, foot = contact_placement(model, *next(iter(settings.contacts.items())))
     for row in q:
-        pin.framesForwardKinematics(model.pinocchio, data, row)
-        placement = data.oMf[model.frame_id(foot.frame, "foot")] * pin.XYZQUATToSE3(np.array(foot.placement))
-        row[2] -= placement.translation[2]
+        pin.forwardKinematics(model.pinocchio, data, row)
+        row[2] -= (data.oMi[joint] * foot).translation[2]
     com = np.array([pin.centerOfMass(model.pinocchio, data, row) for row in q])
-    weight = model.mass * model.gravity / len(supports)
+    weight = model.mass * model.gravity / len(settings.contacts)
     planned, true = {}, {}
-    for contact in supports:
+    for contact in settings.contacts:
         wrench = np.zeros((n, 6))
         wrench[:, 2] = weight * (1.0 + 0.5 * shoved)
         wrench[:, 1] = 0.2 * weight * shoved
@@ -57,12 +56,12 @@ def squat(name: str, duration: float, rate: float) -> tuple[RunData, RobotModel]
         task_errors={"pelvis": 0.05 * shoved, "left_hand": 0.02 * depth},
         contact_wrenches=planned,
         true_wrenches=true,
-        friction={contact: settings.contacts[contact].friction for contact in supports},
+        friction={name: contact.friction for name, contact in settings.contacts.items()},
         cycle_seconds=cycles,
         stage_seconds={"compute": 0.7 * cycles, "write": 0.05 * cycles},
         phases=((0.0, "stand"), (0.1 * duration, "squat"), (0.7 * duration, "shove left")),
         results=(Result("Stands still", "below 5 mm", "1.2 mm", True), Result("Slips", "never <in it>", "0.62", True)),
         modes=((0.0, "inactive"), (0.2, "active")),
-        supports=supports,
+        contacts=settings.contacts,
     )
     return run, model

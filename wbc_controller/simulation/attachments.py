@@ -8,11 +8,12 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.controller.build.contacts import make_loop_closure
+from wbc_controller.controller.build.contacts import contact_placement, make_loop_closure
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.arrays import cross
 from wbc_controller.inverse_dynamics.contacts import placement_of
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.instruction import placement_on_link
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 from wbc_controller.settings.contacts import ContactSettings, FixedContact, LoopSettings
@@ -57,8 +58,7 @@ def grips_of(model: RobotModel, contacts: Mapping[str, ContactSettings]) -> dict
             continue
         points = points_of(contact.mask, f"contacts.{name}.mask")
         holder = 0 if contact.against is None else frame_on_joint(model, contact.against)[0]
-        joint, frame = frame_on_joint(model, contact.frame)
-        placement = frame * placement_of(contact.translation, contact.rpy)
+        joint, placement = contact_placement(model, name, contact)
         names = tuple(f"{name}/grip/{index}" for index in range(1 if points is None else len(points)))
         grips[name] = Attachment(names, points, (holder, joint), (pin.SE3.Identity(), placement))
     return grips
@@ -81,8 +81,7 @@ def closures_of(model: RobotModel, loops: Mapping[str, LoopSettings]) -> dict[st
 
 def frame_on_joint(model: RobotModel, name: str, key: str = "frame") -> tuple[int, pin.SE3]:
     """Return the Pinocchio joint of a robot frame, and the frame's placement on it; `key` is for errors."""
-    frame = model.pinocchio.frames[model.frame_id(name, key)]
-    return int(frame.parentJoint), frame.placement
+    return placement_on_link(model, model.frame_id(name, key))
 
 
 def _effective_mask(model: RobotModel, name: str, loop: LoopSettings) -> list[bool]:

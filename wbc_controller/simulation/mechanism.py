@@ -10,10 +10,10 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
+from wbc_controller.controller.build.contacts import contact_placement
 from wbc_controller.controller.build.robot_description import are_possible_moments, inertia_tensor
 from wbc_controller.controller.check.model_plausibility import massless_links
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.inverse_dynamics.contacts import placement_of
 from wbc_controller.inverse_dynamics.robot.bare_mechanism import bare_mechanism
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.urdf_structure import mass_of, vector_of
@@ -37,12 +37,6 @@ _BARE_MASS, _BARE_INERTIA = 1.0e-6, 1.0e-2
 ON_THE_FLOOR = 1  # collision bit of the ground: floor and terrain
 FRICTION_STIFFNESS = 10.0  # stiffness of friction relative to the normal direction, against creep
 _WORLD, _WORLD_ALIAS = "world", "<world>"
-
-
-def contact_frame(model: RobotModel, name: str, contact: schema.ContactSettings) -> tuple[int, pin.SE3]:
-    """Return the Pinocchio joint of a contact, and its placement in the joint's frame."""
-    joint, placement = frame_on_joint(model, contact.frame, f"contacts.{name}.frame")
-    return joint, placement * placement_of(contact.translation, getattr(contact, "rpy", (0.0, 0.0, 0.0)))
 
 
 def add_friction(model: Any, dof: Any, friction: float, step: float) -> None:
@@ -227,7 +221,7 @@ def compile_mechanism(
             for index, shape in enumerate(own):
                 add_shape(spec, body, shape, f"{body.name}/shape/{index}", ON_THE_FLOOR)
     for number, (name, contact) in enumerate(contacts.items()):
-        joint, placement = contact_frame(model, name, contact)
+        joint, placement = contact_placement(model, name, contact)
         body = _body(spec, model, joint, root)
         if contact.against is None and joint in shapes:
             continue

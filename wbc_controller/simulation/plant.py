@@ -18,6 +18,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from wbc_controller.arguments import array_of_numbers, number, str_of
+from wbc_controller.controller.build.contacts import contact_placement
 from wbc_controller.errors import ConfigurationError, InputRefused, WbcError, require_known, valid_choices
 from wbc_controller.inverse_dynamics.arrays import cross
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
@@ -30,7 +31,7 @@ from wbc_controller.settings.resources import folder_of
 from wbc_controller.simulation.attachments import closures_of, frame_on_joint, grips_of, place, wrench
 from wbc_controller.simulation.contact_forces import ContactForces
 from wbc_controller.simulation.hoist import RAMP, Hoist
-from wbc_controller.simulation.mechanism import add_friction, compile_mechanism, contact_frame, rotation_to
+from wbc_controller.simulation.mechanism import add_friction, compile_mechanism, rotation_to
 from wbc_controller.simulation.shapes import Shape, read_shapes
 from wbc_controller.simulation.terrain import soften
 
@@ -94,7 +95,7 @@ class Plant:
         if settings.mock.joint_friction > 0.0:
             add_friction(self.model, self._dof, settings.mock.joint_friction, self.step_seconds)
         self.model.dof_damping[self._dof] += settings.mock.joint_viscosity
-        self._feet = {name: self._body_of(contact_frame(model, name, c)) for name, c in self.contacts.items()}
+        self._feet = {name: self._body_of(contact_placement(model, name, c)) for name, c in self.contacts.items()}
         self.contact_forces = ContactForces(
             self.model, self.contacts, {name: foot.id for name, foot in self._feet.items()}
         )
@@ -430,7 +431,7 @@ class Plant:
         data = self._robot.pinocchio.createData()
         pin.forwardKinematics(self._robot.pinocchio, data, self._robot.configuration(self._robot.posture))
         for name, contact in self.contacts.items():
-            joint, placement = contact_frame(self._robot, name, contact)
+            joint, placement = contact_placement(self._robot, name, contact)
             if contact.against is None and not isinstance(contact, FixedContact):
                 standing[name] = joint
                 if isinstance(contact, SurfaceContact):

@@ -15,11 +15,10 @@ from synthetic_run import squat
 from wbc_controller.controller.visualization.page_report import resource
 from wbc_controller.controller.visualization.plots import POINTS, thin_out
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.recording.report.motion import MAX_FRAMES, encode_poses, frame_indices, joint_poses
-from wbc_controller.recording.report.run_data import Result, collect_supports
+from wbc_controller.recording.report.motion import MAX_FRAMES, encode_poses, frame_indices, joint_poses, make_motion
+from wbc_controller.recording.report.run_data import Result
 from wbc_controller.recording.report.run_plots import friction_use, run_plots
 from wbc_controller.recording.report.run_report import write_run_report
-from wbc_controller.settings.files import find_configuration, load_settings
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +75,7 @@ def test_verdict_of_missed_targets_and_of_a_bare_recording(short, tmp_path):
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "1 of 3 targets missed: Stays &lt;up&gt;." in page
     assert 'class="pill fail"' in page
-    nothing = {name: {} for name in ("task_errors", "contact_wrenches", "true_wrenches", "stage_seconds", "supports")}
+    nothing = {name: {} for name in ("task_errors", "contact_wrenches", "true_wrenches", "stage_seconds", "contacts")}
     bare = dataclasses.replace(
         recording, **nothing, cycle_seconds=np.zeros(0), phases=(), results=(), modes=(),
         com_reference=np.full_like(recording.com, np.nan),
@@ -162,21 +161,21 @@ def test_an_invalid_run_is_refused(short, tmp_path):
     wide = dataclasses.replace(recording, q=np.zeros((len(recording.time), 20)))
     with pytest.raises(ValueError, match="20 columns"):
         write_run_report(wide, model, tmp_path / "x", kind="a run")
-    lost = {name: dataclasses.replace(support, frame="foo") for name, support in recording.supports.items()}
+    lost = {name: contact.model_copy(update={"frame": "foo"}) for name, contact in recording.contacts.items()}
     with pytest.raises(ConfigurationError, match=r"contacts.front_left_foot.frame = 'foo'"):
-        write_run_report(dataclasses.replace(recording, supports=lost), model, tmp_path / "x", kind="a run")
+        write_run_report(dataclasses.replace(recording, contacts=lost), model, tmp_path / "x", kind="a run")
     assert not (tmp_path / "x").exists()
 
 
-def test_friction_use_and_supports_of_contacts():
+def test_friction_use_and_corners_of_contacts(page, short):
     wrench = np.array([[30.0, 40.0, 100.0], [0.0, 0.0, 1.0], [np.nan] * 3])
     np.testing.assert_allclose(friction_use(wrench, 0.5), [1.0, np.nan, np.nan])
     assert np.isnan(friction_use(np.full((3, 6), np.nan), 0.5)).all()
-    foot = collect_supports(load_settings(find_configuration("g1")).contacts)["left_foot"]
-    np.testing.assert_allclose(foot.placement, [0.035, 0.0, -0.035, 0.0, 0.0, 0.0, 1.0])
-    np.testing.assert_allclose(np.ptp(foot.corners, axis=0), [0.17, 0.05, 0.0])
-    paw = collect_supports(load_settings(find_configuration("go2")).contacts)["front_left_foot"]
-    np.testing.assert_array_equal(paw.corners, [[0.0, 0.0, 0.0]])
+    foot = next(each["corners"] for each in embedded(page, "motion-data")["contacts"] if each["name"] == "left_foot")
+    np.testing.assert_allclose(np.mean(foot, axis=0), [0.035, 0.0, -0.035], atol=1e-12)
+    np.testing.assert_allclose(np.ptp(foot, axis=0), [0.17, 0.05, 0.0])
+    paw = next(each["corners"] for each in make_motion(*short)["contacts"] if each["name"] == "front_left_foot")
+    np.testing.assert_allclose(paw, [[0.0012, 0.0, -0.2081]])
 
 
 def test_mathematics_of_the_replay(tmp_path):

@@ -18,7 +18,7 @@ from wbc_controller.inverse_dynamics.contacts import UnilateralContact
 from wbc_controller.inverse_dynamics.contacts.support import support_polygon
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.recording.report.motion import make_motion
-from wbc_controller.recording.report.run_data import RunData, collect_supports
+from wbc_controller.recording.report.run_data import RunData
 from wbc_controller.records import Array, RobotState, frozen
 from wbc_controller.settings.config import Config
 
@@ -48,7 +48,7 @@ def write_check_page(config: Config, findings: Sequence[Finding], failure: str, 
         com_reference=np.full((1, 3), np.nan),
         disturbance=np.zeros(1),
         contact_wrenches={key: force[None] for key, force in forces.items()},
-        supports=collect_supports(settings.contacts),
+        contacts=settings.contacts,
     )
     rows: list[tuple[tuple[str, str], bool | None]] = [((each.subject, each.text), None) for each in findings]
     caption = (

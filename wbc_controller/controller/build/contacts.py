@@ -1,9 +1,11 @@
 """Construction of contacts and loop closures."""
 
 import numpy as np
+import pinocchio as pin
 
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics import contacts
+from wbc_controller.inverse_dynamics.robot.instruction import placement_on_link
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.settings import contacts as schema
 
@@ -36,6 +38,12 @@ def make_contact(name: str, contact: schema.ContactSettings, model: RobotModel) 
         axis = np.array(contact.axis)
         return contacts.RollingContact(*base, translation, contact.radius, axis, normal=normal, **given)
     return contacts.PointContact(*base, translation, contact.radius, normal=normal, **given)
+
+
+def contact_placement(model: RobotModel, name: str, contact: schema.ContactSettings) -> tuple[int, pin.SE3]:
+    """Return the Pinocchio joint of a contact, and its placement in the joint's frame."""
+    placement = contacts.placement_of(contact.translation, getattr(contact, "rpy", (0.0, 0.0, 0.0)))
+    return placement_on_link(model, model.frame_id(contact.frame, f"contacts.{name}.frame"), placement)
 
 
 def make_loop_closure(name: str, loop: schema.LoopSettings, model: RobotModel) -> contacts.LoopClosure:

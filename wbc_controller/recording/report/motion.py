@@ -8,10 +8,12 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from wbc_controller.controller.build.contacts import contact_placement
 from wbc_controller.controller.visualization.geometry import Part, build_parts
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.recording.report.run_data import RunData
 from wbc_controller.records import Array
+from wbc_controller.settings.contacts import ContactSettings, SurfaceContact
 
 FRAME_RATE = 30.0
 MAX_FRAMES = 3600  # limits the size of the page; long runs have fewer frames per second
@@ -28,8 +30,8 @@ def make_motion(run: RunData, model: RobotModel) -> dict[str, Any]:
     parts = build_parts(model)
     frames = frame_indices(run.time)
     time = run.time[frames]
-    contacts = [name for name in run.contact_wrenches if name in run.supports]
-    carriers = {name: _placement_on_joint(run, model, name) for name in contacts}
+    contacts = [name for name in run.contact_wrenches if name in run.contacts]
+    carriers = {name: contact_placement(model, name, run.contacts[name]) for name in contacts}
     # A robot without shapes has only its centre of mass, in the world frame.
     joints = sorted({part.joint for part in parts} | {joint for joint, _ in carriers.values()}) or [0]
     poses = joint_poses(run.q[frames], model, joints)
@@ -60,7 +62,7 @@ def make_motion(run: RunData, model: RobotModel) -> dict[str, Any]:
                 "name": name,
                 "joint": joints.index(carriers[name][0]),
                 "corners": [
-                    np.round(carriers[name][1].act(corner), 4).tolist() for corner in run.supports[name].corners
+                    np.round(carriers[name][1].act(corner), 4).tolist() for corner in _corners(run.contacts[name])
                 ],
             }
             for name in contacts
@@ -119,10 +121,10 @@ def _size(parts: Sequence[Part], pose: Array, joints: Sequence[int]) -> float:
     return float(np.linalg.norm(np.ptp(np.vstack(points), axis=0))) if points else 1.0
 
 
-def _placement_on_joint(run: RunData, model: RobotModel, contact: str) -> tuple[int, pin.SE3]:
-    support = run.supports[contact]
-    frame = model.pinocchio.frames[model.frame_id(support.frame, f"contacts.{contact}.frame")]
-    return int(frame.parentJoint), frame.placement * pin.XYZQUATToSE3(np.array(support.placement))
+def _corners(contact: ContactSettings) -> list[Array]:
+    """Return the corners of a contact in its axes, (3,) in m."""
+    shape = contact.corners if isinstance(contact, SurfaceContact) else [[0.0, 0.0]]
+    return [np.array([*corner, 0.0]) for corner in shape]
 
 
 def _force_lines(wrench: Array, pose: Array, placement: pin.SE3) -> Array:

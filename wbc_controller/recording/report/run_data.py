@@ -5,11 +5,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-import pinocchio as pin
 
-from wbc_controller.inverse_dynamics.contacts import placement_of
-from wbc_controller.records import Array, frozen
-from wbc_controller.settings.contacts import ContactSettings, SurfaceContact
+from wbc_controller.records import Array
+from wbc_controller.settings.contacts import ContactSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,15 +18,6 @@ class Result:
     target: str
     measured: str
     passed: bool
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Support:
-    """Placement of a contact on the robot, for the drawing of its forces."""
-
-    frame: str  # frame of the URDF
-    placement: Array  # position and quaternion of the contact in that frame, (7,)
-    corners: Array  # of the support in the contact's axes, (m, 3) in m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +44,7 @@ class RunData:
     phases: tuple[tuple[float, str], ...] = ()  # starts of the phases since the start of the run, s, and names
     results: tuple[Result, ...] = ()
     modes: tuple[tuple[float, str], ...] = ()  # changes of the supervisor's mode, (time in s, mode)
-    supports: Mapping[str, Support] = field(default_factory=dict)  # placements of drawn contacts
+    contacts: Mapping[str, ContactSettings] = field(default_factory=dict)  # drawn contacts
     #: Model audit, (n,): ``energy`` in W, ``force`` in N, NaN without an audit, and number of ``warnings``.
     audit: Mapping[str, Array] = field(default_factory=dict)
     start: float = 0.0  # stamp of the first sample, s
@@ -72,17 +61,6 @@ class RunData:
         starts = [start for start, _ in self.phases]
         ends = [*starts[1:], float(self.time[-1])]
         return [(start, end, name) for (start, name), end in zip(self.phases, ends, strict=False)]
-
-
-def collect_supports(contacts: Mapping[str, ContactSettings]) -> dict[str, Support]:
-    """Return the placements of the contacts of a configuration on the robot."""
-    supports = {}
-    for name, contact in contacts.items():
-        shape = contact.corners if isinstance(contact, SurfaceContact) else [[0.0, 0.0]]
-        corners = frozen([[*corner, 0.0] for corner in shape])
-        placement = pin.SE3ToXYZQUAT(placement_of(contact.translation, getattr(contact, "rpy", (0.0, 0.0, 0.0))))
-        supports[name] = Support(contact.frame, frozen(placement), corners)
-    return supports
 
 
 def mean_velocity(way: Array, begin: float, end: float) -> Array:

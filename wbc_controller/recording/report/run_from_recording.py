@@ -18,7 +18,7 @@ from wbc_controller.middleware.topics import MOCK_NODE, MOCK_TOPICS, Endpoint, e
 from wbc_controller.recording.cycle_layout import cycle_slots, reference_slots
 from wbc_controller.recording.mcap_file import Topic
 from wbc_controller.recording.recording_file import Recording
-from wbc_controller.recording.report.run_data import RunData, collect_supports
+from wbc_controller.recording.report.run_data import RunData
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 from wbc_controller.settings.contacts import FixedContact, PointContact, RollingContact
@@ -113,7 +113,7 @@ def make_run_data(recording: Recording, controller: ControlCycle, *, largest: in
             name: _latest(np.array(times), np.array(wrenches), stamps)[:, : sizes[name]]
             for name, (times, wrenches) in other.wrenches.items()
         },
-        supports=collect_supports(specs),
+        contacts=specs,
         friction={name: each.friction for name, each in specs.items() if not isinstance(each, FixedContact)},
         cycle_seconds=table["seconds/total"],
         stage_seconds={
