@@ -19,7 +19,7 @@ from wbc_controller.validation.campaign.campaign_report import (
     write_report,
 )
 
-DETECTED = {"expected": "detect", "deadline": 0.054, "result": "damped", "code": "STALE_INPUT"}
+DETECTED = {"deadline": 0.054, "result": "damped", "code": "STALE_INPUT"}
 OUTCOMES = [
     *(outcome(seed=seed) for seed in range(7)),
     *(outcome(seed=seed, result="damped", code="FALLEN", after=0.2) for seed in range(7, 10)),

@@ -36,6 +36,13 @@ def test_results_of_other_versions_are_unused(tmp_path, monkeypatch):
     again.close()
 
 
+def test_lines_of_other_versions_may_have_other_fields(tmp_path):
+    (tmp_path / FILE).write_text('{"version": "old", "robot": "go2", "wall": 1.0}\n', encoding="utf-8")
+    results = Results(tmp_path)
+    results.close()
+    assert (results.outcomes, results.other_versions) == ({}, 1)
+
+
 def test_version_depends_on_code_and_configuration(tmp_path):
     path = tmp_path / "mine.yaml"
     path.write_text("a: 1\n", encoding="utf-8")

@@ -28,11 +28,6 @@ class Expectation:
     # time limit of the damping after the fault's start, s; None if the robot may survive
     deadline: float | None = None
 
-    @property
-    def label(self) -> str:
-        """Label in tables."""
-        return "survive" if not self.codes else "either" if self.deadline is None else "detect"
-
 
 HARMLESS = Expectation(frozenset())
 EITHER = Expectation(BALANCE)

@@ -51,7 +51,6 @@ class Outcome:
     kind: str
     seed: int
     parameters: Mapping[str, Any]
-    expected: str  # `survive`, `detect` or `either`
     deadline: float | None  # time limit of the detection, s; or None
     result: str  # `survived`, `damped` or `violation`
     code: str  # fault code, or mode without a fault; empty if active
@@ -59,8 +58,6 @@ class Outcome:
     after: float | None  # from the beginning of the fault to the end of the active mode, s; or None
     moved: float  # largest displacement of the centre of mass, m
     longest: float  # longest processor time of a cycle, s
-    simulated: float  # s
-    wall: float  # s
     violations: Mapping[str, str]  # texts by name, as in `VIOLATIONS`
     walking: bool = False  # True if the robot walked
 
@@ -115,17 +112,15 @@ class Results:
         for number, line in enumerate(complete.splitlines(), 1):
             try:
                 content = json.loads(line)
-                version = content.pop("version")
-                outcome = Outcome(**content)
+                if content.pop("version") == self._version(content["robot"]):
+                    self._store(Outcome(**content))
+                else:
+                    self.other_versions += 1
             except (ValueError, TypeError, KeyError, AttributeError) as error:
                 raise ConfigurationError(
                     f"{self.path}:{number}: invalid line of a fault campaign ({type(error).__name__}: {error}); choose "
                     "another folder"
                 ) from error
-            if version == self._version(outcome.robot):
-                self._store(outcome)
-            else:
-                self.other_versions += 1
 
     def _store(self, outcome: Outcome) -> None:
         if outcome.key in self.outcomes:

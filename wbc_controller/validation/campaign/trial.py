@@ -61,7 +61,6 @@ def run_trial(
     Raises:
         ConfigurationError: if the kind is unknown or the configuration invalid.
     """
-    began = time.perf_counter()
     require_known(kind, ALL_KINDS, "unknown kind of fault")
     rng = np.random.default_rng([seed, zlib.crc32(f"{robot}/{kind}".encode())])
     given = {
@@ -89,7 +88,7 @@ def run_trial(
                 trial.monitor.add_violation("recording", error)
     if logged:
         trial.monitor.add_violation("logged", logged[0])
-    return trial.outcome(robot, seed, time.perf_counter() - began)
+    return trial.outcome(robot, seed)
 
 
 class _Trial(MonitoredRobot):
@@ -196,7 +195,7 @@ class _Trial(MonitoredRobot):
             self.monitor.check_processor_time(time.thread_time() - before - self._read)
         self.mock.advance()
 
-    def outcome(self, robot: str, seed: int, wall: float) -> Outcome:
+    def outcome(self, robot: str, seed: int) -> Outcome:
         monitor, expected = self.monitor, self._expected
         when, code, sentence = monitor.deactivation or (None, "", "")
         after = when - self._began if when is not None and math.isfinite(self._began) else None
@@ -208,7 +207,6 @@ class _Trial(MonitoredRobot):
             kind=self._fault.kind(),
             seed=seed,
             parameters={key: getattr(self._fault, key) for key in keys},
-            expected=expected.label,
             deadline=expected.deadline,
             result="violation" if monitor.violations else "survived" if when is None else "damped",
             code=code,
@@ -216,8 +214,6 @@ class _Trial(MonitoredRobot):
             after=after,
             moved=self._moved,
             longest=monitor.longest,
-            simulated=self.time,
-            wall=wall,
             violations=dict(monitor.violations),
             walking=self._walking,
         )
