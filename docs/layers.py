@@ -61,7 +61,7 @@ ROOMS = {
     ),
     "nodes": Room(
         "settings inverse_dynamics estimation safety walking controller middleware recording simulation",
-        "numpy pydantic rclpy rcl_interfaces std_srvs",
+        "numpy pinocchio pydantic rclpy rcl_interfaces std_srvs",
     ),
     "apps": Room(
         "settings inverse_dynamics controller middleware recording simulation nodes",

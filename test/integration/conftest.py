@@ -30,9 +30,9 @@ from wbc_controller.middleware.stamps import header_time
 from wbc_controller.middleware.states import OdometryReader
 from wbc_controller.middleware.topics import MOCK_NODE, MOCK_TOPICS, Direction, Endpoint, counterpart, endpoints
 from wbc_controller.middleware.transports.memory import MemoryTransport
+from wbc_controller.nodes.lockstep import Lockstep
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.settings.files import find_configuration, load_settings
-from wbc_controller.validation.lockstep import Lockstep
 
 ROBOT = "go2"
 DOMAIN = own_domain()

@@ -3,8 +3,8 @@
 import numpy as np
 import yaml
 
+from wbc_controller.nodes.lockstep import Lockstep
 from wbc_controller.settings.config import load
-from wbc_controller.validation.lockstep import Lockstep
 
 SWITCHES = 60
 #: Lateral amplitude, m; times of motion, on each side, and between task switches, s.

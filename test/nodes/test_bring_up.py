@@ -5,8 +5,8 @@ import logging
 import numpy as np
 import pytest
 
+from wbc_controller.nodes.lockstep import Lockstep
 from wbc_controller.records import Fault, Mode
-from wbc_controller.validation.lockstep import Lockstep
 
 #: Time of the release from the hoist, and end of a run, s.
 LET_GO, END = 0.6, 1.6

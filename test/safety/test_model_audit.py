@@ -17,10 +17,10 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.mechanics.energy import energy_residual
 from wbc_controller.mechanics.external import ExternalWrench
 from wbc_controller.mechanics.momentum import momentum_residual
+from wbc_controller.nodes.lockstep import Lockstep
 from wbc_controller.safety.model_audit import ModelAudit
 from wbc_controller.settings.config import load
 from wbc_controller.simulation.simulation import Simulation
-from wbc_controller.validation.lockstep import Lockstep
 
 LET_GO, CALM = 0.2, 0.9  # s: release of the hoist, end of transients
 

@@ -10,9 +10,9 @@ import sys
 import time
 from pathlib import Path
 
+from wbc_controller.nodes.lockstep import Lockstep
 from wbc_controller.recording.recorder import Recorder
 from wbc_controller.settings.config import load
-from wbc_controller.validation.lockstep import Lockstep
 
 
 def main(path: str, counter: str, rate: float) -> None:

@@ -13,9 +13,9 @@ from wbc_controller.errors import ConfigurationError
 from wbc_controller.middleware.topics import Direction
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.clock import ManualClock
+from wbc_controller.nodes.lockstep import Lockstep
 from wbc_controller.safety.supervisor import Supervisor
 from wbc_controller.settings import Settings
-from wbc_controller.validation.lockstep import Lockstep
 
 #: Joint goals; the passive ankle is not part of the posture task.
 GOAL = np.array([-0.3, 0.5, -0.6, 0.4, 0.0, -0.2])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from wbc_controller.middleware.codec import message
+from wbc_controller.nodes.lockstep import Lockstep
 from wbc_controller.recording.recorder import Recorder
 from wbc_controller.recording.recording_file import Recording
 from wbc_controller.recording.replay.cycle_replay import Replay
@@ -13,7 +14,6 @@ from wbc_controller.recording.replay.recording_summary import summarize
 from wbc_controller.records import Mode
 from wbc_controller.settings.config import load
 from wbc_controller.simulation.faults.catalogue import KINDS
-from wbc_controller.validation.lockstep import Lockstep
 from wbc_controller.walking.gait import Phase
 
 FALLS = {"FALLEN", "FALLING", "ESTIMATE_LOST", "IMPLAUSIBLE_STATE", "RELAXED", "NO_SOLUTION"}

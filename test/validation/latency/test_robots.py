@@ -12,11 +12,11 @@ from wbc_controller.errors import ConfigurationError
 from wbc_controller.middleware.codec import decode, nanoseconds
 from wbc_controller.middleware.topics import counterpart
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.nodes.user import User
 from wbc_controller.records import Mode
 from wbc_controller.settings.service import RealtimeSettings
 from wbc_controller.validation.latency import robots
 from wbc_controller.validation.latency.robots import StandingRobot, echo, open_transport
-from wbc_controller.validation.user import User
 
 
 class Time:

@@ -19,24 +19,20 @@ from wbc_controller.apps.demo.scenario import SCENARIOS, WALK, WALK_ROBOT, WALK_
 from wbc_controller.apps.demo.verdict import distances_to_targets, judge, reference_of
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.check.preflight import check
-from wbc_controller.controller.controller import Controller
 from wbc_controller.controller.cycle import ControlCycle
 from wbc_controller.controller.visualization.tables import Table, as_text
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.middleware.transports.memory import MemoryTransport
 from wbc_controller.middleware.transports.transport import Transport
-from wbc_controller.nodes.clock import ManualClock
-from wbc_controller.nodes.controller_service import make_loop
+from wbc_controller.nodes.lockstep import Lockstep
 from wbc_controller.nodes.processes import Processes
-from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.recording.recorder import Recorder
 from wbc_controller.recording.recording_file import Recording, add_topics
 from wbc_controller.recording.report.run_data import Result
 from wbc_controller.recording.report.run_from_recording import PHASES, make_run_data, truth_topics
 from wbc_controller.recording.report.run_report import write_run_report
 from wbc_controller.settings.config import Config, load
-from wbc_controller.simulation.mock_robot import MockRobot
 
 _FIRST_DOMAIN = 100  # 100 to 199 by process ID, for concurrent demos
 _UserSession = tuple[Transport, Callable[[threading.Event], None], Record]
@@ -144,29 +140,20 @@ def _wait_for_state(processes: Processes, arrived: threading.Event) -> None:
 
 @contextmanager
 def _in_lockstep(stage: _DemoSetup) -> Iterator[_UserSession]:
-    bus = MemoryBus()
-    transport = MemoryTransport(bus)
-    clock = ManualClock()
     settings = stage.config.settings
     recorder = Recorder(settings, stage.record, patient=True, name=stage.name)
-    robot = MockRobot(stage.model, settings, MemoryTransport(bus))
-    controller = Controller(settings, preflight=False, model=stage.model)
-    topics = controller_endpoints(settings, stage.model)
     recorded = [(topic.name, topic.type) for topic in truth_topics(settings)] + [(PHASES, "std_msgs/msg/String")]
     channels = {topic: recorder.channel(topic, kind) for topic, kind in recorded}
-    loop = make_loop(controller, MemoryTransport(bus), clock, topics, recorder=recorder)
+    robot = Lockstep(settings, model=stage.model, recorder=recorder)
 
     def record(topic: str, _kind: str, _stamp: int, payload: bytes) -> None:
         recorder.record_incoming(channels[topic], payload)  # at the clock's time, as the stamp
 
     def advance(arrived: threading.Event) -> None:
-        clock.time = robot.stamp * 1.0e-9
-        robot.publish()
-        loop.cycle()
-        robot.advance()
+        robot.cycle()
 
     try:
-        yield transport, advance, record
+        yield MemoryTransport(robot.bus), advance, record
     finally:
         recorder.close()
 

@@ -12,11 +12,11 @@ from wbc_controller.controller.report import CycleReport
 from wbc_controller.errors import NoSolution
 from wbc_controller.estimation.base_estimator import BaseEstimator
 from wbc_controller.middleware.setpoints import com_trajectory
+from wbc_controller.nodes.lockstep import Lockstep
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.records import Array, Mode
 from wbc_controller.settings.config import Config, load
 from wbc_controller.simulation.faults.fault import Fault
-from wbc_controller.validation.lockstep import Lockstep
 
 #: Additional times for the torque ramp, and for settling after the release of the base, s.
 _RAMP_TIME, _REST_TIME = 0.2, 1.0

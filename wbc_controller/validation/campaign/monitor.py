@@ -15,12 +15,12 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.codec import decode
 from wbc_controller.middleware.topics import counterpart
 from wbc_controller.middleware.transports.memory import MemoryTransport
+from wbc_controller.nodes.lockstep import Lockstep
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.records import Array, Mode
 from wbc_controller.safety.bring_up import UNEXPLAINED_MOTION
 from wbc_controller.settings import Settings
 from wbc_controller.simulation.plant import Plant
-from wbc_controller.validation.lockstep import Lockstep
 
 _ROUNDING, _SAME_TIME = 1.0e-9, 1.0e-6  # rounding tolerance: share of a limit, and time, s
 STALL = 0.02  # largest processor time of a cycle, s

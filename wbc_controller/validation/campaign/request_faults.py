@@ -9,10 +9,10 @@ import numpy as np
 from pydantic import Field
 
 from wbc_controller.middleware.codec import message
+from wbc_controller.nodes.user import User
 from wbc_controller.records import Array
 from wbc_controller.simulation.faults.catalogue import kinds_of
 from wbc_controller.simulation.faults.fault import Fault, number
-from wbc_controller.validation.user import User
 
 _ANY_BYTES = ("weight", "task_enable", "contact_enable")  # topics for which random bytes would be a valid request
 

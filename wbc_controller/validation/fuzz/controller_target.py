@@ -12,6 +12,7 @@ from wbc_controller.inverse_dynamics.references.changes import SetTrajectory
 from wbc_controller.middleware.codec import decode, encode, message
 from wbc_controller.middleware.topics import Endpoint
 from wbc_controller.nodes.inputs import Inputs
+from wbc_controller.nodes.lockstep import Lockstep
 from wbc_controller.nodes.wiring import controller_endpoints, make_vocabulary
 from wbc_controller.records import Array, Mode
 from wbc_controller.validation.campaign.monitor import ZEROS_AT_ONCE
@@ -25,7 +26,6 @@ from wbc_controller.validation.fuzz.target import (
     time_limit,
     valid_message,
 )
-from wbc_controller.validation.lockstep import Lockstep
 
 _STATES = ("joint_states", "odom", "clock")  # read by the cycle itself
 _BATCH = 16  # number of refused messages per cycle

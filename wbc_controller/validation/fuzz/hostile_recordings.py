@@ -16,6 +16,7 @@ from hypothesis.strategies import DrawFn, SearchStrategy
 from wbc_controller.controller.cycle import ControlCycle
 from wbc_controller.errors import InputRefused
 from wbc_controller.middleware.codec import decode, encode, message
+from wbc_controller.nodes.lockstep import Lockstep
 from wbc_controller.recording.mcap_file import McapMessages, Topic
 from wbc_controller.recording.recorder import Recorder
 from wbc_controller.recording.recording_file import Recording
@@ -25,7 +26,6 @@ from wbc_controller.recording.report.run_from_recording import make_run_data
 from wbc_controller.settings.config import load
 from wbc_controller.validation.fuzz.strategies import mutated_bytes, mutated_text
 from wbc_controller.validation.fuzz.values import FLOATS, SCALARS, STRINGS
-from wbc_controller.validation.lockstep import Lockstep
 
 Messages = Sequence[tuple[Topic, int, bytes]]  # messages of a recording: topic, time in ns, payload
 _CYCLES, _SOLVED = 60, 20  # cycles of the original run, and replayed cycles of a hostile one

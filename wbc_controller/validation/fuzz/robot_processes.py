@@ -19,11 +19,11 @@ from wbc_controller.middleware.states import OdometryReader
 from wbc_controller.middleware.topics import Direction
 from wbc_controller.middleware.transports.dds import DdsTransport
 from wbc_controller.nodes.processes import TIMEOUT, Processes, until
+from wbc_controller.nodes.user import User, activation_commands, reliable_counterpart
 from wbc_controller.nodes.wiring import controller_endpoints, topics_of
 from wbc_controller.records import Array
 from wbc_controller.validation.fuzz import DOMAIN
 from wbc_controller.validation.fuzz.lateness import Lateness
-from wbc_controller.validation.user import User, activation_commands, reliable_counterpart
 
 _CAPACITY = 30_000  # messages per topic
 #: Stored topics by node and key.

@@ -23,13 +23,13 @@ from wbc_controller.middleware.topics import MOCK_NODE, MOCK_TOPICS, Endpoint, c
 from wbc_controller.middleware.transports.transport import Transport
 from wbc_controller.nodes.processes import Processes, memory, processor_time, until, waiting_time
 from wbc_controller.nodes.realtime import apply_realtime, describe_scheduling, lower_thread_priority, processors
+from wbc_controller.nodes.user import activation_commands, reliable_counterpart
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.settings.service import RealtimeSettings
 from wbc_controller.simulation.mock_robot import MockRobot
 from wbc_controller.validation.latency import DOMAIN
 from wbc_controller.validation.latency.meter import Meter, RoundTrips, joined
 from wbc_controller.validation.latency.robots import StandingRobot, echo, open_transport
-from wbc_controller.validation.user import activation_commands, reliable_counterpart
 
 _BLOCK = 3.0  # s; shorter than DDS's lease of a stopped process
 _SETTLE, _LANDING = 0.5, 2.0  # unmeasured, s; second value after the release of a mock robot

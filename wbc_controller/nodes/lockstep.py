@@ -1,6 +1,7 @@
 """Controller, mock robot and user on one thread and simulated time."""
 
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,11 +14,11 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.clock import ManualClock, SimulatedClock
 from wbc_controller.nodes.controller_service import make_loop
+from wbc_controller.nodes.user import User
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 from wbc_controller.simulation.mock_robot import MockRobot
-from wbc_controller.validation.user import User
 
 
 class Lockstep:
@@ -45,8 +46,12 @@ class Lockstep:
         self._manual = ManualClock()
         self.clock = SimulatedClock(self.topics, transport) if use_sim_time else self._manual
         self.loop = make_loop(self.controller, transport, self.clock, self.topics, **options)
-        self.user = User(settings, self.model, self.topics, MemoryTransport(self.bus))
         self._data = self.model.pinocchio.createData()
+
+    @cached_property
+    def user(self) -> User:
+        """User of the robot; its topics open at the first use."""
+        return User(self.settings, self.model, self.topics, MemoryTransport(self.bus))
 
     def com(self) -> Array:
         """Return the true centre of mass without payloads, (3,) in m."""

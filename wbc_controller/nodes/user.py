@@ -1,4 +1,4 @@
-"""User of a trial: requests by topics."""
+"""User of a robot: requests by topics."""
 
 import dataclasses
 from collections.abc import Sequence
