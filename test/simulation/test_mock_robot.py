@@ -353,8 +353,8 @@ def test_a_patient_robot_waits_for_a_controller_that_is_late(make, go2, monkeypa
 def test_a_patient_robot_waits_three_seconds_for_torques_after_nonzero_ones(make, go2, monkeypatch, tau, waits):
     """A busy computer stops a process for up to a second; zero torques are the last ones of a controller."""
     robot, peer = make(patient=True)
-    wait, waited = robot._efforts.wait, []
-    monkeypatch.setattr(robot._efforts, "wait", lambda seconds: [waited.append(seconds), wait(0.0)][1])
+    wait, waited = robot._commands.wait, []
+    monkeypatch.setattr(robot._commands, "wait", lambda seconds: [waited.append(seconds), wait(0.0)][1])
 
     def once():
         if len(peer.all("joint_states")) == 20:

@@ -108,10 +108,8 @@ class MockRobot:
         self._last_refusal: dict[str, str] = {}
         self._limit = LogLimit()
         # Filled by the transport's threads; bounded for a robot that waits.
-        self._answers: deque[bytes] = deque(maxlen=10)
         self._requests: deque[tuple[str, str, bytes]] = deque(maxlen=100)
-        self._answer_arrived = threading.Event()
-        self._efforts: Stream | None = None  # unused in lockstep
+        self._commands: Stream  # of joint commands in lockstep, else of efforts
         self._types: dict[str, str] = {}
         self._publishers: dict[tuple[str, str], Publish] = {}
         opened = endpoints(
@@ -163,7 +161,7 @@ class MockRobot:
         """Pause simulated time while torques after nonzero ones are late."""
         active = self._tau is not None and bool(self._tau.any())
         late = active and self.plant.time - self._last_torques >= max(LEAST_LEAD, 2.0 * self._period)
-        if self._efforts is not None and self._efforts.wait(PATIENCE if late else 0.0):
+        if self._commands.wait(PATIENCE if late else 0.0):
             self._last_torques = self.plant.time
         elif late:
             self._last_torques = math.inf
@@ -199,7 +197,7 @@ class MockRobot:
         while not self._answered():
             if stop is not None and stop.is_set():
                 return False
-            self._answer_arrived.wait(max(0.0, due - self._clock()))
+            self._commands.wait(max(0.0, due - self._clock()))
             if self._clock() >= due:
                 self.publish()
                 due = self._clock() + REPUBLISH_AFTER
@@ -211,8 +209,8 @@ class MockRobot:
         for _ in range(len(self._requests)):
             key, contact, payload = self._requests.popleft()
             self._try(key, payload, uses.get(key, partial(self._grip, contact)))
-        if self._efforts is not None:
-            newest = next(iter(self._efforts.take()), None)
+        if not self._lockstep:
+            newest = next(iter(self._commands.take()), None)
             for message in self.faults.deliver("effort", 0, newest)[-1:]:
                 if not self._try("effort", message.payload, self._take_effort):
                     self._tau = None
@@ -251,14 +249,8 @@ class MockRobot:
         self._types[key] = endpoint.type
         if key in ("push", "hold", "grip", "fault"):
             transport.subscribe(endpoint, lambda payload: self._requests.append((key, endpoint.subject, payload)))
-        elif key == "joint_commands" and self._lockstep:
-            transport.subscribe(endpoint, self._store_answer)
-        elif key == "effort" and not self._lockstep:
-            self._efforts = transport.stream(endpoint, 1)
-
-    def _store_answer(self, payload: bytes) -> None:
-        self._answers.append(payload)
-        self._answer_arrived.set()
+        elif key == ("joint_commands" if self._lockstep else "effort"):
+            self._commands = transport.stream(endpoint, 10 if self._lockstep else 1)
 
     def _publish(self, key: str, subject: str, content: Any) -> None:
         self._publishers[key, subject](messages.encode(content))
@@ -299,18 +291,16 @@ class MockRobot:
         self._tau, self._tau_time = tau, self.plant.time
 
     def _answered(self) -> bool:
-        self._answer_arrived.clear()
-        while self._answers:
-            payload = self._answers.popleft()
+        answered = False
+        for payload in self._commands.take():
             try:
                 answers = messages.nanoseconds(messages.decode(payload, self._types["joint_commands"]).header.stamp)
             except InputRefused:
                 answers = None
             if answers in (None, self.stamp) and not self._try("joint_commands", payload, self._take_answer):
                 self._tau = None
-            if answers == self.stamp:
-                return True
-        return False
+            answered = answered or answers == self.stamp
+        return answered
 
     def _push(self, content: Any) -> None:
         force, torque = content.wrench.force, content.wrench.torque
