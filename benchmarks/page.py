@@ -27,7 +27,7 @@ from wbc_controller.apps.page.page_service import free_domain
 from wbc_controller.apps.terminal.request_parser import parse_request
 from wbc_controller.apps.terminal.session import Session
 from wbc_controller.middleware.stamps import time_of
-from wbc_controller.nodes.processes import Processes, memory, processor_time, until
+from wbc_controller.nodes.processes import Processes, memory, processor_time
 from wbc_controller.recording.recording_file import Recording
 
 #: Duration of a block, s, and its unmeasured beginning. The page disconnects a browser after 3 s of silence.
@@ -65,7 +65,7 @@ def measure(robot: str, minutes: float, count: int, scheduling: str, folder: Pat
         session.execute(parse_request(["release"], processes.settings))
         command = [sys.executable, "-u", "-m", "wbc_controller", "view", str(processes.configuration), "--port", "0"]
         view = processes.launch("view", command)
-        until(lambda: "page: " in processes.log("view"), "the page", patience=PATIENCE)
+        processes.until(lambda: "page: " in processes.log("view"), "the page", patience=PATIENCE)
         port = int(re.search(r"page: http://[^:]+:(\d+)", processes.log("view"))[1])
         with scheduling_class(BROWSERS):
             browsers = [Browser(port) for _ in range(count)]

@@ -9,10 +9,10 @@ import time
 
 import pytest
 from busy import patience
-from waiting import has_ended
+from waiting import has_ended, until
 
 from wbc_controller.errors import WbcError
-from wbc_controller.nodes.processes import Processes, memory, processor_time, until, waiting_time
+from wbc_controller.nodes.processes import Processes, memory, processor_time, waiting_time
 
 
 def test_processor_time_and_memory_are_those_of_the_process():
@@ -42,11 +42,19 @@ def test_two_busy_processes_on_one_processor_wait_for_it():
             process.wait()
 
 
-def test_a_timeout_has_the_condition_and_details():
-    asked = []
+def test_a_timeout_has_the_condition_and_details(tmp_path):
+    asked, processes = [], Processes("go2", tmp_path, 0)
+    processes.details = lambda: "; it said 'ebb'"
     with pytest.raises(WbcError, match=r"timeout of 0\.05 s while waiting for the tide; it said 'ebb'"):
-        until(lambda: False, "the tide", lambda: asked.append(1), 0.05, lambda: "; it said 'ebb'")
+        processes.until(lambda: False, "the tide", lambda: asked.append(1), 0.05)
     assert asked == [1]
+
+
+def test_an_ended_process_ends_the_wait(tmp_path):
+    processes = Processes("go2", tmp_path, 0)
+    processes.launch("sleeper", [sys.executable, "-c", "print('no bed'); exit(2)"]).wait()
+    with pytest.raises(WbcError, match=r"^the sleeper ended with exit status 2:\nno bed$"):
+        processes.until(lambda: False, "the morning", lambda: pytest.fail("it was asked"))
 
 
 @pytest.mark.parametrize(("own_sessions", "stopped"), [(False, False), (True, True)])

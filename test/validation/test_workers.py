@@ -5,10 +5,9 @@ import subprocess
 import sys
 from types import SimpleNamespace
 
-from busy import patience
-from waiting import has_ended
+from waiting import has_ended, until
 
-from wbc_controller.nodes.processes import end_with_parent, until
+from wbc_controller.nodes.processes import end_with_parent
 from wbc_controller.validation.accuracy.parallel import run_parallel
 
 SCRIPT = """
@@ -27,11 +26,11 @@ with _parallel(2, "loky", None, work) as run:
 
 def test_workers_end_with_their_killed_parent(tmp_path):
     parent = subprocess.Popen([sys.executable, "-c", SCRIPT, str(tmp_path)])
-    until(lambda: len(os.listdir(tmp_path)) == 2, "two workers", patience=patience(60.0))
+    until(lambda: len(os.listdir(tmp_path)) == 2, "two workers", patience=60.0)
     parent.kill()
     parent.wait()
     workers = [int(name) for name in os.listdir(tmp_path)]
-    until(lambda: all(map(has_ended, workers)), "the workers to end", patience=patience(5.0))
+    until(lambda: all(map(has_ended, workers)), "the workers to end", patience=5.0)
 
 
 def test_workers_of_accuracy_trials_end_with_their_parent_too(monkeypatch):

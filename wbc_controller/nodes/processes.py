@@ -47,6 +47,7 @@ class Processes:
         self.configuration.write_text(config.to_yaml(), encoding="utf-8")
         self._environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
+        self.details: Callable[[], str] = lambda: ""  # end of the error of `until`
 
     def close(self) -> None:
         """Stop all processes, the last one first."""
@@ -96,6 +97,34 @@ class Processes:
                 return f"the {name} ended with exit status {process.returncode}:\n{last}"
         return ""
 
+    def check(self) -> None:
+        """Raise `WbcError` if a process has ended."""
+        error = self.early_end()
+        if error:
+            raise WbcError(error)
+
+    def until(
+        self,
+        condition: Callable[[], Any],
+        what: str,
+        retry: Callable[[], Any] = lambda: None,
+        patience: float = TIMEOUT,
+    ) -> None:
+        """Wait for a condition; raise `WbcError` after `patience` seconds, with the description `what`.
+
+        Four times per second, `retry` is called, and `check`.
+        """
+        deadline, due = time.monotonic() + patience, 0.0
+        while not condition():
+            now = time.monotonic()
+            if now >= due:
+                self.check()
+                retry()
+                due = now + 0.25
+            if now >= deadline:
+                raise WbcError(f"timeout of {patience:g} s while waiting for {what}{self.details()}")
+            time.sleep(0.002)
+
     def log(self, name: str) -> str:
         """Return the output of a process."""
         path = self._folder / f"{name}.log"
@@ -106,28 +135,6 @@ def end_with_parent() -> None:
     """Kill this process, also a stopped one, when its parent ends."""
     if sys.platform == "linux":
         _C.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-
-
-def until(
-    condition: Callable[[], Any],
-    what: str,
-    retry: Callable[[], Any] = lambda: None,
-    patience: float = TIMEOUT,
-    details: Callable[[], str] = lambda: "",
-) -> None:
-    """Wait for a condition; after `patience` seconds raise `WbcError` with the description `what` and the details.
-
-    `retry` is called four times per second.
-    """
-    deadline, due = time.monotonic() + patience, 0.0
-    while not condition():
-        now = time.monotonic()
-        if now >= due:
-            retry()
-            due = now + 0.25
-        if now >= deadline:
-            raise WbcError(f"timeout of {patience:g} s while waiting for {what}{details()}")
-        time.sleep(0.002)
 
 
 def memory(process: int) -> int:

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 from busy import busy_processes
+from waiting import until
 
-from wbc_controller.nodes.processes import until
 from wbc_controller.validation.fuzz.lateness import Lateness
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import sys
 import threading
 from types import SimpleNamespace
 
@@ -13,6 +14,7 @@ from launching import patient
 
 from wbc_controller.errors import ConfigurationError, WbcError
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.nodes.processes import Processes
 from wbc_controller.settings.service import RealtimeSettings
 from wbc_controller.simulation.mock_robot import MockRobot
 from wbc_controller.validation.latency import latency
@@ -83,11 +85,10 @@ def test_other_processes_avoid_the_controller_s_processors(robot_of, monkeypatch
 
 def test_invalid_options_and_an_ended_controller_are_reported(tmp_path, monkeypatch):
     bench = object.__new__(latency._Bench)
-    bench._processes = SimpleNamespace(
-        processes={"controller": SimpleNamespace(poll=lambda: 2)}, log=lambda name: f"{name}: no processor 1000"
-    )
-    with pytest.raises(WbcError, match="ended with exit status 2:\ncontroller: no processor 1000"):
-        bench._until(lambda: False, "the activation", lambda: None)
+    bench._states, bench._processes = [], Processes("go2", tmp_path, 0)
+    bench._processes.launch("controller", [sys.executable, "-c", "print('no processor 1000'); exit(2)"]).wait()
+    with pytest.raises(WbcError, match="the controller ended with exit status 2:\nno processor 1000"):
+        bench._activate()
     for seconds in (0.0, -1.0, float("nan"), float("inf")):
         with pytest.raises(ConfigurationError, match=r"seconds = .*; valid: positive and finite"):
             measure_latency("go2", tmp_path, seconds=seconds)

@@ -3,7 +3,7 @@
 import subprocess
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from wbc_controller.middleware.joint_states import JointStateReader
 from wbc_controller.middleware.states import OdometryReader
 from wbc_controller.middleware.topics import Direction
 from wbc_controller.middleware.transports.dds import DdsTransport
-from wbc_controller.nodes.processes import TIMEOUT, Processes, until
+from wbc_controller.nodes.processes import Processes
 from wbc_controller.nodes.user import User, activation_commands, reliable_counterpart
 from wbc_controller.nodes.wiring import controller_endpoints, topics_of
 from wbc_controller.records import Array
@@ -45,6 +45,7 @@ class RobotProcesses(Processes):
     ) -> None:
         require_libraries("mujoco")  # of the mock robot
         super().__init__(robot, folder, domain, changes)
+        self.details = lambda: f"; controller: {self.state_of('controller')!r}, guard: {self.state_of('guard')!r}"
         self.model = make_model(self.settings)
         self.record = folder / "cycles.mcap"
         self.lateness = Lateness()
@@ -127,17 +128,6 @@ class RobotProcesses(Processes):
         received = self.messages_since("controller/effort", since)
         torques = np.array([content.data for _, content in received]).reshape(-1, self.model.na)
         return np.array([when for when, _ in received]), torques
-
-    def until(
-        self,
-        condition: Callable[[], Any],
-        what: str,
-        repeat: Callable[[], Any] = lambda: None,
-        patience: float = TIMEOUT,
-    ) -> None:
-        """Wait for a condition, as `nodes.processes.until`, with the nodes' states in the error."""
-        states = lambda: f"; controller: {self.state_of('controller')!r}, guard: {self.state_of('guard')!r}"  # noqa: E731
-        until(condition, what, repeat, patience, states)
 
     def wait_for_torques(self, since: float) -> None:
         """Wait for nonzero torques after a time."""

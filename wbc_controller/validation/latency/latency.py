@@ -17,11 +17,11 @@ from pathlib import Path
 from typing import Any
 
 from wbc_controller.controller.build.robot import make_model
-from wbc_controller.errors import ConfigurationError, WbcError
+from wbc_controller.errors import ConfigurationError
 from wbc_controller.middleware.codec import decode, encode, message
 from wbc_controller.middleware.topics import MOCK_NODE, MOCK_TOPICS, Endpoint, counterpart, endpoints
 from wbc_controller.middleware.transports.transport import Transport
-from wbc_controller.nodes.processes import Processes, memory, processor_time, until, waiting_time
+from wbc_controller.nodes.processes import Processes, memory, processor_time, waiting_time
 from wbc_controller.nodes.realtime import apply_realtime, describe_scheduling, lower_thread_priority, processors
 from wbc_controller.nodes.user import activation_commands, reliable_counterpart
 from wbc_controller.nodes.wiring import controller_endpoints
@@ -97,6 +97,7 @@ class _Bench:
         self._processes, self._kind, self._domain = processes, kind, domain
         self._period = 1.0 / settings.control.rate
         self._states: list[str] = []
+        processes.details = lambda: f"; it said {self._mode()!r}\n{processes.log('controller')}"
         self._mock = mock
         topics = controller_endpoints(settings, model)
         self._echo_topics = controller_endpoints(settings, model, namespace=_ECHO)
@@ -168,7 +169,7 @@ class _Bench:
                 used, waited, began = processor_time(controller.pid), waiting_time(controller.pid), time.monotonic()
                 found = self._meter.measure(seconds / blocks, self._period)
                 spent = time.monotonic() - began
-                self._check_process()
+                self._processes.check()
                 active += (processor_time(controller.pid) - used) / spent
                 waiting += (waiting_time(controller.pid) - waited) / spent
                 inactive_states += self._states[known:]
@@ -178,7 +179,7 @@ class _Bench:
             ours.append(found())
             controller.send_signal(signal.SIGSTOP)
             with _running(self._echo_robot):
-                until(lambda: self._echo_meter.answered, "the echo")
+                self._processes.until(lambda: self._echo_meter.answered, "the echo")
                 time.sleep(_SETTLE)
                 found = self._echo_meter.measure(seconds / blocks, self._period)
             bare.append(found())
@@ -195,7 +196,7 @@ class _Bench:
         )
 
     def _inactive_share(self, seconds: float) -> float:
-        self._until(lambda: self._mode() == "inactive", "the inactive mode", lambda: None)
+        self._processes.until(lambda: self._mode() == "inactive", "the inactive mode")
         time.sleep(_SETTLE)
         controller = self._processes.processes["controller"].pid
         used, began = processor_time(controller), time.monotonic()
@@ -218,7 +219,7 @@ class _Bench:
             for word in activation_commands(self._mode()):
                 self._send(word)
 
-        self._until(lambda: self._mode() == "active", "the activation", ask)
+        self._processes.until(lambda: self._mode() == "active", "the activation", ask)
         time.sleep(_SETTLE)
         if self._mock:
             time.sleep(self._processes.settings.safety.activation_ramp)
@@ -229,21 +230,7 @@ class _Bench:
         def ask() -> None:
             self._send("deactivate" if self._mode() in ("active", "holding") else "reset")
 
-        self._until(lambda: self._mode() == "inactive", "the inactive mode", ask)
-
-    def _until(self, condition: Callable[[], bool], what: str, repeat: Callable[[], None]) -> None:
-        def alive() -> None:
-            self._check_process()
-            repeat()
-
-        until(
-            condition, what, alive, details=lambda: f"; it said {self._mode()!r}\n{self._processes.log('controller')}"
-        )
-
-    def _check_process(self) -> None:
-        status = self._processes.processes["controller"].poll()
-        if status is not None:
-            raise WbcError(f"the controller ended with exit status {status}:\n{self._processes.log('controller')}")
+        self._processes.until(lambda: self._mode() == "inactive", "the inactive mode", ask)
 
 
 @contextlib.contextmanager
