@@ -9,6 +9,7 @@ import json
 import os
 import queue
 import re
+import select
 import signal
 import struct
 import sys
@@ -228,7 +229,7 @@ class Writer:
 def frames(read: Callable[[], bytes | None], idle: Callable[[], None]) -> Iterator[tuple[int, int, bytes]]:
     """Yield code, time in ns, and content of the frames of a pipe.
 
-    `read` returns new data, None, or no bytes at the end; `idle` is called after each read.
+    `read` returns new data, None after a pause, or no bytes at the end; `idle` is called after each read.
     """
     rest = b""
     while (data := read()) != b"":
@@ -243,8 +244,6 @@ def frames(read: Callable[[], bytes | None], idle: Callable[[], None]) -> Iterat
                 at += FRAME.size + length
             rest = rest[at:]
         idle()
-        if data is None:
-            time.sleep(_POLL)
 
 
 def main() -> None:
@@ -255,17 +254,13 @@ def main() -> None:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
         os.sched_setaffinity(0, range(1024))
     os.nice(5)
-    os.set_blocking(0, False)
 
     def report(sentence: str) -> None:
         with contextlib.suppress(OSError):  # the loop's process has ended
             os.write(1, sentence.encode() + b"\n")
 
     def read() -> bytes | None:
-        try:
-            return os.read(0, 1 << 20)
-        except BlockingIOError:
-            return None
+        return os.read(0, 1 << 20) if select.select([0], [], [], _POLL)[0] else None
 
     writer = Writer(json.loads(sys.argv[1]), report)
     for code, at, payload in frames(read, writer.poll):

@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, cast
 
 from wbc_controller.recording.writer import END, frame
 
@@ -26,31 +26,26 @@ class WriterProcess:
     def __init__(self, plan: dict[str, Any], *, patient: bool) -> None:
         root = str(Path(__file__).resolve().parents[2])
         paths = os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
-        their_input, self._pipe = os.pipe()
-        our_input, their_output = os.pipe()
-        try:
-            self._process = subprocess.Popen(  # noqa: S603  # our own
-                [sys.executable, "-m", "wbc_controller.recording.writer", json.dumps(plan)],
-                stdin=their_input, stdout=their_output, start_new_session=True,
-                env={**os.environ, "PYTHONPATH": paths},
-            )  # fmt: skip
-        finally:
-            os.close(their_input)
-            os.close(their_output)
+        self._process = subprocess.Popen(  # noqa: S603  # our own
+            [sys.executable, "-m", "wbc_controller.recording.writer", json.dumps(plan)],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True,
+            env={**os.environ, "PYTHONPATH": paths},
+        )  # fmt: skip
+        self._pipe = cast(IO[bytes], self._process.stdin)
         if sys.platform == "linux":
             import fcntl
 
             with contextlib.suppress(OSError):  # lower system limit: less buffer
                 fcntl.fcntl(self._pipe, fcntl.F_SETPIPE_SZ, _PIPE)
-        os.set_blocking(self._pipe, patient)
+        os.set_blocking(self._pipe.fileno(), patient)
         self._unsent: memoryview | None = None  # rest of a batch
         self.dead = self._closed = False  # `dead`: the process has ended
         self.last_message = 0, ""  # number of messages, and text of the last one
-        self._listener = threading.Thread(target=self._listen, args=(our_input,), name="recorder", daemon=True)
+        self._listener = threading.Thread(target=self._listen, name="recorder", daemon=True)
         self._listener.start()
 
-    def _listen(self, pipe: int) -> None:
-        with os.fdopen(pipe, "rb") as lines:
+    def _listen(self) -> None:
+        with cast(IO[bytes], self._process.stdout) as lines:
             for line in lines:
                 sentence = line.decode("utf-8", "replace").rstrip()
                 self.last_message = self.last_message[0] + 1, sentence
@@ -75,7 +70,7 @@ class WriterProcess:
     def _write(self, data: memoryview) -> memoryview | None:
         try:
             while data:
-                data = data[os.write(self._pipe, data) :]
+                data = data[os.write(self._pipe.fileno(), data) :]
         except BlockingIOError:
             return data
         return None
@@ -91,8 +86,8 @@ class WriterProcess:
         while not self.dead and self._unsent is not None and time.monotonic() < ends:
             self.send(b"")
             time.sleep(_RETRY)
-        os.close(self._pipe)
         self.dead = True
+        self._pipe.close()
         try:
             self._process.wait(_TIMEOUT)
         except subprocess.TimeoutExpired:
