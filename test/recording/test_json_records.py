@@ -3,14 +3,17 @@
 import json
 import math
 import struct
+from typing import Any, TypeVar, get_origin
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from typing_extensions import TypeAliasType
 
 from wbc_controller.inverse_dynamics.references.changes import SetSetpoint, SetTrajectory
 from wbc_controller.inverse_dynamics.references.trajectories import Knot, SoftRamp, Trajectory
+from wbc_controller.recording import json_records
 from wbc_controller.recording.json_records import from_json, to_json
 from wbc_controller.records import ChangeSettings, Fault, Mode
 
@@ -74,3 +77,14 @@ def test_records_are_kept_and_invalid_ones_refused():
     for text in (json.dumps({"$record": "Path"}), json.dumps({"$array": "AA==", "type": "<f8", "shape": [1]}), "{"):
         with pytest.raises(ValueError, match=r"not a value|cannot reshape|buffer size|Expecting"):
             from_json(text)
+
+
+def test_array_types_of_new_versions_of_numpy(monkeypatch):
+    """From NumPy 2.5 on, `NDArray` is a type alias on Python 3.12 and later; recordings could not be read there."""
+    T = TypeVar("T", bound=np.generic)
+    alias = TypeAliasType("NDArray", np.ndarray[Any, np.dtype[T]], type_params=(T,))[np.float64]
+    assert get_origin(alias) is not np.ndarray
+    monkeypatch.setattr(json_records, "Array", alias)
+    json_records.require_types({"q": np.zeros(2)}, {"q": alias}, "state")
+    with pytest.raises(ValueError, match="state: 'q' is 'long'"):
+        json_records.require_types({"q": "long"}, {"q": alias}, "state")

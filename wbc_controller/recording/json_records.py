@@ -16,7 +16,17 @@ import numpy as np
 from wbc_controller.inverse_dynamics.references.changes import Change
 from wbc_controller.inverse_dynamics.references.trajectories import Knot, Ramp, SoftRamp, Trajectory
 from wbc_controller.inverse_dynamics.references.tuning import TuningRamp
-from wbc_controller.records import ChangeSettings, Fault, Infeasibility, Mode, Prediction, Reference, RobotState, Tuning
+from wbc_controller.records import (
+    Array,
+    ChangeSettings,
+    Fault,
+    Infeasibility,
+    Mode,
+    Prediction,
+    Reference,
+    RobotState,
+    Tuning,
+)
 from wbc_controller.walking.biped import Step
 from wbc_controller.walking.footstep_plan import Footstep
 from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity
@@ -71,7 +81,7 @@ def _has_type(value: Any, kind: Any) -> bool:
         return isinstance(value, kind | int) and not isinstance(value, bool)
     if outer in (Union, UnionType):
         return any(_has_type(value, each) for each in inner)
-    if outer is np.ndarray:
+    if outer in (np.ndarray, get_origin(Array)):  # from NumPy 2.5 on Python 3.12 on, an alias
         return isinstance(value, np.ndarray | float)  # 0-d arrays are written as numbers
     if outer in (tuple, list, Sequence):
         return isinstance(value, list | tuple) and all(_has_type(each, inner[0]) for each in value)
