@@ -12,3 +12,8 @@ def step(robot, periods=1):
 def simulate(plant, steps):
     for _ in range(steps):
         plant.step()
+
+
+def has_faults(injector):
+    """Return True if a fault is planned or active, or a message is queued."""
+    return bool(injector._planned or injector._acting or any(injector._waiting.values()))

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from faults_table import by_place, faults_table
+from stepping import has_faults
 
 from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.simulation.faults.catalogue import KINDS, draw, read_faults
@@ -75,7 +76,7 @@ def test_unknown_names_are_refused_with_the_whole_list(bench, text, said):
     faults = [*read_faults("{kind: kick}", "x"), *read_faults(text, "x")]
     with pytest.raises(InputRefused, match=said):
         bench.faults.plan(faults, 0.0)
-    assert not bench.faults.busy
+    assert not has_faults(bench.faults)
 
 
 def test_too_many_are_refused(bench):

@@ -29,11 +29,6 @@ class Injector:
         self._waiting: dict[str, list[tuple[float, int, QueuedMessage]]] = {}  # heaps, by stream
         self._count = itertools.count()  # keeps the order of simultaneous messages
 
-    @property
-    def busy(self) -> bool:
-        """True if a fault is planned or active, or a message is queued."""
-        return bool(self._planned or self._acting or any(self._waiting.values()))
-
     def plan(self, faults: Sequence[Fault], since: float) -> None:
         """Plan all faults, or none (InputRefused), relative to the simulated time `since`, s."""
         if len(self._planned) + len(self._acting) + len(faults) > MOST:
