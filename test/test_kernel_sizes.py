@@ -37,7 +37,7 @@ PLACEMENT = np.append(np.eye(3).ravel(), np.zeros(3))
 
 
 def moved_sole(rows, mount, written, size):
-    numbers = (0j, 0.0, 0.0, 0.5, 0.1, 0.0, 0.05, 0.1, 0.002, 0.06, 0.0, 0j)
+    numbers = (0j, 0.0, 0.0, 0.5, 0.1, 0.0, 0.05, 0.1, 0.002, 0.06, 0.0, 0j, 0j)
     feet.move_sole(of(rows, 4), *numbers, PLACEMENT[:mount], of(written, 4), of(size))
 
 

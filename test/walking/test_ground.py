@@ -46,7 +46,7 @@ def test_planes_of_footholds():
 @given(SLOPES, st.floats(-3.0, 3.0))
 def test_a_sole_is_parallel_to_the_ground_in_its_heading(slope, heading):
     foot = Foot("foot", "task", 0, pin.SE3.Identity(), (0.1, 0.05), 0, placement_numbers(pin.SE3.Identity()))
-    _, _, reference = foot.swung(at_rest(0j, 0.0, heading), Landing(0j, 0.0, 0.0, 0.5), slope, 0.05, 0.0, 0.0, 0.0)
+    *_, reference = foot.swung(at_rest(0j, 0.0, heading), Landing(0j, 0.0, 0.0, 0.5), slope, 0j, 0.05, 0.0, 0.0, 0.0)
     pose = reference.position
     assert np.linalg.norm(pose[3:]) == pytest.approx(1.0)
     rotation = rotation_of(pose[3:])
@@ -105,7 +105,7 @@ def test_a_drift_of_the_estimated_height_is_no_slope():
     def drifting(inputs):
         q = inputs.state.q.copy()
         q[2] -= 0.02 * inputs.now
-        slopes.append(0.0 if walker._step is None else abs(walker._step.ground.slope))
+        slopes.append(0.0 if walker._step is None else abs(walker._step.begun.ground.slope))
         return cycle(replace(inputs, state=replace(inputs.state, q=q)))
 
     controller.cycle = drifting
@@ -235,9 +235,9 @@ def test_rough_ground_is_remembered():
 def test_steps_on_rough_ground_are_slower(roughness, share):
     """The fastest step of a biped that is pushed outwards."""
     _, _, walker = walking("g1", 0.0, seconds=1.0)
-    step, cycle = walker._step, walker._latest[0]
-    walker._step = replace(step, landing=replace(step.landing, roughness=roughness))
-    outside = cycle._replace(dcm=cycle.dcm - 0.2j * step.stance.side, time=walker._since + 0.002, dt=0.1)
+    cycle, walker._roughness.share = walker._latest[0], roughness
+    walker._swing(cycle, walker._step.begun.ground)
+    outside = cycle._replace(dcm=cycle.dcm - 0.2j * walker._step.begun.stance.side, time=walker._since + 0.002, dt=0.1)
     walker._single(walker._step, outside, Decision([], {}))
     assert walker._step.landing.time == pytest.approx(share * walker.gait.single)
 

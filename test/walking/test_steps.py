@@ -306,7 +306,7 @@ def test_the_reference_of_the_frame_moves_with_the_sole():
     def reference(time):
         a, b, c = np.array([[0.3, 0.1, 0.2, 0.7], [1.0, -0.5, 0.4, 1.5], [2.0, 1.0, -3.0, -2.0]])
         motion = np.array([a + b * time + c * time**2, b + 2.0 * c * time, 2.0 * c])
-        return foot.swung(motion, Landing(0j, 0.0, 0.0, 0.5), 0j, 0.05, 0.0, 0.0, 0.0)[2]
+        return foot.swung(motion, Landing(0j, 0.0, 0.0, 0.5), 0j, 0j, 0.05, 0.0, 0.0, 0.0)[3]
 
     now = reference(0.0)
     sole = pin.SE3(about_z(0.7), np.array([0.3, 0.1, 0.2]))

@@ -154,7 +154,8 @@ def test_a_foot_that_lands_after_an_outward_push_steps_again():
 def test_a_foot_does_not_step_again_before_a_planned_step_of_the_other_foot_or_out_of_reach(planned, kick):
     simulation, walker = stepping_g1(0.36)
     simulation.plant.data.qvel[1] -= kick
-    walker._step.planned, steps = planned == "this step", walker.steps
+    walker._step.begun = replace(walker._step.begun, planned=planned == "this step")
+    steps = walker.steps
     if planned == "the next step":
         walker.footsteps = (Footstep(walker._stance, walker._step.landing.place + 0.2j * walker._stance, 0.0),)
     while walker.phase is Phase.SINGLE:
@@ -293,6 +294,21 @@ def tracking_errors(filtered, *, reaction=1.0, lag=1.0):
 def test_dcm_and_swing_foot_follow_their_references(filtered, without, quantity):
     """The references contain the reaction of the swing foot and the lag of filtered torques."""
     assert tracking_errors(filtered)[quantity] < 0.6 * tracking_errors(filtered, **without)[quantity]
+
+
+def test_the_reference_of_the_dcm_does_not_jump_after_lift_off():
+    """At the first lift-off, the shift of the weight ends 19 mm from the reference of the step."""
+    simulation, controller, walker = simulated("g1")
+    references = []
+
+    def look(_):
+        if walker.phase is Phase.SINGLE:
+            references.append(walker._dcm_wanted)
+
+    controller.walk(0.4)
+    simulation.run(1.0, look)
+    assert len(references) > 50
+    assert np.abs(np.diff(references)).max() < 0.002
 
 
 def test_the_planned_touchdown_is_frozen_before_the_foot_lands():

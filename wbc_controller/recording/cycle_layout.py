@@ -14,7 +14,7 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import Task
 from wbc_controller.records import Array, Mode, Reference, References
 
-FORMAT = 14  # version of recordings; other versions are rejected
+FORMAT = 15  # version of recordings; other versions are rejected
 MODES = tuple(Mode)
 AGES = ("joint_states", "odom", "imu", "base estimate")  # recorded ages and stage times
 STAGES = (

@@ -27,7 +27,7 @@ from wbc_controller.records import (
     RobotState,
     Tuning,
 )
-from wbc_controller.walking.biped import Step
+from wbc_controller.walking.biped import LiftOff, Step
 from wbc_controller.walking.footstep_plan import Footstep
 from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity
 from wbc_controller.walking.gait import Phase
@@ -40,7 +40,7 @@ from wbc_controller.walking.weight_transfer import WeightTransfer
 _RECORDS: Mapping[str, Callable[..., Any]] = {
     kind.__name__: kind
     for kind in (
-        *get_args(Change), ChangeSettings, Fault, Footstep, Goal, Ground, Infeasibility, Knot, Landing,
+        *get_args(Change), ChangeSettings, Fault, Footstep, Goal, Ground, Infeasibility, Knot, Landing, LiftOff,
         NominalStep, Prediction, Ramp, Reference, RobotState, SoftRamp, Stance, Step, Tuning,
         TuningRamp, Velocity, WeightTransfer,
     )

@@ -39,25 +39,33 @@ _BEYOND, _EDGES = 0.18, 0.01
 #: Largest change of a flat stance sole's slope since lift-off, and displacement of the centre of pressure per further
 #: change, m.
 _FLAT, _FLATTENING = 0.03, 0.6
-_LEVELLING = 0.05  # time constant of the swing foot's rotation to the slope of the ground, s
 _HEADING_RATE = 6.0  # rate of the heading towards its goal, 1/s
 #: Largest distance between the feet along the heading for a stop, m: first, and after a number of steps.
 _BESIDE, _NEAR, _AT_LAST = 0.04, 0.1, 3
 _SLOW = 0.02  # largest commanded speed for a stop, m/s
 
 
-@dataclass(slots=True)  # not frozen: faster construction
-class Step:
-    """A single support."""
+@dataclass(frozen=True, slots=True)
+class LiftOff:
+    """Constants of a single support."""
 
     stance: Stance
+    ground: Ground  # plane through the last footholds
+    clearance: float  # of the swing foot, m
+    shortest: float  # duration of the fastest step, s
+    planned: bool  # True for a planned footstep
+
+
+@dataclass(slots=True)  # not frozen: faster construction
+class Step:
+    """A single support after one cycle."""
+
+    begun: LiftOff
     nominal: NominalStep
     landing: Landing
     swing: Array  # motion of the swing foot, (3, 4) (`swing_kernels`)
     acceleration: complex  # of the swing foot at the time at which the torques act, ẍ + i ÿ in m/s²
-    ground: Ground  # plane through the last footholds
     slope: complex  # of the swing foot, dz/dx + i dz/dy
-    planned: bool  # True for a planned footstep
 
 
 class _Cycle(NamedTuple):
@@ -112,7 +120,7 @@ class BipedWalker(Walker):
         super().ask(command, until)
         self.footsteps = ()
         if self._step is not None:
-            self._step = replace(self._step, planned=False)
+            self._step = replace(self._step, begun=replace(self._step.begun, planned=False))
 
     def follow(self, poses: Array, dynamics: Dynamics) -> None:
         """Step on poses of the soles (x, y in m, heading in rad, (n, 3)), bring the feet side by side, and stop.
@@ -133,7 +141,9 @@ class BipedWalker(Walker):
     @property
     def footsteps_left(self) -> int:  # type: ignore[override]
         """Number of planned footsteps without a touchdown."""
-        return len(self.footsteps) + (self.phase is Phase.SINGLE and self._step is not None and self._step.planned)
+        return len(self.footsteps) + (
+            self.phase is Phase.SINGLE and self._step is not None and self._step.begun.planned
+        )
 
     @property
     def contact_sets(self) -> tuple[tuple[str, ...], ...]:
@@ -150,7 +160,7 @@ class BipedWalker(Walker):
         if self.phase is Phase.SINGLE and self._step is not None:
             feet, swing = [self._feet[self._stance]], self._feet[-self._stance]
             swings = {swing.contact: (self._step.swing, self._step.landing)}
-            clearance = self.gait.clearance_on(self._step.landing.roughness)
+            clearance = self._step.begun.clearance
         edge = margin(pressure, [point for foot in feet for point in foot.corners(cycle.dynamics)])
         elapsed = cycle.time - self._since
         return WalkingPlan.of(self.phase, cycle.dcm, self._dcm_wanted, swings, clearance, elapsed, edge)
@@ -294,43 +304,36 @@ class BipedWalker(Walker):
 
     def _swing(self, cycle: _Cycle, ground: Ground) -> None:
         """Begin a single support on a plane through the footholds."""
-        foot = cycle.soles[-self._stance]
+        foot, gait, rough = cycle.soles[-self._stance], self.gait, self._roughness
         self.phase, self._since, self._lifted = Phase.SINGLE, cycle.time, ()
         stance, nominal, start = self._next_step(self.velocity, cycle)
         planned, self.footsteps = bool(self.footsteps), self.footsteps[1:]
+        shortest = gait.single * (SHORTEST + (SHORTEST_ROUGH - SHORTEST) * rough.share)
+        height = ground.height_at(nominal.place) - aim_below(rough.share)
         self._step = Step(
-            stance=stance,
+            begun=LiftOff(stance, ground, gait.clearance_on(rough.share), shortest, planned),
             nominal=nominal,
-            landing=Landing(
-                nominal.place,
-                ground.height_at(nominal.place) - aim_below(self._roughness.share),
-                nominal.heading,
-                self.gait.single,
-                self._roughness.touchdown_speed,
-                self._roughness.share,
-            ),
+            landing=Landing(nominal.place, height, nominal.heading, gait.single, rough.touchdown_speed, rough.share),
             swing=at_rest(foot.place, foot.height, foot.heading),
             acceleration=0j,
-            ground=ground,
             slope=foot.slope,
-            planned=planned,
         )
         self._blend = self._dcm_wanted - start
 
     def _single(self, step: Step, cycle: _Cycle, decision: Decision) -> complex:
         """Adapt the step, and move the swing foot; return the centre of pressure."""
         gait, elapsed, dt = self.gait, cycle.time - self._since, cycle.dt
-        foot, stance, nominal = self._feet[-self._stance], step.stance, step.nominal
-        landing, swing, slope = step.landing, step.swing, step.slope
-        shortest = gait.single * (SHORTEST + (SHORTEST_ROUGH - SHORTEST) * landing.roughness)
+        foot, begun, nominal = self._feet[-self._stance], step.begun, step.nominal
+        stance, ground, landing, swing = begun.stance, begun.ground, step.landing, step.swing
         if landing.time - elapsed > _FREEZE:
             # The ground has sunk since lift-off, also by drift of the estimate.
             sunk = cycle.soles[self._stance].height - self._footholds[0].height
-            ground, level = step.ground, step.ground.height + sunk - aim_below(landing.roughness)
+            level = ground.height + sunk - aim_below(landing.roughness)
             to, facing, offset, place, height, heading, duration, wanted = adapt(
-                step.planned, nominal.place, nominal.heading, nominal.offset, self.velocity.linear,
+                begun.planned, nominal.place, nominal.heading, nominal.offset, self.velocity.linear,
                 self.velocity.turning, landing.place, landing.time, stance.place, stance.heading, stance.side,
-                stance.omega, gait.sizes, cycle.dcm, swing, ground.place, level, ground.slope, elapsed, dt, shortest,
+                stance.omega, gait.sizes, cycle.dcm, swing, ground.place, level, ground.slope, elapsed, dt,
+                begun.shortest,
             )  # fmt: skip
             nominal = NominalStep(to, facing, offset)
             landing = Landing(place, height, heading, duration, landing.speed, landing.roughness)
@@ -341,20 +344,17 @@ class BipedWalker(Walker):
             share, _ = smooth_step(elapsed / _BLEND)
             wanted += self._blend * (1.0 - share)
         self._dcm_wanted = wanted
-        if dt > 0.0:
-            slope += (step.ground.slope - slope) * min(1.0, dt / _LEVELLING)
-        clearance = gait.clearance_on(landing.roughness)
-        swing, acceleration, self._references[foot.task] = foot.swung(
-            swing, landing, slope, clearance, elapsed - dt, dt, self._lag
+        swing, acceleration, slope, self._references[foot.task] = foot.swung(
+            swing, landing, step.slope, ground.slope, begun.clearance, elapsed - dt, dt, self._lag
         )
-        self._step = step = Step(stance, nominal, landing, swing, acceleration, step.ground, slope, step.planned)
+        self._step = step = Step(begun, nominal, landing, swing, acceleration, slope)
         sole, sensor = cycle.soles[-self._stance], self._sensor(foot.contact, cycle.touching)
-        if self._touchdown_detection.update(cycle.time, elapsed, swing, landing, clearance, sole, sensor):
-            if not (step.planned or self.footsteps) and steps_again(
+        if self._touchdown_detection.update(cycle.time, elapsed, swing, landing, begun.clearance, sole, sensor):
+            if not (begun.planned or self.footsteps) and steps_again(
                 cycle.dcm, stance.place, stance.heading, sole.place, sole.heading, stance.side, self._omega, gait.sizes,
-                shortest,
+                begun.shortest,
             ):  # fmt: skip
-                self._swing(cycle, step.ground)
+                self._swing(cycle, ground)
             else:
                 self._land(step, cycle, elapsed - landing.time, decision)
         beyond = _BEYOND * self._com_height * max(0.0, 1.0 - self._roughness.unevenness / _EDGES)
@@ -372,11 +372,11 @@ class BipedWalker(Walker):
         self._stance = -self._stance
         _, _, start = self._next_step(self.velocity, cycle)
         self._transfer = WeightTransfer.after_touchdown(
-            late, cycle.dcm, start, step.stance.place, sole.place, sole.heading, self._omega, self.gait,
+            late, cycle.dcm, start, step.begun.stance.place, sole.place, sole.heading, self._omega, self.gait,
             step.landing.roughness,
         )  # fmt: skip
         self._stopping = self._stopping + 1 if self.command is None else 0
-        if step.planned and not self.footsteps:
+        if step.begun.planned and not self.footsteps:
             self.command = None
 
     def _double(self, transfer: WeightTransfer, cycle: _Cycle, decision: Decision) -> complex:
@@ -422,7 +422,7 @@ class BipedWalker(Walker):
         if self._step is None:
             goal = mean_angle(soles[1].heading, soles[-1].heading)
         else:
-            goal = mean_angle(self._step.stance.heading, self._step.nominal.heading)
+            goal = mean_angle(self._step.begun.stance.heading, self._step.nominal.heading)
         rate = _HEADING_RATE * math.remainder(goal - self._heading, math.tau)
         self._heading += rate * dt
         return rate

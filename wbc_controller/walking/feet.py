@@ -73,20 +73,21 @@ class Foot:
         return Reference(pin.SE3ToXYZQUAT(dynamics.placement(self.frame)), np.zeros(6), np.zeros(6))
 
     def swung(
-        self, swing: Array, landing: Landing, slope: complex, clearance: float, elapsed: float, dt: float, lag: float
-    ) -> tuple[Array, complex, Reference]:
+        self, swing: Array, landing: Landing, slope: complex, ground: complex, clearance: float, elapsed: float,
+        dt: float, lag: float,
+    ) -> tuple[Array, complex, complex, Reference]:  # fmt: skip
         """Return the motion of a sole in the air, (3, 4), after one cycle, and the reference of the frame.
 
         The acceleration of the reference is planned for the time at which the torques act, after `lag`, s; its
-        horizontal part, x + i y in m/s², is the second result. The sole is parallel to a slope. Other arguments as of
-        `moved`.
+        horizontal part, x + i y in m/s², is the second result. The slope of the sole, the third result, approaches that
+        of the ground. Other arguments as of `moved`.
         """
         motion, out = np.empty((3, 4)), np.empty(19)
-        acceleration = move_sole(
+        acceleration, slope = move_sole(
             swing, landing.place, landing.height, landing.heading, landing.time, landing.speed, landing.roughness,
-            clearance, elapsed, dt, DESCENT, lag, slope, self.frame_in_sole, motion, out,
+            clearance, elapsed, dt, DESCENT, lag, slope, ground, self.frame_in_sole, motion, out,
         )  # fmt: skip
-        return motion, acceleration, Reference(out[:7], out[7:13], out[13:])
+        return motion, acceleration, slope, Reference(out[:7], out[7:13], out[13:])
 
 
 def about_z(angle: float) -> Array:

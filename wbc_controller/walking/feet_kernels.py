@@ -23,6 +23,8 @@ from wbc_controller.inverse_dynamics.robot.placement_kernels import (
 from wbc_controller.records import Array
 from wbc_controller.walking.swing_kernels import move_foot
 
+_LEVELLING = 0.05  # time constant of the swing foot's rotation to the slope of the ground, s
+
 
 @part
 def _velocity(link: Array, point: Vector3) -> Vector3:
@@ -97,18 +99,19 @@ def _put_frame(out: Array, motion: Array, slope: complex, mount: Array) -> None:
 @compiled
 def move_sole(
     sole: Matrix, place: complex, height: float, heading: float, duration: float, speed: float, roughness: float,
-    clearance: float, elapsed: float, dt: float, descent: float, lag: float, slope: complex, mount: Vector,
-    motion: OutMatrix, out: OutVector,
-) -> complex:  # fmt: skip
+    clearance: float, elapsed: float, dt: float, descent: float, lag: float, slope: complex, ground: complex,
+    mount: Vector, motion: OutMatrix, out: OutVector,
+) -> tuple[complex, complex]:  # fmt: skip
     """Write the motion of a sole after one cycle, and the reference of its frame; see `Foot.swung`."""
     if sole.shape != (3, 4) or motion.shape != (3, 4) or len(mount) != 12 or len(out) != 19:
         raise ValueError("move_sole: wrong sizes")
     if dt > 0.0:
         move_foot(sole, place, height, heading, duration, speed, roughness, clearance, elapsed, dt, descent, motion)
+        slope += (ground - slope) * min(1.0, dt / _LEVELLING)
     else:
         motion[:] = sole
     ahead = np.empty((3, 4))
     move_foot(motion, place, height, heading, duration, speed, roughness, clearance, elapsed + dt, lag, descent, ahead)
     ahead[:2] = motion[:2]
     _put_frame(out, ahead, slope, mount)
-    return complex(ahead[2, 0], ahead[2, 1])
+    return complex(ahead[2, 0], ahead[2, 1]), slope
