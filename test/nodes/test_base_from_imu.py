@@ -313,6 +313,10 @@ def test_forces_before_a_restart_of_the_clock_are_ignored(robot):
     robot.cycle()
     robot.inputs.restart()
     assert (robot.inputs.latch(FEET).refused, set(robot.inputs.holding)) == ((), set(FEET))
+    robot.bench.clock.time -= 0.5  # it starts again
+    force(robot, 0.0)
+    latched = robot.inputs.latch(FEET)
+    assert (latched.refused, latched.touching) == ((), {FEET[0]: False})
 
 
 def test_the_normal_is_known_in_the_frames_in_which_forces_are_measured(robot_of, changed):

@@ -171,6 +171,14 @@ def test_default_damping_is_critical(g1, kind):
     np.testing.assert_allclose(make(kind, g1, "g1", stiffness=np.arange(size) ** 2).damping, 2.0 * np.arange(size))
 
 
+@pytest.mark.parametrize("stiffness", [100.0, np.array([100.0, 1.0, 25.0])])
+def test_the_band_of_an_acceleration_is_tolerance_times_stiffness(stiffness):
+    task = tasks.ComTask("com", [True, False, True], stiffness=stiffness)
+    assert task.band().tolist() == [0.0, 0.0]
+    task.tolerance = np.array([0.02, 0.02, 0.04])
+    np.testing.assert_allclose(task.band(), ([0.02, 0.02, 0.04] * np.broadcast_to(stiffness, 3))[[0, 2]])
+
+
 def test_default_reference_requires_no_acceleration(g1, random_state):
     rng = np.random.default_rng(5)
     q, _ = random_state(g1, rng)
