@@ -359,7 +359,10 @@ class BipedWalker(Walker):
                 self._land(step, cycle, elapsed - landing.time, decision)
         beyond = _BEYOND * self._com_height * max(0.0, 1.0 - self._roughness.unevenness / _EDGES)
         pressure = self._corrected(stance.place, cycle, stance.place, stance.place, beyond)
-        return self._flattened(pressure, cycle) if self.phase is Phase.SINGLE else pressure
+        rolled = cycle.soles[self._stance].slope - self._footholds[0].slope
+        if abs(rolled) > _FLAT and self.phase is Phase.SINGLE:
+            return self._flattened(pressure, rolled, cycle)
+        return pressure
 
     def _land(self, step: Step, cycle: _Cycle, late: float, decision: Decision) -> None:
         """Begin a double support, `late` after the planned touchdown, s."""
@@ -403,17 +406,13 @@ class BipedWalker(Walker):
         length, width = foot.usable
         return nearest_in_support(pressure, first, second, heading, length, width + beyond)
 
-    def _flattened(self, pressure: complex, cycle: _Cycle) -> complex:
+    def _flattened(self, pressure: complex, rolled: complex, cycle: _Cycle) -> complex:
         """Return the centre of pressure, moved to the raised side of a stance sole that rolls over its edge.
 
         The sole has rolled from its slope at lift-off: the error of the estimate is larger than the distance of the
         centre of pressure from the edge.
         """
-        sole, foot = cycle.soles[self._stance], self._feet[self._stance]
-        rolled = sole.slope - self._footholds[0].slope
-        angle = abs(rolled)
-        if angle <= _FLAT:
-            return pressure
+        sole, foot, angle = cycle.soles[self._stance], self._feet[self._stance], abs(rolled)
         pressure += _FLATTENING * (angle - _FLAT) * rolled / angle
         return nearest_in_support(pressure, sole.place, sole.place, sole.heading, *foot.usable)
 
