@@ -112,9 +112,7 @@ class MockRobot:
         self._commands: Stream  # of joint commands in lockstep, else of efforts
         self._types: dict[str, str] = {}
         self._publishers: dict[tuple[str, str], Publish] = {}
-        opened = endpoints(
-            MOCK_TOPICS, MOCK_NODE, contacts=settings.contacts, namespace=namespace, remappings=remappings
-        )
+        opened = endpoints(MOCK_TOPICS, MOCK_NODE, settings, namespace=namespace, remappings=remappings)
         for endpoint in opened:
             self._open(endpoint, transport)
         self.joint_states = next(endpoint for endpoint in opened if endpoint.key == "joint_states")

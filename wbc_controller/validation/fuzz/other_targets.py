@@ -135,7 +135,7 @@ class EstimatorTarget(Target):
         settings, self._model = fuzzed_robot(robot)
         changes = {**_ALL_DIAGNOSTICS, "estimation.settling": _SETTLING, "estimation.absolute_pose": True}
         settings = load(settings).replace(changes).settings
-        opened = topics.endpoints(topics.ESTIMATOR_TOPICS, topics.ESTIMATOR_NODE, contacts=settings.contacts)
+        opened = topics.endpoints(topics.ESTIMATOR_TOPICS, topics.ESTIMATOR_NODE, settings)
         super().__init__(opened, ("odom", "diagnostics"))
         self._node = EstimatorService(settings, self._model, opened, self.transport(), self.clock)
         self._period = 1.0 / settings.control.rate
@@ -207,7 +207,7 @@ class MockTarget(Target):
 
     def __init__(self, robot: str) -> None:
         self._settings, self._model = fuzzed_robot(robot)
-        super().__init__(topics.endpoints(topics.MOCK_TOPICS, topics.MOCK_NODE, contacts=self._settings.contacts))
+        super().__init__(topics.endpoints(topics.MOCK_TOPICS, topics.MOCK_NODE, self._settings))
         self._robots = [
             MockRobot(self._model, self._settings, self.transport(), lockstep=lockstep) for lockstep in (False, True)
         ]
