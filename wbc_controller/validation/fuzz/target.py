@@ -45,7 +45,7 @@ class Target:
         self.by_key = {topic.key: topic for topic in self.topics.values()}
         self.types = {topic.key: topic.type for topic in topics}
         self.outputs: dict[str, list[bytes]] = {key: [] for key in subscribed}  # messages on outgoing topics
-        other_end = self.transport()
+        other_end = MemoryTransport(self.bus)
         for topic in topics:
             if topic.key in self.outputs:
                 other_end.subscribe(counterpart(topic), self.outputs[topic.key].append)
@@ -61,13 +61,9 @@ class Target:
     def finish(self) -> None:
         """Deliver delayed messages; raises as `deliver`."""
 
-    def transport(self) -> MemoryTransport:
-        """Return a transport on the node's bus."""
-        return MemoryTransport(self.bus)
-
     def publish(self, topic: Endpoint, payload: bytes) -> None:
         """Publish a payload as a temporary participant, because a permanent one would be a second publisher."""
-        user = self.transport()
+        user = MemoryTransport(self.bus)
         user.advertise(counterpart(topic))(payload)
         user.close()
 
