@@ -25,7 +25,7 @@ def published(robot_of):
     settings, model = robot_of("g1")
     topics = [
         *controller_endpoints(settings, model),
-        *endpoints(MOCK_TOPICS, MOCK, contacts=settings.contacts),
+        *endpoints(MOCK_TOPICS, MOCK, settings),
         *endpoints(GUARD_TOPICS, GUARD),
     ]
     return {topic.name: topic for topic in topics if topic.direction is Direction.OUT}

@@ -57,7 +57,7 @@ class User:
         self._joints, self._base = JointStateReader(self.model.joints), OdometryReader(self.model.base_link)
         self._data = self.model.pinocchio.createData()
         self.state_came = threading.Event()
-        mock = endpoints(MOCK_TOPICS, MOCK_NODE, contacts=self.settings.contacts)
+        mock = endpoints(MOCK_TOPICS, MOCK_NODE, self.settings)
         for owner, topics in (("controller", controller_endpoints(self.settings, self.model)), ("mock", mock)):
             for topic in topics:
                 if not omits(topic):

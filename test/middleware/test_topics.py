@@ -1,5 +1,7 @@
 """The topic table: names, types, directions, quality of service, and use of every row."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from wbc_controller.errors import ConfigurationError
@@ -10,11 +12,13 @@ from wbc_controller.settings.files import types_of
 from wbc_controller.settings.tasks import TaskSettings
 
 KINDS = {"com": "com", "hand": "frame_pose", "posture": "posture"}
+SETTINGS = SimpleNamespace(
+    tasks={name: SimpleNamespace(type=kind) for name, kind in KINDS.items()}, contacts=("left", "right")
+)
 
 
 def expand(table=topics.CONTROLLER_TOPICS, **changes):
-    arguments = {"task_kinds": KINDS, "contacts": ("left", "right"), "frames": ("pelvis",)}
-    made = topics.endpoints(table, "wbc", **{**arguments, **changes})
+    made = topics.endpoints(table, "wbc", **{"settings": SETTINGS, "frames": ("pelvis",), **changes})
     return {(endpoint.key, endpoint.subject): endpoint for endpoint in made}, made
 
 
@@ -73,7 +77,7 @@ def test_the_table_expands_to_one_endpoint_for_each_task_contact_and_frame():
         other = topics.counterpart(endpoint)
         assert other.direction is not endpoint.direction
         assert topics.counterpart(other) == endpoint
-    found, _ = expand(task_kinds=None, contacts=(), frames=())
+    found, _ = expand(settings=None, frames=())
     assert {topic.key for topic in topics.CONTROLLER_TOPICS if "{" not in topic.name} == {key for key, _ in found}
 
 
@@ -85,8 +89,8 @@ def test_types_exist_and_endpoints_are_compatible():
         assert {"setpoint"} <= set(columns) <= {"setpoint", "trajectory"}
         assert set(columns.values()) <= set(TYPES.types)
     assert set(topics.TASK_TYPES) == set(types_of(TaskSettings))
-    mock = topics.endpoints(topics.MOCK_TOPICS, "mock_robot", contacts=("left", "right"))
-    controller = topics.endpoints(topics.CONTROLLER_TOPICS, "wbc_controller", task_kinds=KINDS)
+    mock = topics.endpoints(topics.MOCK_TOPICS, "mock_robot", SETTINGS)
+    controller = topics.endpoints(topics.CONTROLLER_TOPICS, "wbc_controller", SETTINGS)
     both = {endpoint.name: endpoint for endpoint in controller}
     pairs = [(endpoint, both[endpoint.name]) for endpoint in mock if endpoint.name in both]
     for endpoint, other in pairs:
@@ -130,9 +134,9 @@ def test_guard_and_estimator_hear_the_controller_and_the_robot(table, node, alon
     others = [
         endpoint
         for table, node in ((topics.CONTROLLER_TOPICS, "wbc_controller"), (topics.MOCK_TOPICS, "mock_robot"))
-        for endpoint in topics.endpoints(table, node, namespace="/r", task_kinds=KINDS, contacts=("left",))
+        for endpoint in topics.endpoints(table, node, SETTINGS, namespace="/r")
     ]
-    for endpoint in topics.endpoints(table, node, namespace="/r", contacts=("left",)):
+    for endpoint in topics.endpoints(table, node, SETTINGS, namespace="/r"):
         met = [other for other in others if other.name == endpoint.name and other.direction is not endpoint.direction]
         assert met or endpoint.key in alone, endpoint.name
         for other in met:
@@ -149,10 +153,7 @@ def test_there_is_no_dead_row(bench):
     assert incoming == set(READERS) | by_hand
     assert not set(READERS) & by_hand
     controller = bench("g1").activated(30)  # a robot that walks
-    for (key, subject), endpoint in expand(
-        task_kinds={name: task.type for name, task in controller.settings.tasks.items()},
-        contacts=tuple(controller.settings.contacts),
-        frames=(controller.model.base_link,),
-    )[0].items():
+    found, _ = expand(settings=controller.settings, frames=(controller.model.base_link,))
+    for (key, subject), endpoint in found.items():
         if endpoint.direction is topics.Direction.OUT:
             assert controller.received(key, subject), (key, subject)

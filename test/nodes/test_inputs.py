@@ -365,19 +365,28 @@ def test_wake_and_an_emergency_stop_end_the_wait(go2, make):
     assert go2.inputs.wait(0.0)
 
 
-def test_the_reader_leaves_the_loop_three_quarters_of_the_time(go2, make, monkeypatch):
-    times, slept, done = iter(np.arange(100.0)), [], threading.Event()
+@pytest.mark.parametrize("stalled", [0.0, 0.5])
+def test_the_reader_leaves_the_loop_three_quarters_of_the_processor_time(go2, make, monkeypatch, stalled):
+    slept, done = [], threading.Event()
+
+    def reader(*words):
+        time.sleep(stalled)  # as a thread without a processor
+        began = time.thread_time()
+        while time.thread_time() < began + 0.02:
+            pass
+        return ()
 
     def sleep(seconds):
         slept.append(seconds)
         done.set()
 
-    monkeypatch.setattr(requests, "time", SimpleNamespace(perf_counter=lambda: next(times), sleep=sleep))
+    monkeypatch.setattr(decoding, "READERS", {**decoding.READERS, "weight": reader})
+    monkeypatch.setattr(requests, "time", SimpleNamespace(thread_time=time.thread_time, sleep=sleep))
     go2.inputs.requests.start_reader()
-    go2.send("command", make.string("activate"))
+    go2.send("weight", make.float64(1), "com")
     assert done.wait(20.0)
     go2.inputs.requests.stop_reader()
-    assert slept == [3.0]  # each reading advances that clock by one second
+    assert 0.06 <= slept[0] <= 0.2
 
 
 def test_differentiated_velocities(robot_of, changed, stance_of, make):

@@ -12,7 +12,7 @@ from busy import patience
 from waiting import has_ended, until
 
 from wbc_controller.errors import WbcError
-from wbc_controller.nodes.processes import Processes, memory, processor_time, waiting_time
+from wbc_controller.nodes.processes import Processes, memory, processor_time, waiting_times
 
 
 def test_processor_time_and_memory_are_those_of_the_process():
@@ -35,7 +35,7 @@ def test_two_busy_processes_on_one_processor_wait_for_it():
     command = [sys.executable, "-c", f"import os\nos.sched_setaffinity(0, {{{one}}})\nwhile True: pass"]
     busy = [subprocess.Popen(command) for _ in range(2)]
     try:
-        until(lambda: all(waiting_time(process.pid) > 0.05 for process in busy), "both to wait")
+        until(lambda: all(max(waiting_times(process.pid).values()) > 0.05 for process in busy), "both to wait")
     finally:
         for process in busy:
             process.kill()

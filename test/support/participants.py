@@ -2,16 +2,21 @@
 
 import threading
 from importlib.util import find_spec
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from domains import own_domain
 
-from wbc_controller.middleware.topics import Endpoint
+from wbc_controller.middleware.topics import TASK_TYPES, Endpoint
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.middleware.transports.transport import Transport
 
 DOMAIN = own_domain()
+#: Stand-in of settings with a task of every type.
+EVERY_TASK: Any = SimpleNamespace(
+    tasks={kind: SimpleNamespace(type=kind) for kind in TASK_TYPES}, contacts=("left", "right")
+)
 
 
 def is_omitted(endpoint: Endpoint) -> bool:

@@ -73,7 +73,7 @@ class MockPeer(Peer):
     """The other end of the mock robot's topics."""
 
     def __init__(self, bus: MemoryBus, settings: Settings) -> None:
-        super().__init__(bus, endpoints(MOCK_TOPICS, MOCK_NODE, contacts=settings.contacts))
+        super().__init__(bus, endpoints(MOCK_TOPICS, MOCK_NODE, settings))
 
     def effort(self, tau: Any) -> None:
         self.send("effort", torques(np.asarray(tau, dtype=np.float64)))

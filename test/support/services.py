@@ -16,7 +16,7 @@ from wbc_controller.settings import Settings
 def topics_of(node: str, settings: Settings, **names: Any) -> list[Endpoint]:
     """Topics of the ``guard``, the ``mock`` or the ``estimator``; `names` as of `endpoints`."""
     name, table = NODES[node]
-    return endpoints(table, name, contacts=settings.contacts, **names)
+    return endpoints(table, name, settings, **names)
 
 
 def make_guard(

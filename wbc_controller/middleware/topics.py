@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.settings import NODE_NAME
+from wbc_controller.settings import NODE_NAME, Settings
 
 
 class Direction(str, enum.Enum):
@@ -279,27 +279,22 @@ def _expand(name: str, node: str, namespace: str) -> str:
 def endpoints(
     table: Iterable[Topic],
     node: str,
+    settings: Settings | None = None,
     *,
-    task_kinds: Mapping[str, str] | None = None,
-    contacts: Iterable[str] = (),
     frames: Iterable[str] = (),
     namespace: str = "/",
     remappings: Mapping[str, str] | None = None,
 ) -> list[Endpoint]:
-    """Return the endpoints of a table for one robot.
-
-    Args:
-        task_kinds: kind by task.
-        frames: frames for external wrenches.
-    """
-    kinds, opened = task_kinds or {}, []
-    subjects: dict[str, tuple[str, ...]] = {"task": tuple(kinds), "contact": tuple(contacts), "frame": tuple(frames)}
+    """Return the endpoints of a table for the tasks and contacts of one robot, and `frames` of external wrenches."""
+    tasks, contacts = ({}, {}) if settings is None else (settings.tasks, settings.contacts)
+    subjects: dict[str, tuple[str, ...]] = {"task": tuple(tasks), "contact": tuple(contacts), "frame": tuple(frames)}
+    opened = []
     for topic in table:
         field = next((field for field in subjects if f"{{{field}}}" in topic.name), None)
         for subject in subjects[field] if field else ("",):
             type_name = topic.type
             if topic.type in BY_TASK:
-                types = TASK_TYPES[kinds[subject]]
+                types = TASK_TYPES[tasks[subject].type]
                 if topic.type != "setpoint" and "trajectory" not in types:  # forces and torques have no motion
                     continue
                 type_name = types["trajectory" if topic.type == "trajectory" else "setpoint"]

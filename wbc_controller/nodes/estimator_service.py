@@ -155,9 +155,7 @@ def run_estimator(
     remappings: Mapping[str, str] | None = None,
 ) -> None:
     """Run the estimator until the event is set; arguments as for `run_controller`, errors as for `EstimatorService`."""
-    topics = endpoints(
-        ESTIMATOR_TOPICS, ESTIMATOR_NODE, contacts=settings.contacts, namespace=namespace, remappings=remappings
-    )
+    topics = endpoints(ESTIMATOR_TOPICS, ESTIMATOR_NODE, settings, namespace=namespace, remappings=remappings)
     urdf = find_urdf(settings, transport, stop, topics)
     if stop.is_set():
         return

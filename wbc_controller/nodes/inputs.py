@@ -57,21 +57,16 @@ _NO_SENSORS = ContactSensing({}, 0.0, 0.0, 0.0)
 
 
 @dataclass(slots=True)
-class _Source:
-    reader: StateReader
-    stamps: StampTracker
-    check: SampleCheck | None = None  # plausibility of the samples
-    topic: str = ""
-    newest: Any = None
+class _Input:
+    """Topic of a state, with its waiting messages and newest sample."""
 
-
-@dataclass(slots=True)
-class _Queue:
-    endpoint: Endpoint
+    topic: Endpoint
     stream: Stream
     pending: deque[tuple[float, bytes]]  # arrival, s, and serialized message
-    largest: int
-    source: _Source | None  # None for a contact switch
+    stamps: StampTracker
+    reader: StateReader | None  # None for a contact switch
+    check: SampleCheck | None  # plausibility of the samples
+    newest: Any = None
 
 
 class Inputs:
@@ -112,46 +107,45 @@ class Inputs:
         self._poses: list[PoseSample] = []
         self._base: tuple[Array, Array] | None = None  # pose and twist of the last cycle
         self._detector = ContactDetector(make_sensing(settings, model, contacts) if estimated else _NO_SENSORS)
-        self._forces = {
-            name: _Source(ContactForceReader(name, normals), self._tracker())
-            for name, normals in self._detector.sensing.normals.items()
-        }
         self.holding: Collection[str] = ()  # active contacts of the base estimate in the last cycle
         self._refusals: dict[str, str] = {}  # by topic with a refused newest message
-        columns = ("position", "velocity") if velocity_filter is None else ("position",)
-        joint_check = SampleCheck.of_joints(model, safety, measured=velocity_filter is None)
-        self._joints = joints = _Source(JointStateReader(model.joints, *columns), self._tracker(), joint_check)
-        self._sources = {"joint_states": joints}
         self.shared: Callable[[], Mapping[str, str]] = dict
+        columns = ("position", "velocity") if velocity_filter is None else ("position",)
+        readers: dict[tuple[str, str], StateReader] = {("joint_states", ""): JointStateReader(model.joints, *columns)}
+        checks = {"joint_states": SampleCheck.of_joints(model, safety, measured=velocity_filter is None)}
         if estimator is not None:
-            self._sources["imu"] = _Source(ImuReader(estimator.imu_frame), self._tracker())
+            readers["imu", ""] = ImuReader(estimator.imu_frame)
+            if estimator.uses_poses:
+                readers["pose", ""] = PoseReader()
+            for name, normals in self._detector.sensing.normals.items():
+                readers["measured_wrench", name] = ContactForceReader(name, normals)
         elif model.floating_base:
-            base_check = SampleCheck.of_base(safety)
-            self._sources["odom"] = _Source(OdometryReader(model.base_link), self._tracker(), base_check)
-        self._parts = dict(self._sources)  # required for a state
-        if estimator is not None and estimator.uses_poses:
-            self._sources["pose"] = _Source(PoseReader(), self._tracker())
-        self._queues: list[_Queue] = []
-        latched = [*self._sources, *(CONTACT_SENSORS if estimated else ())]
-        for endpoint in endpoints:
-            if endpoint.direction is Direction.OUT or endpoint.key in _NOT_LATCHED:
+            readers["odom", ""] = OdometryReader(model.base_link)
+            checks["odom"] = SampleCheck.of_base(safety)
+        self._inputs: dict[tuple[str, str], _Input] = {}
+        for topic in endpoints:
+            place = topic.key, topic.subject
+            if topic.direction is Direction.OUT or topic.key in _NOT_LATCHED:
                 continue
-            if endpoint.key in latched:
-                measures_force = endpoint.key == "measured_wrench"
-                source = self._forces[endpoint.subject] if measures_force else self._sources.get(endpoint.key)
-                if source is not None:
-                    source.topic = endpoint.name
-                self._queues.append(_open_queue(endpoint, transport, source))
-            elif endpoint.key not in _MAX_BYTES:
-                transport.subscribe(endpoint, partial(self.requests.put, endpoint))
-        self._trigger = next(queue for queue in self._queues if queue.source is joints)
+            if place in readers or (estimated and topic.key == "holds"):
+                capacity = {"imu": _MAX_IMU_SAMPLES, "pose": _MAX_POSES}.get(topic.key, 1)
+                stream = transport.stream(topic, max(capacity, _STATE_DEPTH))
+                pending: deque[tuple[float, bytes]] = deque(maxlen=capacity)
+                check = checks.get(topic.key)
+                self._inputs[place] = _Input(topic, stream, pending, self._tracker(), readers.get(place), check)
+            elif topic.key not in _MAX_BYTES:
+                transport.subscribe(topic, partial(self.requests.put, topic))
+        self._joints = self._inputs["joint_states", ""]
+        parts = [key for key in ("joint_states", "imu", "odom") if (key, "") in self._inputs]
+        self._parts = {key: self._inputs[key, ""] for key in parts}  # required for a state
+        self._forces = {name: each for (key, name), each in self._inputs.items() if key == "measured_wrench"}
 
     def wait(self, seconds: float) -> bool:
         """Wait for a joint state, an emergency stop, or `wake`, in wall time; return True if in time."""
         deadline, left = time.monotonic() + seconds, seconds
-        while self._trigger.stream.wait(left):
-            self._collect(self._trigger)
-            if self._trigger.pending or self._woken:
+        while self._joints.stream.wait(left):
+            self._collect(self._joints)
+            if self._joints.pending or self._woken:
                 self._woken = False
                 return True
             left = max(deadline - time.monotonic(), 0.0)
@@ -160,29 +154,29 @@ class Inputs:
     def wake(self) -> None:
         """End the present or next wait, from any thread."""
         self._woken = True
-        self._trigger.stream.wake()
+        self._joints.stream.wake()
 
-    def _collect(self, queue: _Queue) -> None:
+    def _collect(self, queue: _Input) -> None:
         """Take the messages of a topic, and drop oversized ones."""
-        taken = queue.stream.take()
+        taken, largest = queue.stream.take(), _MAX_BYTES[queue.topic.key]
         self._clock.refresh()  # after the states, because a simulator publishes the time first
         now = self._clock.now()
         for payload in taken:
-            if len(payload) <= queue.largest:
+            if len(payload) <= largest:
                 queue.pending.append((now, payload))
             else:
-                self.requests.drop_unread(queue.endpoint, f"more than {queue.largest} bytes")
+                self.requests.drop_unread(queue.topic, f"more than {largest} bytes")
 
     def discard_pending(self) -> None:
         """Drop all waiting states: their ages are unknown."""
-        for queue in self._queues:
+        for queue in self._inputs.values():
             queue.stream.take()
             queue.pending.clear()
         self._clock.refresh()
 
     def restart(self) -> None:
         """Restart the timestamp trackers, filters and estimates after a jump of the clock."""
-        for source in (*self._sources.values(), *self._forces.values()):
+        for source in self._inputs.values():
             source.stamps = self._tracker()
             if source.check is not None:
                 source.check.restart()
@@ -213,12 +207,12 @@ class Inputs:
             walking: True if the robot walks (`BaseEstimator.update`).
         """
         refused: list[str] = []
-        for queue in self._queues:
+        for queue in self._inputs.values():
             if not queue.pending:  # otherwise just taken by `wait`
                 self._collect(queue)
-        if self._trigger.pending and self._clock.now() - self._trigger.pending[0][0] > _PREEMPTED:
-            self._collect(self._trigger)
-        for queue in self._queues:
+        if self._joints.pending and self._clock.now() - self._joints.pending[0][0] > _PREEMPTED:
+            self._collect(self._joints)
+        for queue in self._inputs.values():
             while queue.pending:
                 self._decode(queue, refused)
         if self.estimator is not None:
@@ -248,38 +242,38 @@ class Inputs:
         joints, odometry = self._joints.newest, self._newest_base()
         if joints is None or not odometry:
             return
-        stamp = 1.0e-9 * self._sources["odom"].newest.stamp
+        stamp = 1.0e-9 * self._inputs["odom", ""].newest.stamp
         self._agreement.update(stamp, odometry, (joints.position, joints.velocity), holding, controlled=controlled)
 
-    def _decode(self, queue: _Queue, refused: list[str]) -> None:
+    def _decode(self, queue: _Input, refused: list[str]) -> None:
         """Decode, check and store one message; a refused one leaves the last one in force."""
-        endpoint, source, key = queue.endpoint, queue.source, queue.endpoint.key
+        topic, key = queue.topic, queue.topic.key
         arrival, payload = queue.pending.popleft()
         try:
-            if source is None:
-                self._detector.update_switch(endpoint.subject, bool(decode(payload, endpoint.type).data))
+            if queue.reader is None:
+                self._detector.update_switch(topic.subject, bool(decode(payload, topic.type).data))
                 return
-            newest = source.reader.read(payload)
-            reason = source.stamps.refusal(newest.stamp, arrival)
-            if not reason and source.check is not None:  # it stores a plausible sample
-                reason = source.check.check(*newest[:3])
+            newest = queue.reader.read(payload)
+            reason = queue.stamps.refusal(newest.stamp, arrival)
+            if not reason and queue.check is not None:  # it stores a plausible sample
+                reason = queue.check.check(*newest[:3])
             if reason:
                 raise InputRefused(reason)
-            source.stamps.accept(newest.stamp, arrival)
+            queue.stamps.accept(newest.stamp, arrival)
         except Exception as error:
-            self._refusals[key] = refusal_reason(endpoint, error) + self._publishers_note(endpoint.name)
-            refused.append(f"{endpoint.name}: {self._refusals[key]}")
+            self._refusals[key] = refusal_reason(topic, error) + self._publishers_note(topic.name)
+            refused.append(f"{topic.name}: {self._refusals[key]}")
             return
         self._refusals.pop(key, None)
-        if source is self._joints and self._velocity_filter is not None:
+        if queue is self._joints and self._velocity_filter is not None:
             newest = newest._replace(velocity=self._velocity_filter.update(newest.stamp, newest.position))
-        source.newest = newest
+        queue.newest = newest
         if key == "imu":
             self._imu.append(ImuSample(1.0e-9 * newest.stamp, newest.angular_velocity, newest.specific_force))
         elif key == "pose":
             self._poses.append(PoseSample(1.0e-9 * newest.stamp, newest.pose, newest.covariance))
         elif key == "measured_wrench":
-            self._detector.update_force(endpoint.subject, newest.normal)
+            self._detector.update_force(topic.subject, newest.normal)
 
     def _publishers_note(self, topic: str) -> str:
         names = self.shared().get(topic)
@@ -290,7 +284,7 @@ class Inputs:
             return self._base
         if not self._model.floating_base:
             return ()
-        odometry = self._sources["odom"].newest
+        odometry = self._inputs["odom", ""].newest
         return None if odometry is None else (odometry.pose, odometry.twist)
 
     def _estimate(
@@ -301,7 +295,7 @@ class Inputs:
         silent = detector.silent
         measured = detector.active(holding, {name: force.stamps.age(now) for name, force in self._forces.items()})
         sentences = [
-            f"{self._forces[name].topic}: {detector.timeout_note(name)}"
+            f"{self._forces[name].topic.name}: {detector.timeout_note(name)}"
             for name in detector.silent
             if name not in silent
         ]
@@ -315,10 +309,10 @@ class Inputs:
         slipping = estimator.slipping
         estimator.update(imu, joints.position, joints.velocity, self.holding, walking=walking)
         poses, self._poses = self._poses, []
-        contradictions = estimator.correct(poses, controlled=controlled) if "pose" in self._sources else []
+        contradictions = estimator.correct(poses, controlled=controlled) if ("pose", "") in self._inputs else []
         if contradictions:
             self._refusals["pose"] = contradictions[-1]
-            sentences += [f"{self._sources['pose'].topic}: {reason}" for reason in contradictions]
+            sentences += [f"{self._inputs['pose', ''].topic.name}: {reason}" for reason in contradictions]
         self._base = estimator.base
         return sentences + [
             f"the base estimate ignores the slipping contact {name!r} until it rests"
@@ -337,9 +331,9 @@ class Inputs:
     def fault(self, ages: Mapping[str, float], timeout: float) -> Fault | None:
         """Return the input fault, or None, for the ages of the parts of the state and their limit, s."""
         for part in self._parts.values():
-            found = part.check.fault(part.topic) if part.check is not None and part.check.in_row else None
+            found = part.check.fault(part.topic.name) if part.check is not None and part.check.in_row else None
             if found is not None:
-                return Fault(found.code, found.sentence + self._publishers_note(part.topic))
+                return Fault(found.code, found.sentence + self._publishers_note(part.topic.name))
         stale = stale_inputs(ages, timeout, self.notes)
         if stale is None and self._agreement is not None and self._agreement.contradiction is not None:
             return Fault("IMPLAUSIBLE_STATE", self._agreement.contradiction)
@@ -357,7 +351,7 @@ class Inputs:
         """Return diagnostics: rejected samples, and delay of differentiated joint velocities."""
         values = {
             f"rejected/{key}": str(source.check.rejected)
-            for key, source in self._sources.items()
+            for (key, _), source in self._inputs.items()
             if source.check is not None and source.check.rejected
         }
         velocity_filter = self._velocity_filter
@@ -369,7 +363,7 @@ class Inputs:
     def notes(self) -> dict[str, str]:
         """Return explanations of the ages by part of the state: a refusal, or the transit time."""
         now = self._clock.now()
-        notes = {self._forces[name].topic: self._detector.timeout_note(name) for name in self._detector.silent}
+        notes = {self._forces[name].topic.name: self._detector.timeout_note(name) for name in self._detector.silent}
         if self.estimator is not None and self._base is None:
             notes[ESTIMATE] = self.estimator.waits_for
         for name, part in self._parts.items():
@@ -382,16 +376,10 @@ class Inputs:
         return notes
 
     def _pose_notes(self) -> dict[str, str]:
-        if self.estimator is None or "pose" not in self._sources:
+        if self.estimator is None or ("pose", "") not in self._inputs:
             return {}
-        age = self._sources["pose"].stamps.age(self._clock.now())
+        age = self._inputs["pose", ""].stamps.age(self._clock.now())
         notes = {"pose/age": f"{age:.3f} s" if math.isfinite(age) else "no pose received"}
         if "pose" in self._refusals:
             notes["pose/last refusal"] = self._refusals["pose"]
         return notes | (self.estimator.poses.values if self.estimator.poses is not None else {})
-
-
-def _open_queue(endpoint: Endpoint, transport: Transport, source: _Source | None) -> _Queue:
-    capacity = {"imu": _MAX_IMU_SAMPLES, "pose": _MAX_POSES}.get(endpoint.key, 1)
-    stream = transport.stream(endpoint, max(capacity, _STATE_DEPTH))
-    return _Queue(endpoint, stream, deque(maxlen=capacity), _MAX_BYTES[endpoint.key], source)

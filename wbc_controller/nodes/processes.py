@@ -150,10 +150,11 @@ def processor_time(process: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def waiting_time(process: int) -> float:
-    """Return the time that ready threads waited for a processor, s."""
-    total = 0
-    for schedstat in Path(f"/proc/{process}/task").glob("*/schedstat"):
-        with contextlib.suppress(FileNotFoundError, ProcessLookupError):  # the thread has ended
-            total += int(schedstat.read_text().split()[1])  # second field, ns
-    return 1.0e-9 * total
+def waiting_times(process: int) -> dict[Path, float]:
+    """Return the time that each ready thread waited for a processor, s; empty after the end of the process."""
+    times = {}
+    with contextlib.suppress(FileNotFoundError):  # the process has ended
+        for schedstat in Path(f"/proc/{process}/task").glob("*/schedstat"):
+            with contextlib.suppress(OSError, IndexError):  # the thread has ended
+                times[schedstat] = 1.0e-9 * int(schedstat.read_text().split()[1])
+    return times

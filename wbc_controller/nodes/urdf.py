@@ -36,30 +36,22 @@ def wait_for_urdf(transport: Transport, stop: threading.Event, topics: Iterable[
 
     The result is empty within 5 s after `stop` was set.
     """
-    arrived = threading.Event()
-    found, refused = "", False
-
-    def receive(payload: bytes) -> None:
-        nonlocal found, refused
-        if arrived.is_set():
-            return
-        try:
-            found = decode_urdf(payload, endpoint)
-        except InputRefused as error:
-            if not refused:
-                _log.warning("refused %s: %s", endpoint.name, error)
-            refused = True
-            return
-        arrived.set()
-
     (endpoint,) = (topic for topic in topics if topic.key == "robot_description")
-    transport.subscribe(endpoint, receive)
-    while not arrived.wait(_WARNING_PERIOD if not stop.is_set() else 0.0):
+    stream, refused = transport.stream(endpoint, 1), False
+    while True:
+        arrived = stream.wait(_WARNING_PERIOD if not stop.is_set() else 0.0)
+        for payload in stream.take():
+            try:
+                return decode_urdf(payload, endpoint)
+            except InputRefused as error:
+                if not refused:
+                    _log.warning("refused %s: %s", endpoint.name, error)
+                refused = True
         if stop.is_set():
             return ""
-        cause = _missing_cause(transport, endpoint)
-        _log.warning("robot.urdf is empty: still waiting for the URDF on %s; %s", endpoint.name, cause)
-    return found
+        if not arrived:
+            cause = _missing_cause(transport, endpoint)
+            _log.warning("robot.urdf is empty: still waiting for the URDF on %s; %s", endpoint.name, cause)
 
 
 def _missing_cause(transport: Transport, endpoint: Endpoint) -> str:

@@ -49,8 +49,7 @@ def controller_endpoints(
     return endpoints(
         [topic for topic in CONTROLLER_TOPICS if walks or topic.key not in WALKING_KEYS],
         node,
-        task_kinds={name: task.type for name, task in settings.tasks.items()},
-        contacts=settings.contacts,
+        settings,
         frames=dict.fromkeys([model.base_link, *named_frames(settings)]),
         namespace=namespace,
         remappings=remappings,
@@ -61,17 +60,9 @@ def topics_of(
     settings: Settings, namespace: str = "/", remappings: Mapping[str, str] | None = None
 ) -> dict[tuple[str, str, str], Endpoint]:
     """Return the topics of all nodes, by node, key and subject."""
-    kinds = {name: task.type for name, task in settings.tasks.items()}
+    frames = named_frames(settings)
     return {
         (owner, topic.key, topic.subject): topic
         for owner, (node, table) in NODES.items()
-        for topic in endpoints(
-            table,
-            node,
-            task_kinds=kinds,
-            contacts=settings.contacts,
-            frames=named_frames(settings),
-            namespace=namespace,
-            remappings=remappings,
-        )
+        for topic in endpoints(table, node, settings, frames=frames, namespace=namespace, remappings=remappings)
     }

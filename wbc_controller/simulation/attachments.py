@@ -79,9 +79,9 @@ def closures_of(model: RobotModel, loops: Mapping[str, LoopSettings]) -> dict[st
     return closures
 
 
-def frame_on_joint(model: RobotModel, name: str, key: str = "frame") -> tuple[int, pin.SE3]:
-    """Return the Pinocchio joint of a robot frame, and the frame's placement on it; `key` is for errors."""
-    return placement_on_link(model, model.frame_id(name, key))
+def frame_on_joint(model: RobotModel, name: str) -> tuple[int, pin.SE3]:
+    """Return the Pinocchio joint of a robot frame, and the frame's placement on it."""
+    return placement_on_link(model, model.frame_id(name, "frame"))
 
 
 def _effective_mask(model: RobotModel, name: str, loop: LoopSettings) -> list[bool]:

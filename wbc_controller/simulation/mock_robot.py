@@ -104,6 +104,7 @@ class MockRobot:
         self._slow_decimation = max(1, round(settings.control.rate / SLOW_RATE))
         self._tau: Array | None = None
         self._tau_time = 0.0
+        self._answered_stamp = 0  # of the newest state with an answer in lockstep, ns
         self._last_torques = math.inf  # simulated time of the last torques; inf without a sender
         self._last_refusal: dict[str, str] = {}
         self._limit = LogLimit()
@@ -112,9 +113,7 @@ class MockRobot:
         self._commands: Stream  # of joint commands in lockstep, else of efforts
         self._types: dict[str, str] = {}
         self._publishers: dict[tuple[str, str], Publish] = {}
-        opened = endpoints(
-            MOCK_TOPICS, MOCK_NODE, contacts=settings.contacts, namespace=namespace, remappings=remappings
-        )
+        opened = endpoints(MOCK_TOPICS, MOCK_NODE, settings, namespace=namespace, remappings=remappings)
         for endpoint in opened:
             self._open(endpoint, transport)
         self.joint_states = next(endpoint for endpoint in opened if endpoint.key == "joint_states")
@@ -277,6 +276,9 @@ class MockRobot:
         self._command(actuation.from_command(values))
 
     def _take_answer(self, content: Any) -> None:
+        if messages.nanoseconds(content.header.stamp) != self.stamp:
+            return
+        self._answered_stamp = self.stamp
         if len(content.name) != len(content.effort):
             raise InputRefused(f"got {len(content.effort)} efforts for {len(content.name)} names; expected one each")
         efforts = dict(zip(content.name, content.effort, strict=True))
@@ -291,16 +293,10 @@ class MockRobot:
         self._tau, self._tau_time = tau, self.plant.time
 
     def _answered(self) -> bool:
-        answered = False
         for payload in self._commands.take():
-            try:
-                answers = messages.nanoseconds(messages.decode(payload, self._types["joint_commands"]).header.stamp)
-            except InputRefused:
-                answers = None
-            if answers in (None, self.stamp) and not self._try("joint_commands", payload, self._take_answer):
+            if not self._try("joint_commands", payload, self._take_answer):
                 self._tau = None
-            answered = answered or answers == self.stamp
-        return answered
+        return self._answered_stamp == self.stamp
 
     def _push(self, content: Any) -> None:
         force, torque = content.wrench.force, content.wrench.torque

@@ -8,7 +8,7 @@ import time
 import numpy as np
 import pytest
 from echo import STRING, endpoint, text
-from participants import is_omitted
+from participants import EVERY_TASK, is_omitted
 
 from wbc_controller.errors import TransportError
 from wbc_controller.middleware import topics
@@ -28,8 +28,7 @@ def texts(payloads):
 @pytest.mark.parametrize(("node", "table"), topics.NODES.values(), ids=topics.NODES)
 def test_every_row_of_the_table_carries_its_message(request, join, eventually, example, node, table):
     owner, other = join(node), join("other")
-    kinds = {kind: kind for kind in topics.TASK_TYPES}
-    rows = endpoints(table, node, task_kinds=kinds, contacts=("left", "right"), frames=("pelvis",))
+    rows = endpoints(table, node, EVERY_TASK, frames=("pelvis",))
     on_ros2 = request.node.callspec.params["join"] == "ros2"
     rows = [row for row in rows if not (on_ros2 and is_omitted(row))]
     received = {row.name: [] for row in rows}

@@ -4,7 +4,7 @@ import dataclasses
 import time
 
 import pytest
-from participants import DdsParticipants, Ros2Participants, is_omitted
+from participants import EVERY_TASK, DdsParticipants, Ros2Participants, is_omitted
 
 from wbc_controller.middleware import topics
 from wbc_controller.middleware.codec import decode, encode, message
@@ -30,8 +30,7 @@ def test_every_row_crosses(pair, eventually, example, to_dds):
     writer, reader = pair if to_dds else reversed(pair)
     opened = []  # all topics are discovered at the same time
     for node, table in topics.NODES.values():
-        kinds = {kind: kind for kind in topics.TASK_TYPES}
-        for row in endpoints(table, node, task_kinds=kinds, contacts=("left",), frames=("pelvis",)):
+        for row in endpoints(table, node, EVERY_TASK, frames=("pelvis",)):
             if is_omitted(row):
                 continue
             row = dataclasses.replace(row, name=f"/{node}{row.name}")  # some are in several tables

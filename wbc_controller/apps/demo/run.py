@@ -5,7 +5,7 @@ import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -38,15 +38,6 @@ _FIRST_DOMAIN = 100  # 100 to 199 by process ID, for concurrent demos
 _UserSession = tuple[Transport, Callable[[threading.Event], None], Record]
 
 
-@dataclass(frozen=True, slots=True)
-class _DemoSetup:
-    name: str
-    config: Config
-    model: RobotModel
-    scenario: Scenario
-    record: Path  # file of the recording
-
-
 def run_demo(
     robot: str, folder: Path, *, lockstep: bool = False, real_time_factor: float = 1.0, sensors: str | None = None
 ) -> bool:
@@ -68,26 +59,24 @@ def run_demo(
     model = make_model(config.settings)
     known = {**SCENARIOS, WALK: WALK_SCENARIO}
     scenario = known[robot] if robot in known else derived_scenario(config.settings, model)
-    stage = _DemoSetup(record.stem, config, model, scenario, record)
     console = Console()
     how = "in lockstep, in one process" if lockstep else "two processes, DDS on the loopback interface"
     base = "base from odometry" if sensors is None else f"base estimated from {sensors} sensors"
     base = base if model.floating_base else "fixed base"
-    console.print(f"[bold]{stage.name}[/bold]: {stage.model.nj} joints, {stage.model.mass:.1f} kg; {base}; {how}")
-    play = _in_lockstep(stage) if lockstep else _in_real_time(stage, real_time_factor)
+    console.print(f"[bold]{record.stem}[/bold]: {model.nj} joints, {model.mass:.1f} kg; {base}; {how}")
+    play = _in_lockstep(config, model, record) if lockstep else _in_real_time(config, record, real_time_factor)
     failure = None
-    with _progress(console, stage) as report_phase, play as (transport, advance, record_message):
+    with _progress(console, scenario) as report_phase, play as (transport, advance, record_message):
         director = Director(config.settings, model, scenario, transport, advance, record_message, report_phase)
         try:
             director.play()
         except DemoFailed as error:
             failure = str(error)
-    return _conclude(console, stage, director, failure)
+    return _conclude(console, record, model, scenario, director, failure)
 
 
 @contextmanager
-def _progress(console: Console, stage: _DemoSetup) -> Iterator[Callable[[str], None]]:
-    scenario = stage.scenario
+def _progress(console: Console, scenario: Scenario) -> Iterator[Callable[[str], None]]:
     phases = 4 + len([*scenario.moves, *scenario.reaches, *scenario.shoves, *scenario.walks])
     columns = (
         SpinnerColumn(),
@@ -109,7 +98,7 @@ def _progress(console: Console, stage: _DemoSetup) -> Iterator[Callable[[str], N
 
 
 @contextmanager
-def _in_real_time(stage: _DemoSetup, real_time_factor: float) -> Iterator[_UserSession]:
+def _in_real_time(config: Config, path: Path, real_time_factor: float) -> Iterator[_UserSession]:
     from wbc_controller.middleware.transports.dds import DdsTransport
 
     domain = _FIRST_DOMAIN + os.getpid() % 100
@@ -121,13 +110,13 @@ def _in_real_time(stage: _DemoSetup, real_time_factor: float) -> Iterator[_UserS
     with (
         tempfile.TemporaryDirectory() as folder,
         closing(DdsTransport("wbc_demo", domain_id=domain, discovery_range="LOCALHOST")) as transport,
-        closing(Processes(stage.config, Path(folder), domain)) as processes,
+        closing(Processes(config, Path(folder), domain)) as processes,
     ):
         processes.start("mock", "--real-time-factor", str(real_time_factor))
-        processes.start("controller", "--record", str(stage.record))
+        processes.start("controller", "--record", str(path))
         yield transport, partial(_wait_for_state, processes), record
     with suppress(ConfigurationError):  # `_conclude` reports an unreadable recording
-        add_topics(stage.record, recorded)
+        add_topics(path, recorded)
 
 
 def _wait_for_state(processes: Processes, arrived: threading.Event) -> None:
@@ -139,12 +128,12 @@ def _wait_for_state(processes: Processes, arrived: threading.Event) -> None:
 
 
 @contextmanager
-def _in_lockstep(stage: _DemoSetup) -> Iterator[_UserSession]:
-    settings = stage.config.settings
-    recorder = Recorder(settings, stage.record, patient=True, name=stage.name)
+def _in_lockstep(config: Config, model: RobotModel, path: Path) -> Iterator[_UserSession]:
+    settings = config.settings
+    recorder = Recorder(settings, path, patient=True, name=path.stem)
     recorded = [(topic.name, topic.type) for topic in truth_topics(settings)] + [(PHASES, "std_msgs/msg/String")]
     channels = {topic: recorder.channel(topic, kind) for topic, kind in recorded}
-    robot = Lockstep(settings, model=stage.model, recorder=recorder)
+    robot = Lockstep(settings, model=model, recorder=recorder)
 
     def record(topic: str, _kind: str, _stamp: int, payload: bytes) -> None:
         recorder.record_incoming(channels[topic], payload)  # at the clock's time, as the stamp
@@ -158,17 +147,18 @@ def _in_lockstep(stage: _DemoSetup) -> Iterator[_UserSession]:
         recorder.close()
 
 
-def _conclude(console: Console, stage: _DemoSetup, director: Director, failure: str | None) -> bool:
+def _conclude(
+    console: Console, path: Path, model: RobotModel, scenario: Scenario, director: Director, failure: str | None
+) -> bool:
     try:
-        recording = Recording(stage.record)
+        recording = Recording(path)
         run = make_run_data(recording, ControlCycle(recording.config, preflight=False), largest=recording.count)
     except ConfigurationError as error:
         console.print(f"[red]the demo ended before the first command of the controller: {failure or error}[/red]")
         return False
-    run = replace(run, robot=stage.name, com_reference=reference_of(run, director))
-    distances = distances_to_targets(run, director, stage.model)
-    weight = stage.model.mass * stage.model.gravity
-    results = judge(run, stage.scenario, director.windows, distances, weight)
+    run = replace(run, robot=path.stem, com_reference=reference_of(run, director))
+    distances = distances_to_targets(run, director, model)
+    results = judge(run, scenario, director.windows, distances, model.mass * model.gravity)
     if failure is not None:
         results = (Result("run", "complete", failure, False), *results)
     rows = [(each.name, each.target, each.measured, "met" if each.passed else "missed") for each in results]
@@ -179,10 +169,10 @@ def _conclude(console: Console, stage: _DemoSetup, director: Director, failure: 
     )
     table = Table(("check", "target", "measured", ""), tuple(rows))
     console.print(as_text(cycle_time, [table]), markup=False, highlight=False)
-    path = stage.record.with_suffix(".html")
-    write_run_report(replace(run, results=results), stage.model, path, kind="wbc_controller demo")
-    console.print(f"recording: {stage.record}")
-    console.print(f"report: {path}")
+    page = path.with_suffix(".html")
+    write_run_report(replace(run, results=results), model, page, kind="wbc_controller demo")
+    console.print(f"recording: {path}")
+    console.print(f"report: {page}")
     good = all(result.passed for result in results)
     console.print("[green]all targets met[/green]" if good else "[red]targets missed[/red]")
     return good

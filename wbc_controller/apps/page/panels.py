@@ -122,11 +122,6 @@ def _loop(status: RobotStatus) -> str:
         for name, text in facts(status).items()
         if name not in ("binding", "next")
     )
-    rows += "".join(
-        f'<tr><td class="muted">{escape(key)}</td><td>{escape(value)}</td></tr>'
-        for key, value in status.values.items()
-        if key.startswith(("infeasibility/", "publishers/"))
-    )
     return f"<h4>Loop and audit</h4><table>{rows}</table>"
 
 

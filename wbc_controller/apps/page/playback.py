@@ -88,11 +88,6 @@ class Playback:
             mode += f" {fault}"
         torques = values["tau"]
         at_joints = model.actuation.at_joints(np.array(torques)) if np.isfinite(torques).all() else None
-        forces = {
-            name: np.array(values[f"force/{name}"])
-            for name in self._robot.contacts
-            if np.isfinite(values[f"force/{name}"]).all()
-        }
         place = bisect.bisect_right(self._statuses, moved, key=itemgetter(0)) - 1
         return Snapshot(
             stamp=cycle.time,
@@ -101,11 +96,15 @@ class Playback:
             v=np.array(values["v"]),
             mode=mode,
             torques=at_joints,
-            forces=forces,
+            forces=self._forces(cycle),
             references=_references(cycle.references, self._robot) if mode.startswith(("active", "holding")) else None,
             status=self._statuses[place][1] if place >= 0 else None,
             silence=0.0,
         )
+
+    def _forces(self, cycle: RecordedCycle) -> dict[str, Array]:
+        forces = {name: np.array(cycle.values[f"force/{name}"]) for name in self._robot.contacts}
+        return {name: force for name, force in forces.items() if np.isfinite(force).all()}
 
     def _read_cycles(self) -> Iterator[Mark]:
         recorded, every = self._recorded, max(1, -(-self._recorded.count // MAX_CYCLES))
@@ -122,8 +121,7 @@ class Playback:
             former_mode, formerly_active = mode, active
             mode = MODES[int(cycle.scalar("mode"))].value
             if mode == "active":
-                contacts = self._robot.contacts
-                active = frozenset(name for name in contacts if np.isfinite(cycle.values[f"force/{name}"]).all())
+                active = frozenset(self._forces(cycle))
             if former_mode and mode != former_mode:
                 yield Mark(at, "mode", mode)
             if former_mode == mode == "active":

@@ -1,5 +1,6 @@
 """Snapshots of a running robot from its topics."""
 
+import contextlib
 import time
 from collections.abc import Callable
 from typing import Any
@@ -49,10 +50,8 @@ class TopicSource:
     def snapshot(self) -> Snapshot:
         """Return the newest snapshot."""
         model = self._robot.model
-        self._joints.update()
-        self._base.update()
-        joints: JointStates = self._joints.newest or JointStates(stamp=0, position=model.posture)
-        base: BaseState | None = self._base.newest if model.floating_base else None
+        joints: JointStates = self._joints.update() or JointStates(stamp=0, position=model.posture)
+        base: BaseState | None = self._base.update() if model.floating_base else None
         velocity = joints.velocity if len(joints.velocity) else np.zeros(model.nj)
         q, v = model.state(joints.position, velocity, *((base.pose, base.twist) if base is not None else ()))
         if model.floating_base and base is None:
@@ -60,7 +59,7 @@ class TopicSource:
         mode = self._session.mode()
         return Snapshot(
             stamp=joints.stamp,
-            age=self._joints.age(),
+            age=time.monotonic() - self._joints.arrival,
             q=q,
             v=v,
             mode=mode,
@@ -83,8 +82,7 @@ class TopicSource:
         return refused
 
     def _torques(self, stamp: int) -> Array | None:
-        self._commands.update()
-        newest: JointStates | None = self._commands.newest
+        newest: JointStates | None = self._commands.update()
         return newest.effort if newest is not None and _is_fresh(newest.stamp, stamp) else None
 
     def _contact_forces(self, stamp: int) -> dict[str, Array]:
@@ -130,20 +128,16 @@ class TopicSource:
 class _Stream:
     def __init__(self, poll: Callable[[], bytes | None], reader: StateReader) -> None:
         self._poll, self._reader = poll, reader
-        self.newest: Any = None  # record of the reader
-        self._arrival = -np.inf
+        self._newest: Any = None
+        self.arrival = -np.inf
 
-    def update(self) -> None:
+    def update(self) -> Any:
+        """Return the reader's record of the newest valid message, or None."""
         payload = self._poll()
         if payload is not None:
-            try:
-                self.newest = self._reader.read(payload)
-            except InputRefused:
-                return
-            self._arrival = time.monotonic()
-
-    def age(self) -> float:
-        return time.monotonic() - self._arrival
+            with contextlib.suppress(InputRefused):
+                self._newest, self.arrival = self._reader.read(payload), time.monotonic()
+        return self._newest
 
 
 def _is_fresh(stamp: int, now: int) -> bool:

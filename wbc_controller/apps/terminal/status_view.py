@@ -114,20 +114,11 @@ def next_step(state: str) -> str:
 
 def status_view(settings: Settings, robot: RobotStatus) -> RenderableType:
     """Return the status as a table."""
-    values = robot.values
     table = Table.grid(padding=(0, 2))
     for row in facts(robot).items():
         table.add_row(*row)
-    return Group(
-        Text(f"{robot.status.hardware_id}: {robot.status.message}", style=f"bold {_COLOURS[robot.status.level]}"),
-        table,
-        _task_table(settings, robot),
-        *(
-            Text(f"{key}: {value}")
-            for key, value in values.items()
-            if key.startswith(("infeasibility/", "publishers/"))
-        ),
-    )
+    title = f"{robot.status.hardware_id}: {robot.status.message}"
+    return Group(Text(title, style=f"bold {_COLOURS[robot.status.level]}"), table, _task_table(settings, robot))
 
 
 def facts(robot: RobotStatus) -> dict[str, str]:
@@ -146,9 +137,10 @@ def facts(robot: RobotStatus) -> dict[str, str]:
     found["guard"] = robot.guard or "no messages"
     if "binding" in values:
         found["binding"] = ", ".join(describe_constraint(name) for name, _ in binding(values)) or "none"
-    audit = {key.removeprefix("audit/"): value for key, value in values.items() if key.startswith("audit/")}
-    if audit:
-        found["audit"] = "; ".join(f"{name.replace('_', ' ')} {value}" for name, value in audit.items())
+    for subject in ("audit", "infeasibility", "publishers"):
+        known = [(key.partition("/")[2], value) for key, value in values.items() if key.startswith(f"{subject}/")]
+        if known:
+            found[subject] = "; ".join(f"{name} {value}" for name, value in known)
     if "recorder" in values:
         found["recorder"] = values["recorder"]
     advice = next_step(robot.status.message)

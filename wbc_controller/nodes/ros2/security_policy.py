@@ -54,7 +54,7 @@ def security_policy(
     opened = {}
     for node, rows in NODES.values():
         if model.floating_base or node != ESTIMATOR_NODE:
-            table = endpoints(rows, node, contacts=settings.contacts, **where)
+            table = endpoints(rows, node, settings, **where)
             ends = controller_endpoints(settings, model, **where) if node == CONTROLLER else table
             opened[node] = [endpoint for endpoint in ends if _is_used(endpoint, node, settings, model)]
     policy = ElementTree.Element("policy", version="0.2.0")

@@ -31,7 +31,7 @@ PHASES = "/wbc_demo/phase"  # topic of a demo's phases, std_msgs/msg/String
 def truth_topics(settings: Settings) -> list[Endpoint]:
     """Return the topics of a simulation's truth: contact wrenches, and odometry for an estimated base."""
     keys = ("contact_wrench", "odom") if settings.estimation.base_state == "imu" else ("contact_wrench",)
-    topics = endpoints(MOCK_TOPICS, MOCK_NODE, contacts=settings.contacts)
+    topics = endpoints(MOCK_TOPICS, MOCK_NODE, settings)
     return [topic for topic in topics if topic.key in keys]
 
 

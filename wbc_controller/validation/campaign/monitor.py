@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.report import CycleReport
 from wbc_controller.errors import InputRefused
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
@@ -16,7 +15,6 @@ from wbc_controller.middleware.codec import decode
 from wbc_controller.middleware.topics import counterpart
 from wbc_controller.middleware.transports.memory import MemoryTransport
 from wbc_controller.nodes.lockstep import Lockstep
-from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.records import Array, Mode
 from wbc_controller.safety.bring_up import UNEXPLAINED_MOTION
 from wbc_controller.settings import Settings
@@ -213,15 +211,15 @@ class MonitoredRobot(Lockstep):
         self, settings: Settings, *observers: Callable[[CycleReport], None], stamps_lie: bool, **options: Any
     ) -> None:
         """Build a robot on its hoist; `stamps_lie` as for `OutputMonitor`, `options` as for `Lockstep`."""
-        model = make_model(settings)
-        streams = ("joint_states", "odom") if model.floating_base else ("joint_states",)
-        topics = {topic.key: topic for topic in controller_endpoints(settings, model)}
-        names = {stream: topics[stream].name for stream in streams if stream in topics}
-        self.monitor = OutputMonitor(model, settings, names, stamps_lie=stamps_lie)
-        super().__init__(settings, model=model, observers=(self.monitor.cycle, *observers), **options)
+        super().__init__(settings, observers=observers, **options)
+        streams = ("joint_states", "odom") if self.model.floating_base else ("joint_states",)
+        topics = {topic.key: topic for topic in self.topics}
+        names = {stream: topics[stream].name for stream in streams}
+        self.monitor = OutputMonitor(self.model, settings, names, stamps_lie=stamps_lie)
+        self.loop.observers = (self.monitor.cycle, *self.loop.observers)
         self.mock.sent = self.monitor.sent
         MemoryTransport(self.bus).subscribe(counterpart(topics["effort"]), self.monitor.torques)
-        self.fall = TrueFall(model, self.mock.plant)
+        self.fall = TrueFall(self.model, self.mock.plant)
 
     def publish_state(self) -> None:
         """See `Lockstep`."""

@@ -6,6 +6,8 @@ import time
 from collections import deque
 from pathlib import Path
 
+from wbc_controller.nodes.processes import waiting_times
+
 MACHINE = 0.5  # smallest lateness that counts as a fault's cause, as a share of its time limit
 
 
@@ -49,28 +51,17 @@ class Lateness:
     def _check_processes(self) -> None:
         while not self._ended:
             time.sleep(self._LOOK)
-            now = time.monotonic()
+            now, before, self._waited = time.monotonic(), self._waited, {}
             for process in list(self._processes):
-                try:
-                    tasks = list(Path(f"/proc/{process}/task").glob("*/schedstat"))
-                except FileNotFoundError:  # the process has ended
-                    tasks = []
-                if not tasks:
+                times = waiting_times(process)
+                if not times:
                     self._processes.discard(process)
-                for task in tasks:
-                    self._check_thread(task, now)
-
-    def _check_thread(self, task: Path, now: float) -> None:
-        try:  # time on the processor and waiting time, ns
-            total = 1.0e-9 * int(task.read_text().split()[1])
-        except (OSError, IndexError):  # the thread has ended
-            self._waited.pop(task, None)
-            return
-        waited = self._waited.setdefault(task, deque())
-        waited.append((now, total))
-        while now - waited[0][0] > self._WINDOW and len(waited) > 2:
-            waited.popleft()
-        self._record(total - waited[0][1])
+                for thread, total in times.items():
+                    waited = self._waited[thread] = before.get(thread, deque())
+                    waited.append((now, total))
+                    while now - waited[0][0] > self._WINDOW and len(waited) > 2:
+                        waited.popleft()
+                    self._record(total - waited[0][1])
 
     def _record(self, late: float) -> None:
         with self._lock:

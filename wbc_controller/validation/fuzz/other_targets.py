@@ -51,9 +51,8 @@ class GuardTarget(Target):
         self._limits = description.effort_limits
         opened = topics.endpoints(topics.GUARD_TOPICS, topics.GUARD_NODE)
         super().__init__(opened, ("effort", "diagnostics"))
-        self._guard = GuardService(
-            settings, description, make_guard_damping(settings, self._model), opened, self.transport(), self.clock
-        )
+        damping = make_guard_damping(settings, self._model)
+        self._guard = GuardService(settings, description, damping, opened, MemoryTransport(self.bus), self.clock)
         self._period = 1.0 / settings.control.rate
         self._step = settings.limits.torque_rate * self._period * self._limits
         self._count = 0
@@ -83,13 +82,10 @@ class GuardTarget(Target):
             )
         self._count += 1
         if self._count % _MESSAGES_PER_SILENCE == 0:
-            self._fall_silent()
+            self.finish()
 
     def finish(self) -> None:
-        """Fall silent once more."""
-        self._fall_silent()
-
-    def _fall_silent(self) -> None:
+        """Let the controller fall silent, and return."""
         self.send("controller_state", message("std_msgs/msg/String", data="active"))
         self._command()
         self._cycle("commands")
@@ -135,9 +131,9 @@ class EstimatorTarget(Target):
         settings, self._model = fuzzed_robot(robot)
         changes = {**_ALL_DIAGNOSTICS, "estimation.settling": _SETTLING, "estimation.absolute_pose": True}
         settings = load(settings).replace(changes).settings
-        opened = topics.endpoints(topics.ESTIMATOR_TOPICS, topics.ESTIMATOR_NODE, contacts=settings.contacts)
+        opened = topics.endpoints(topics.ESTIMATOR_TOPICS, topics.ESTIMATOR_NODE, settings)
         super().__init__(opened, ("odom", "diagnostics"))
-        self._node = EstimatorService(settings, self._model, opened, self.transport(), self.clock)
+        self._node = EstimatorService(settings, self._model, opened, MemoryTransport(self.bus), self.clock)
         self._period = 1.0 / settings.control.rate
         self._standing = measure(self._model, Plant(self._model, settings), 0, self._node.estimator.imu_frame)
         for _ in range(round(2.0 * _SETTLING / self._period)):
@@ -207,9 +203,10 @@ class MockTarget(Target):
 
     def __init__(self, robot: str) -> None:
         self._settings, self._model = fuzzed_robot(robot)
-        super().__init__(topics.endpoints(topics.MOCK_TOPICS, topics.MOCK_NODE, contacts=self._settings.contacts))
+        super().__init__(topics.endpoints(topics.MOCK_TOPICS, topics.MOCK_NODE, self._settings))
         self._robots = [
-            MockRobot(self._model, self._settings, self.transport(), lockstep=lockstep) for lockstep in (False, True)
+            MockRobot(self._model, self._settings, MemoryTransport(self.bus), lockstep=lockstep)
+            for lockstep in (False, True)
         ]
         self._stop = threading.Event()
         self._stop.set()  # so that nothing waits for an answer

@@ -11,7 +11,8 @@ import numpy as np
 
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.middleware.codec import decode, encode, message
+from wbc_controller.middleware.codec import decode, encode, header, message
+from wbc_controller.middleware.setpoints import com_trajectory, joint_trajectory
 from wbc_controller.middleware.topics import TASK_TYPES, Direction, Endpoint, counterpart
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.clock import ManualClock
@@ -44,7 +45,7 @@ class Target:
         self.by_key = {topic.key: topic for topic in self.topics.values()}
         self.types = {topic.key: topic.type for topic in topics}
         self.outputs: dict[str, list[bytes]] = {key: [] for key in subscribed}  # messages on outgoing topics
-        other_end = self.transport()
+        other_end = MemoryTransport(self.bus)
         for topic in topics:
             if topic.key in self.outputs:
                 other_end.subscribe(counterpart(topic), self.outputs[topic.key].append)
@@ -60,13 +61,9 @@ class Target:
     def finish(self) -> None:
         """Deliver delayed messages; raises as `deliver`."""
 
-    def transport(self) -> MemoryTransport:
-        """Return a transport on the node's bus."""
-        return MemoryTransport(self.bus)
-
     def publish(self, topic: Endpoint, payload: bytes) -> None:
         """Publish a payload as a temporary participant, because a permanent one would be a second publisher."""
-        user = self.transport()
+        user = MemoryTransport(self.bus)
         user.advertise(counterpart(topic))(payload)
         user.close()
 
@@ -90,31 +87,24 @@ class Target:
 
 def valid_message(type_name: str, names: Sequence[str], frame: str, stamp: int) -> Any:
     """Return a valid message."""
-    content = message(type_name)
+    zeros, times = np.zeros(len(names)), range(1, 4)
+    match type_name.rpartition("/")[2]:
+        case "JointState":
+            content = message(type_name, name=list(names), position=zeros, velocity=zeros, effort=zeros)
+        case "Float64MultiArray":
+            content = message(type_name, data=zeros)
+        case "Vector3Stamped":
+            content = message(type_name, vector={"z": 1.0})
+        case "PoseArray":
+            content = message(type_name, poses=[message("geometry_msgs/msg/Pose")])
+        case "JointTrajectory":
+            content = joint_trajectory(names, times, np.tile(zeros, (len(times), 1)))
+        case "MultiDOFJointTrajectory":
+            content = com_trajectory(times, np.tile([0.0, 0.0, 1.0], (len(times), 1)), task="frame")
+        case _:
+            content = message(type_name)
     if hasattr(content, "header"):
-        content.header.stamp.sec, content.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
-        content.header.frame_id = frame
-    if type_name == "sensor_msgs/msg/JointState":
-        content.name = list(names)
-        content.position, content.velocity, content.effort = (np.zeros(len(names)) for _ in range(3))
-    elif type_name == "std_msgs/msg/Float64MultiArray":
-        content.data = np.zeros(len(names))
-    elif type_name == "geometry_msgs/msg/Vector3Stamped":
-        content.vector.z = 1.0
-    elif type_name == "geometry_msgs/msg/PoseArray":
-        content.poses = [message("geometry_msgs/msg/Pose")]
-    elif type_name.startswith("trajectory_msgs/msg/"):
-        joints = "MultiDOF" not in type_name
-        content.joint_names = list(names) if joints else ["frame"]
-        for second in range(1, 4):
-            point = message(f"{type_name}Point")
-            point.time_from_start.sec = second
-            if joints:
-                point.positions = np.zeros(len(names))
-            else:
-                point.transforms = [message("geometry_msgs/msg/Transform")]
-                point.transforms[0].translation.z = 1.0
-            content.points.append(point)
+        content.header = header(stamp, frame)
     return content
 
 

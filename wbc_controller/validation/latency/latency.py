@@ -21,7 +21,7 @@ from wbc_controller.errors import ConfigurationError
 from wbc_controller.middleware.codec import decode, encode, message
 from wbc_controller.middleware.topics import MOCK_NODE, MOCK_TOPICS, Endpoint, counterpart, endpoints
 from wbc_controller.middleware.transports.transport import Transport
-from wbc_controller.nodes.processes import Processes, memory, processor_time, waiting_time
+from wbc_controller.nodes.processes import Processes, memory, processor_time, waiting_times
 from wbc_controller.nodes.realtime import apply_realtime, describe_scheduling, lower_thread_priority, processors
 from wbc_controller.nodes.user import activation_commands, reliable_counterpart
 from wbc_controller.nodes.wiring import controller_endpoints
@@ -166,12 +166,13 @@ class _Bench:
                 self._activate()
                 known = len(self._states)
                 first = first or memory(controller.pid)
-                used, waited, began = processor_time(controller.pid), waiting_time(controller.pid), time.monotonic()
+                waited = sum(waiting_times(controller.pid).values())
+                used, began = processor_time(controller.pid), time.monotonic()
                 found = self._meter.measure(seconds / blocks, self._period)
                 spent = time.monotonic() - began
                 self._processes.check()
                 active += (processor_time(controller.pid) - used) / spent
-                waiting += (waiting_time(controller.pid) - waited) / spent
+                waiting += (sum(waiting_times(controller.pid).values()) - waited) / spent
                 inactive_states += self._states[known:]
                 last, scheduling = memory(controller.pid), describe_scheduling(controller.pid)
                 if not self._mock:
