@@ -1,11 +1,10 @@
 """The executables `mock_robot`, `guard` and `base_estimator`."""
 
-import importlib
 import logging
 import sys
 import threading
 from collections.abc import Callable, Mapping
-from functools import partial
+from types import MappingProxyType
 from typing import Any
 
 from rclpy.node import Node
@@ -27,23 +26,43 @@ _MOCK_PARAMETERS: Mapping[str, tuple[Any, str]] = {
 }
 
 
+def serve_mock(executor: Any, stop: threading.Event, leave: Callable[[int], None]) -> None:
+    """Run the mock robot until the event is set."""
+    from wbc_controller.simulation.mock_service import run_mock
+
+    start_message = "the robot of {source} is held: release it with false on {node}/hold"
+    _serve(executor, stop, leave, MOCK_NODE, start_message, run_mock, _MOCK_PARAMETERS)
+
+
+def serve_guard(executor: Any, stop: threading.Event, leave: Callable[[int], None]) -> None:
+    """Run the guard until the event is set."""
+    from wbc_controller.nodes.guard_service import run_guard
+
+    _serve(executor, stop, leave, GUARD_NODE, "guarding the robot of {source}", run_guard)
+
+
+def serve_estimator(executor: Any, stop: threading.Event, leave: Callable[[int], None]) -> None:
+    """Run the base estimator until the event is set."""
+    from wbc_controller.nodes.estimator_service import run_estimator
+
+    _serve(executor, stop, leave, ESTIMATOR_NODE, "estimating the base of the robot of {source}", run_estimator)
+
+
 def _serve(
-    name: str,
-    service: str,
-    start_message: str,
-    parameters: Mapping[str, tuple[Any, str]],
     executor: Any,
     stop: threading.Event,
     leave: Callable[[int], None],
+    name: str,
+    start_message: str,
+    service: Callable[..., None],
+    parameters: Mapping[str, tuple[Any, str]] = MappingProxyType({}),
 ) -> None:
     """Run a service on its own node until the event is set.
 
     Args:
-        service: module and function, called with settings, transport, `stop`, namespace and the values of `parameters`.
         start_message: log message with ``{source}`` of the settings and full name ``{node}``.
+        service: called with settings, transport, `stop`, namespace and the values of `parameters`.
     """
-    module, _, function = service.rpartition(".")
-    run = getattr(importlib.import_module(f"wbc_controller.{module}"), function)
     node = Node(name, allow_undeclared_parameters=True, automatically_declare_parameters_from_overrides=True)
     own, full_name = declare(node, parameters), node.get_fully_qualified_name()
     transport = Ros2Transport(node)
@@ -53,16 +72,9 @@ def _serve(
             chosen = own_values(found, {key: default for key, (default, _) in parameters.items()}, full_name)
             settings, source = settings_from(found, full_name, sys.argv, own)
             _log.info("%s", start_message.format(source=source, node=full_name))
-            run(settings, transport, stop, namespace=node.get_namespace(), **chosen)
+            service(settings, transport, stop, namespace=node.get_namespace(), **chosen)
         except WbcError as error:
             _log.error("%s", error)
             leave(2)
     transport.close()
     node.destroy_node()
-
-
-_HELD = "the robot of {source} is held: release it with false on {node}/hold"
-serve_mock = partial(_serve, MOCK_NODE, "simulation.mock_service.run_mock", _HELD, _MOCK_PARAMETERS)
-serve_guard = partial(_serve, GUARD_NODE, "nodes.guard_service.run_guard", "guarding the robot of {source}", {})
-_ESTIMATING = "estimating the base of the robot of {source}"
-serve_estimator = partial(_serve, ESTIMATOR_NODE, "nodes.estimator_service.run_estimator", _ESTIMATING, {})
