@@ -11,6 +11,7 @@ from wbc_controller.apps.page.snapshot import Robot, Snapshot
 from wbc_controller.controller.visualization.geometry import Part
 from wbc_controller.controller.visualization.scene import ARROW, COLORS, LINE_STRIP, SPHERE_LIST, Shape, draw
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
+from wbc_controller.records import Array
 
 #: Groups of shapes that can be hidden, with their labels.
 GROUPS: Mapping[str, str] = {
@@ -115,26 +116,17 @@ class _FrameTree:
 
 class _DrawnShape:
     def __init__(self, scene: viser.SceneApi, shape: Shape) -> None:
-        name, points, size = f"/controller/{shape.group}/{shape.number}", _drawn_points(shape), shape.size
-        color = np.array(255 * np.array(COLORS[shape.group][:3]), dtype=np.uint8)
-        self._handle: Any
-        if shape.kind == SPHERE_LIST:  # viser draws points with twice their size
-            self._handle = scene.add_point_cloud(
-                name, points, color, point_size=size / 2.0, point_shape="circle", precision="float32"
-            )
-        elif shape.kind == ARROW:
-            self._handle = scene.add_arrows(
-                name, points, color, shaft_radius=size / 2.0, head_radius=1.1 * size, head_length=2.4 * size
-            )
-        else:
-            self._handle = scene.add_line_segments(name, points, color, thickness=size)
-        self._points = shape.points
+        self._rgb = np.array(255 * np.array(COLORS[shape.group][:3]), dtype=np.uint8)
+        self._scene, self._name = scene, f"/controller/{shape.group}/{shape.number}"
+        self._handles: list[Any] = []
+        self._points = np.zeros((0, 3))
         self._hidden = False
 
     def hide(self) -> None:
         if not self._hidden:
             self._hidden = True
-            self._handle.visible = False
+            for handle in self._handles:
+                handle.visible = False
 
     def move(self, shape: Shape, shown: bool) -> None:
         if not shown:
@@ -145,13 +137,35 @@ class _DrawnShape:
         if drawn and np.abs(points - self._points).max() <= _STILL_SHAPE:
             return
         self._hidden, self._points = False, points
-        self._handle.points = _drawn_points(shape)
-        self._handle.visible = True
+        if shape.kind == SPHERE_LIST:
+            self._balls(shape)
+        else:
+            if shape.kind == LINE_STRIP:
+                points = np.stack([points[:-1], points[1:]], axis=1)
+            self._lines(points.reshape(-1, 2, 3), shape)
 
+    def _lines(self, points: Array, shape: Shape) -> None:
+        made: Any
+        if not self._handles:
+            if shape.kind == ARROW:
+                made = self._scene.add_arrows(
+                    self._name, points, self._rgb, shaft_radius=shape.size / 2.0, head_radius=1.1 * shape.size,
+                    head_length=2.4 * shape.size,
+                )  # fmt: skip
+            else:
+                made = self._scene.add_line_segments(self._name, points, self._rgb, thickness=shape.size)
+            self._handles.append(made)
+        (handle,) = self._handles
+        handle.points = points.astype(np.float32)
+        handle.visible = True
 
-def _drawn_points(shape: Shape) -> np.ndarray:
-    """Return the points of balls, (n, 3), or the ends of lines, (n, 2, 3)."""
-    points = shape.points.astype(np.float32)
-    if shape.kind == SPHERE_LIST:
-        return points
-    return np.stack([points[:-1], points[1:]], axis=1) if shape.kind == LINE_STRIP else points.reshape(-1, 2, 3)
+    def _balls(self, shape: Shape) -> None:
+        while len(self._handles) < len(shape.points):
+            name = f"{self._name}/{len(self._handles)}"
+            ball = self._scene.add_icosphere(name, shape.size / 2.0, color=self._rgb, subdivisions=2, cast_shadow=False)
+            self._handles.append(ball)
+        for handle, point in zip(self._handles, shape.points, strict=False):
+            handle.position = point
+            handle.visible = True
+        for handle in self._handles[len(shape.points) :]:
+            handle.visible = False
