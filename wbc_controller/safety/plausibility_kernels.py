@@ -96,9 +96,8 @@ def _change(memory: StateMemory, q: Array, nv: int) -> Array:
     change, first = np.empty(nv), len(memory.base_v)
     if first:
         _base_change(memory.before, q, change)
-    for i in range(first, nv):
-        row = i + len(memory.base_q) - first
-        change[i] = q[row] - memory.before[row]
+    joints = slice(len(memory.base_q), len(q))
+    change[first:] = q[joints] - memory.before[joints]
     return change
 
 
@@ -161,10 +160,8 @@ def compare(memory: StateMemory, q: StridedVector, v: StridedVector, dt: float) 
             found |= JOINTS_REPEAT
     if len(memory.base_q) and _repeats_in_motion(memory, q, v, memory.base_q, memory.base_v):
         found |= BASE_REPEATS
-    for i in range(len(q)):
-        memory.before[i] = q[i]
-    for i in range(len(v)):
-        memory.v_before[i] = v[i]
+    memory.before[:] = q
+    memory.v_before[:] = v
     return found
 
 
@@ -190,10 +187,8 @@ class SampleMemory(Struct):
 
 @part
 def _store_sample(memory: SampleMemory, position: Array, velocity: Array) -> None:
-    for i in range(len(position)):
-        memory.position[i] = position[i]
-    for i in range(len(velocity)):
-        memory.velocity[i] = velocity[i]
+    memory.position[:] = position
+    memory.velocity[: len(velocity)] = velocity
 
 
 @compiled
@@ -223,8 +218,7 @@ def compare_sample(memory: SampleMemory, position: StridedVector, velocity: Stri
     if memory.floating:
         _base_change(memory.position, position, memory.change)
     else:
-        for i in range(n):
-            memory.change[i] = position[i] - memory.position[i]
+        memory.change[:] = position - memory.position
     for i in range(n):
         integrated, reach = 0.0, memory.tolerance[i]
         if memory.measured:

@@ -57,8 +57,7 @@ def _contact_rows(
     for j in range(len(twists)):
         sign = moves[link, j] - moves[other, j]
         if sign == 0:
-            for i in range(len(rows)):
-                out[i, j] = 0.0
+            out[:, j] = 0.0
         else:
             put_motion(column, to_frame(C, three_of(twists, j, 0), three_of(twists, j, 3)))
             for i in range(len(rows)):
@@ -86,8 +85,7 @@ def _ball_rows(motion: LinkMotion, link: int, numbers: Array, out: Array) -> Non
     lowest = add(centre, three(numbers, 3))
     for j in range(len(twists)):
         if not moves[link, j]:
-            for i in range(3):
-                out[i, j] = 0.0
+            out[:, j] = 0.0
         else:
             velocity = add(cross(three_of(twists, j, 3), lowest), three_of(twists, j, 0))
             for i in range(3):
@@ -101,12 +99,8 @@ def _ball_rows(motion: LinkMotion, link: int, numbers: Array, out: Array) -> Non
 
 @part
 def _momentum_rows(motion: LinkMotion, out: Array) -> None:
-    centroidal = motion.centroidal
-    for j in range(len(centroidal)):
-        for i in range(6):
-            out[i, j] = centroidal[j, i]
-    for i in range(6):
-        out[i, out.shape[1] - 1] = -motion.drift[i]
+    out[:, : len(motion.centroidal)] = motion.centroidal.T
+    out[:, -1] = -motion.drift
 
 
 @part
@@ -153,8 +147,7 @@ def _frame_jacobian(
     twists, moves = motion.joint_twists, motion.moves
     for j in range(len(twists)):
         if not moves[link, j]:
-            for i in range(len(rows)):
-                out[i, j] = 0.0
+            out[:, j] = 0.0
         else:
             angular = three_of(twists, j, 3)
             put_motion(column, (add(three_of(twists, j, 0), cross(angular, p)), angular))
@@ -193,8 +186,7 @@ def _com_rows(motion: LinkMotion, numbers: Array, rows: Indices, out: Array, err
     per_mass = motion.per_mass
     for i in range(len(rows)):
         k = rows[i]
-        for j in range(len(per_mass)):
-            out[i, j] = per_mass[j, k]
+        out[i, : len(per_mass)] = per_mass[:, k]
         error[i] = numbers[6 + k] - motion.com[k]
         asked = numbers[k] * error[i] + numbers[3 + k] * (numbers[9 + k] - motion.com_velocity[k])
         out[i, out.shape[1] - 1] = asked + numbers[12 + k] - motion.com_drift[k]
@@ -227,8 +219,7 @@ def fill_rows(table: FrameRows, q: Vector, v: Vector, errors: OutVector) -> floa
     """Fill all contact and task rows at q and v; write task errors, and return the constant cost of joint tasks."""
     motion, instructions, places, rest = table.motion, table.instructions, table.places, 0.0
     memory = np.empty((5, 12))
-    for k in range(len(table.target)):
-        table.target[k] = 0.0
+    table.target[:] = 0.0
     for k in range(len(instructions)):
         step = instructions[k]
         kind, link, first, size = step[KIND], step[LINK], step[FIRST], step[SIZE]

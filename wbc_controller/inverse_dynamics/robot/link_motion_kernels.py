@@ -10,6 +10,7 @@ from wbc_controller.inverse_dynamics.robot.placement_kernels import (
     cross,
     put,
     rotate,
+    scale,
     subtract,
     three,
     three_of,
@@ -47,8 +48,7 @@ def _momentum_rate(motion: LinkMotion) -> None:
         F, N = rotate(frame, three(wrench, 0)), rotate(frame, three(wrench, 3))
         force = add(force, F)
         moment = add(add(moment, N), cross(subtract(three(frame, 9), three(motion.com, 0)), F))
-    for k in range(3):
-        motion.drift[k] = force[k] + motion.mass * motion.gravity[k]
+    put(motion.drift, 0, add(force, scale(motion.mass, three(motion.gravity, 0))))
     put(motion.drift, 3, moment)
 
 
