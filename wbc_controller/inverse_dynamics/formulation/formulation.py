@@ -250,14 +250,14 @@ class Formulation:
         np.divide(upper, FORCE_UNIT, out=place.upper)
 
     def _fill_row_limits(self, layout: Layout) -> None:
-        for limit, rows, parts in zip(self.row_limits, layout.limits, layout.limit_parts, strict=True):
+        for limit, parts in zip(self.row_limits, layout.limit_parts, strict=True):
             call(limit, "fill", self.dynamics, self.period, *parts)
             if len(limit.names) != len(parts[1]):
                 raise MethodError(
                     f"{limit.full_name}: {type(limit).__name__}.fill() changed the number of names to "
                     f"{len(limit.names)}, expected {len(parts[1])}"
                 )
-            layout.relabel(rows, limit.names)
+        layout.name_limits()
 
     def require_finite_limits(self, layout: Layout) -> None:
         """Raise `MethodError` for NaN in the limits at a finite state."""
