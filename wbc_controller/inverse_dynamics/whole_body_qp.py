@@ -209,7 +209,6 @@ class WholeBodyQP:
         )
         if not helps:
             self.formulation.structure, self.formulation.task_errors = built
-            self.formulation.parameters = None
             return layout, references, found
         other.iterations += found.iterations
         other.relaxed = ("contact_motion", *other.relaxed)

@@ -67,7 +67,6 @@ class Formulation:
         self.regularization = Regularization(regularization_acceleration, regularization_force)
         self.task_errors: tuple[Errors, ...] = ()
         self.structure: Structure | None = None
-        self.parameters: Parameters | None = None
         self.redundancy: tuple[tuple[str, ...], bool, Array] | None = None
         self._owners: tuple[Task | Contact, ...] = (*tasks, *contacts)
         self._levels = sorted({task.level for task in tasks})
@@ -178,15 +177,15 @@ class Formulation:
             torque_limit=self.torque_limit,
             changes=changes,
         )
-        if self.structure is not None and parameters == self.parameters:  # fast for the same objects
+        if self.structure is not None and parameters == self.structure.parameters:  # fast for the same objects
             return self.structure
-        self.parameters = None  # until all are written
+        self.structure = None  # until all are written
         structure = self._structure_for(parameters.weights, parameters.activations)
         if structure.parameters != parameters:
             structure.parameters = None
             self._write_parameters(parameters, structure)
             structure.parameters = parameters
-        self.parameters, self.structure = parameters, structure
+        self.structure = structure
         return structure
 
     def _structure_for(self, weights: Mapping[str, float], activations: Mapping[str, float]) -> Structure:
