@@ -33,14 +33,10 @@ class StateMemory(Struct):
 
 
 @part
-def _same(a: float, b: float) -> bool:
-    return a == b and math.copysign(1.0, a) == math.copysign(1.0, b)
-
-
-@part
 def _repeats(before: Array, now: Array, index: Indices) -> bool:
+    """Return True if the values are equal bit for bit."""
     for i in index:
-        if not _same(before[i], now[i]):
+        if before[i] != now[i] or math.copysign(1.0, before[i]) != math.copysign(1.0, now[i]):
             return False
     return True
 

@@ -18,7 +18,6 @@ from wbc_controller.inverse_dynamics.robot.placement_kernels import (
     scale,
     subtract,
     three,
-    three_of,
     to_frame,
     transform,
 )
@@ -59,14 +58,15 @@ def _contact_rows(
         if sign == 0:
             out[:, j] = 0.0
         else:
-            put_motion(column, to_frame(C, three_of(twists, j, 0), three_of(twists, j, 3)))
+            put_motion(column, to_frame(C, three(twists[j], 0), three(twists[j], 3)))
             for i in range(len(rows)):
                 out[i, j] = sign * column[rows[i]]
-    linear, angular = to_frame(C, three_of(links, other, 0), three_of(links, other, 3))  # X ν_B
-    own_linear, own_angular = to_frame(C, three_of(links, link, 0), three_of(links, link, 3))
+    on_link, on_other = links[link], links[other]
+    linear, angular = to_frame(C, three(on_other, 0), three(on_other, 3))  # X ν_B
+    own_linear, own_angular = to_frame(C, three(on_link, 0), three(on_link, 3))
     nu_linear, nu_angular = subtract(own_linear, linear), subtract(own_angular, angular)
-    own = to_frame(C, three_of(links, link, 6), three_of(links, link, 9))
-    others = to_frame(C, three_of(links, other, 6), three_of(links, other, 9))
+    own = to_frame(C, three(on_link, 6), three(on_link, 9))
+    others = to_frame(C, three(on_other, 6), three(on_other, 9))
     carried = add(cross(nu_angular, linear), cross(nu_linear, angular))
     put(column, 0, add(subtract(own[0], others[0]), carried))
     put(column, 3, add(subtract(own[1], others[1]), cross(nu_angular, angular)))
@@ -87,7 +87,7 @@ def _ball_rows(motion: LinkMotion, link: int, numbers: Array, out: Array) -> Non
         if not moves[link, j]:
             out[:, j] = 0.0
         else:
-            velocity = add(cross(three_of(twists, j, 3), lowest), three_of(twists, j, 0))
+            velocity = add(cross(three(twists[j], 3), lowest), three(twists[j], 0))
             for i in range(3):
                 out[i, j] = dot(three(numbers, 6 + 3 * i), velocity)
     angular = three(at, 3)
@@ -149,8 +149,8 @@ def _frame_jacobian(
         if not moves[link, j]:
             out[:, j] = 0.0
         else:
-            angular = three_of(twists, j, 3)
-            put_motion(column, (add(three_of(twists, j, 0), cross(angular, p)), angular))
+            angular = three(twists[j], 3)
+            put_motion(column, (add(three(twists[j], 0), cross(angular, p)), angular))
             for i in range(len(rows)):
                 out[i, j] = column[first + rows[i]]
 

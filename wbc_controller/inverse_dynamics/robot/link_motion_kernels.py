@@ -13,7 +13,6 @@ from wbc_controller.inverse_dynamics.robot.placement_kernels import (
     scale,
     subtract,
     three,
-    three_of,
     to_world,
 )
 
@@ -61,10 +60,10 @@ def link_terms(motion: LinkMotion, velocity: Vector) -> None:
     twists, accelerations = motion.local_twists, motion.local_accelerations
     for i in range(1, len(joints)):
         frame, link = joints[i], links[i]
-        linear, angular = to_world(frame, three_of(twists, i, 0), three_of(twists, i, 3))
+        linear, angular = to_world(frame, three(twists[i], 0), three(twists[i], 3))
         put(link, 0, linear)
         put(link, 3, angular)
-        linear, angular = to_world(frame, three_of(accelerations, i, 0), three_of(accelerations, i, 3))
+        linear, angular = to_world(frame, three(accelerations[i], 0), three(accelerations[i], 3))
         put(link, 6, add(linear, gravity))
         put(link, 9, angular)
     _momentum_rate(motion)
