@@ -108,11 +108,7 @@ def propagate(
     _transition(noisy, G, R, gravity, dt, halfway)
     _transition(halfway.T, G, R, gravity, dt, noisy)
 
-    w = (
-        (angular_velocity[0] - gyroscope_bias[0]) * dt,
-        (angular_velocity[1] - gyroscope_bias[1]) * dt,
-        (angular_velocity[2] - gyroscope_bias[2]) * dt,
-    )
+    w = three((angular_velocity - gyroscope_bias) * dt, 0)
     a, b, _ = _series(w)
     turned, moved = np.empty((3, 3)), columns.copy()
     for i in range(3):

@@ -224,11 +224,8 @@ def fill_rows(table: FrameRows, q: Vector, v: Vector, errors: OutVector) -> floa
         step = instructions[k]
         kind, link, first, size = step[KIND], step[LINK], step[FIRST], step[SIZE]
         rows = places[step[PLACE] : step[PLACE] + step[COUNT]]
-        out, numbers, error = (
-            table.out[step[ROW] : step[ROW] + step[COUNT]],
-            table.numbers[step[NUMBER] :],
-            errors[step[ERROR] :],
-        )
+        out = table.out[step[ROW] : step[ROW] + step[COUNT]]
+        numbers, error = table.numbers[step[NUMBER] :], errors[step[ERROR] :]
         if kind == FRAME:
             _frame_rows(motion, link, first, size, numbers, rows, out, error, memory)
         elif kind == COM:
