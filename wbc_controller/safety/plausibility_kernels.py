@@ -43,9 +43,7 @@ def _repeats(before: Array, now: Array, index: Indices) -> bool:
 
 @part
 def _repeats_in_motion(memory: StateMemory, q: Array, v: Array, q_index: Indices, v_index: Indices) -> bool:
-    moves = False
-    for i in v_index:
-        moves = moves or v[i] != 0.0
+    moves = (v[v_index] != 0.0).any()
     return moves and _repeats(memory.before, q, q_index) and _repeats(memory.v_before, v, v_index)
 
 
@@ -144,10 +142,7 @@ def compare(memory: StateMemory, q: StridedVector, v: StridedVector, dt: float) 
     found = _update_mismatch(memory, change, v, dt, known)
     if found:
         memory.stuck_motion[:] = 0.0
-    still = False
-    for i in memory.v_index:
-        still = still or change[i] == 0.0
-    if not still:
+    if not (change[memory.v_index] == 0.0).any():
         memory.stuck_motion[:] = 0.0
     else:
         if known:

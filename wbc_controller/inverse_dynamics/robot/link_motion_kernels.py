@@ -9,6 +9,7 @@ from wbc_controller.inverse_dynamics.robot.placement_kernels import (
     add,
     cross,
     put,
+    put_motion,
     rotate,
     scale,
     subtract,
@@ -60,9 +61,7 @@ def link_terms(motion: LinkMotion, velocity: Vector) -> None:
     twists, accelerations = motion.local_twists, motion.local_accelerations
     for i in range(1, len(joints)):
         frame, link = joints[i], links[i]
-        linear, angular = to_world(frame, three(twists[i], 0), three(twists[i], 3))
-        put(link, 0, linear)
-        put(link, 3, angular)
+        put_motion(link, to_world(frame, three(twists[i], 0), three(twists[i], 3)))
         linear, angular = to_world(frame, three(accelerations[i], 0), three(accelerations[i], 3))
         put(link, 6, add(linear, gravity))
         put(link, 9, angular)
