@@ -189,7 +189,7 @@ def _is_kept_level(settings: Settings, qp: WholeBodyQP) -> bool:
         isinstance(task, (FrameOrientationTask, FramePoseTask))
         and frames[model.frame_id(task.frame, name)].parentJoint == base
         for name, task in qp.tasks.items()
-        if settings.tasks[name].enabled
+        if settings.tasks.get(name, task).enabled
     )
 
 
