@@ -446,7 +446,7 @@ def test_solution_details_belong_to_their_cycle(bench):
         expected.append(said(at_once.controller.solve(state, references)))
         bound += len(expected[-1]["binding"])
     layout = late.controller.formulation.layout(tuple(late.controller.contacts))
-    layout.relabel(layout.torque, ["renamed"] * late.model.na)  # as self-collision does in every cycle
+    layout.labels = [("renamed", "renamed", 1.0)] * len(layout.labels)  # as with row limits in every cycle
     for solution, then in zip(solutions, expected, strict=True):
         now = said(solution)
         for name, values in then.items():

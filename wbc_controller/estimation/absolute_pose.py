@@ -63,14 +63,13 @@ class AbsolutePoses:
     control. `odometry` and `smoothed` transform from the filter's world.
     """
 
-    def __init__(self, frame: str, kinematics: LegKinematics, filter: InvariantFilter) -> None:
-        """Start without poses; `frame` is the measured frame of the robot."""
+    def __init__(self, frame: tuple[int, pin.SE3], kinematics: LegKinematics, filter: InvariantFilter) -> None:
+        """Start without poses; `frame` is the measured frame of the robot (`LegKinematics.frame`)."""
         self.aligned = False
         self.odometry, self.smoothed = pin.SE3.Identity(), pin.SE3.Identity()
         self.used = self.rejected = self.relocations = 0
         self.contradiction = ""
-        self._kinematics, self._filter = kinematics, filter
-        self._frame = kinematics.frame(frame, "estimation.pose_frame")
+        self._kinematics, self._filter, self._frame = kinematics, filter, frame
         own = filter.settings
         self._least_variances = np.repeat([own.pose_noise, own.pose_turn_noise], [3, 1]) ** 2
         self._creep = np.repeat([own.contact_noise, own.gyroscope_noise], [3, 1]) ** 2

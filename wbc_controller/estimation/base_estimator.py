@@ -35,9 +35,7 @@ class BaseEstimator:
         self, kinematics: LegKinematics, settings: EstimationSettings, gravity: Array, pose_frame: str | None = None
     ) -> None:
         """Start without data; gravity is in the world, (3,) in m/s². `pose_frame` is the frame of absolute poses."""
-        if pose_frame is not None:
-            kinematics.frame(pose_frame, "estimation.pose_frame")
-        self._pose_frame = pose_frame
+        self._pose_frame = None if pose_frame is None else kinematics.frame(pose_frame, "estimation.pose_frame")
         self.imu_frame = kinematics.imu_frame
         self.lost = ""
         self._waits_for = "no IMU data received"

@@ -63,10 +63,6 @@ class InvariantFilter:
         """p, (3,) in m."""
         return self.columns[:, 1]
 
-    def point(self, name: str) -> Array:
-        """Return the position of a contact point in the world, (3,) in m."""
-        return self.columns[:, 2 + self.names.index(name)]
-
     def propagate(self, angular_velocity: Array, specific_force: Array, dt: float, creep: Array | None = None) -> None:
         """Propagate by dt, s: strapdown integration and linear error dynamics.
 

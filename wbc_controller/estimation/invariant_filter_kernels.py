@@ -65,12 +65,11 @@ def _add_noise(P: Array, G: Array, dt: float, noise: Array, creep: Array) -> Non
 def _transition(P: Array, G: Array, R: Array, gravity: Array, dt: float, out: Array) -> None:
     """Write Φ P with Φ = 1 + A dt."""
     n, end = len(P), G.shape[1]
-    for i in range(n):
+    out[:] = P
+    for i in range(end):
         for j in range(n):
-            out[i, j] = P[i, j]
-            if i < end:
-                for k in range(3):
-                    out[i, j] -= dt * G[k, i] * P[end + k, j]
+            for k in range(3):
+                out[i, j] -= dt * G[k, i] * P[end + k, j]
     for i in range(3):
         a, b = (i + 1) % 3, (i + 2) % 3  # (g × x)ᵢ = g_a x_b - g_b x_a
         for j in range(n):
@@ -109,11 +108,7 @@ def propagate(
     _transition(noisy, G, R, gravity, dt, halfway)
     _transition(halfway.T, G, R, gravity, dt, noisy)
 
-    w = (
-        (angular_velocity[0] - gyroscope_bias[0]) * dt,
-        (angular_velocity[1] - gyroscope_bias[1]) * dt,
-        (angular_velocity[2] - gyroscope_bias[2]) * dt,
-    )
+    w = three((angular_velocity - gyroscope_bias) * dt, 0)
     a, b, _ = _series(w)
     turned, moved = np.empty((3, 3)), columns.copy()
     for i in range(3):
@@ -205,10 +200,8 @@ def correct(
             for j in range(n):
                 Y[3 * a + i, j] = P[9 + 3 * points[a] + i, j] - P[6 + i, j]  # H P
     _reduce(U, Y, y)
-    reduced = np.empty((n, n))
+    reduced = 0.5 * (P + P.T)  # symmetric
     for i in range(n):
-        for j in range(n):  # both halves, so that P stays symmetric
-            reduced[i, j] = 0.5 * (P[i, j] + P[j, i])
         for r in range(m):
             delta[i] += Y[r, i] * y[r]
             for j in range(n):

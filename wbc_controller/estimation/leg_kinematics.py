@@ -9,6 +9,7 @@ import pinocchio as pin
 from wbc_controller.inverse_dynamics.arrays import cross
 from wbc_controller.inverse_dynamics.contacts import Contact, FixedContact, PointContact, SurfaceContact
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics, support_matrix
+from wbc_controller.inverse_dynamics.robot.instruction import placement_on_link
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
@@ -70,11 +71,9 @@ class LegKinematics:
         self._model = model
         self._pinocchio = model.pinocchio
         self._data = model.pinocchio.createData()
-        frame = self._pinocchio.frames[model.frame_id(imu_frame, "estimation.imu_frame")]
-        self._imu_joint, self._imu_placement = int(frame.parentJoint), frame.placement
+        self._imu_joint, self._imu_placement = self.frame(imu_frame, "estimation.imu_frame")
         self._moves = support_matrix(self._pinocchio)
         self._q, self._v = pin.neutral(self._pinocchio), np.zeros(model.nv)
-        self.imu_rotation, self.imu_position, self.imu_motion = np.eye(3), np.zeros(3), np.zeros(6)
         self._noise = joint_noise, point_noise
         self.points: dict[str, tuple[str, ...]] = {}
         self.rolling: dict[str, Array] = {}
@@ -98,10 +97,10 @@ class LegKinematics:
             else:
                 continue
             link = model.frame_id(frames[name], f"contacts.{name}.frame")
-            frame = self._pinocchio.frames[link]
-            to_joint = frame.placement * dynamics.placement(link).inverse()
+            joint, placement = placement_on_link(model, link)
+            to_joint = placement * dynamics.placement(link).inverse()
             self.points[name] = tuple(f"{name}/{i}" for i in range(len(corners)))
-            self._contacts[name] = int(frame.parentJoint), np.array([to_joint.act(corner) for corner in corners])
+            self._contacts[name] = joint, np.array([to_joint.act(corner) for corner in corners])
         self.update(model.posture, np.zeros(model.nj))
 
     def update(self, q: Array, v: Array) -> None:
@@ -113,8 +112,8 @@ class LegKinematics:
             model.followers.place(self._q)
             model.followers.move(self._v)
         pin.computeJointJacobians(self._pinocchio, self._data, self._q)
-        imu = self._data.oMi[self._imu_joint] * self._imu_placement
-        self.imu_rotation, self.imu_position = imu.rotation, imu.translation
+        self._imu = self._data.oMi[self._imu_joint] * self._imu_placement
+        self.imu_rotation, self.imu_position = self._imu.rotation, self._imu.translation
         twist = self._data.J @ (self._moves[self._imu_joint] * self._v)  # at the base's origin; the base is at rest
         twist[:3] += cross(twist[3:], self.imu_position)
         self.imu_motion = twist
@@ -126,13 +125,11 @@ class LegKinematics:
 
     def frame(self, name: str, key: str) -> tuple[int, pin.SE3]:
         """Return the joint of a frame and its placement there; `key` is the setting in a ConfigurationError."""
-        frame = self._pinocchio.frames[self._model.frame_id(name, key)]
-        return int(frame.parentJoint), frame.placement
+        return placement_on_link(self._model, self._model.frame_id(name, key))
 
     def from_imu(self, joint: int, placement: pin.SE3) -> pin.SE3:
         """Return the placement of a frame relative to the IMU."""
-        imu = self._data.oMi[self._imu_joint] * self._imu_placement
-        return imu.actInv(self._data.oMi[joint] * placement)
+        return self._imu.actInv(self._data.oMi[joint] * placement)
 
     def contact_points(self, contacts: tuple[str, ...]) -> ContactPoints:
         """Return the points of some contacts."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 class Tunable:
     """Base class that counts attribute changes.
 
-    Arrays are reused until a version changes (`formulation.structure`). Changes in place, e.g. ``task.stiffness[0] =
+    Arrays are reused until a version changes (`formulation.formulation`). Changes in place, e.g. ``task.stiffness[0] =
     1.0``, are not counted: assign the attribute.
 
     Attributes:

@@ -58,7 +58,7 @@ class WholeBodyQP:
         self._solver_name, self._make_solver = solver, partial(make_solver, solver)
         self._timer = timer
         self._solvers: dict[tuple[str, ...], Solver] = {}
-        self._current: tuple[Layout, Solver] | None = None  # of the last cycle
+        self._current: tuple[str, ...] | None = None  # contacts of the last cycle
         self._change: tuple[tuple[str, ...], tuple[str, ...]] | None = None  # of the contacts, not solved yet
         #: Active set found at the last change from one set of contacts to another.
         self._first_sets: dict[tuple[tuple[str, ...], tuple[str, ...]], Any] = {}
@@ -101,7 +101,7 @@ class WholeBodyQP:
             "q": self.dynamics.q,
             "v": self.dynamics.v,
             "solvers": solvers,
-            "current": None if self._current is None else self._current[0].key,
+            "current": self._current,
             "first_sets": [(*change, side) for change, side in self._first_sets.items()],
             "hierarchies": hierarchies,
             "redundancy": self.formulation.redundancy,
@@ -111,32 +111,30 @@ class WholeBodyQP:
         """Restore the result of `memory`."""
         self.forget()
         self.dynamics.update(memory["q"], memory["v"])
-        found = memory.get("redundancy")
+        found = memory["redundancy"]
         self.formulation.redundancy = None if found is None else (tuple(found[0]), bool(found[1]), found[2])
         self._solvers.clear()
         for key, remembered in memory["solvers"]:
             solver = self._solvers[tuple(key)] = self._make_solver(self.formulation.layout(tuple(key)).problem)
             solver.recall(remembered)
-        if memory.get("current") is not None:
-            layout = self.formulation.layout(tuple(memory["current"]))
-            self._current = layout, self._solvers[layout.key]
-        self._first_sets = {(tuple(a), tuple(b)): side for a, b, side in memory.get("first_sets", ())}
+        self._current = None if memory["current"] is None else tuple(memory["current"])
+        self._first_sets = {(tuple(a), tuple(b)): side for a, b, side in memory["first_sets"]}
         for key, remembered in memory["hierarchies"]:
             hierarchy = self._hierarchies[tuple(key)] = Hierarchy(self._make_solver, self._timer)
             hierarchy.recall(remembered)
 
     def _solver_of(self, layout: Layout) -> Solver:
-        """Return the solver for another set of contacts.
+        """Return the solver for a set of contacts.
 
         After a change of the set, it starts with the active set that it found at the last such change.
         """
         if layout.key not in self._solvers:
             self._solvers[layout.key] = self._make_solver(layout.problem)
-        solver, before = self._solvers[layout.key], () if self._current is None else self._current[0].key
-        if solver.active_set is not None:
-            self._change = before, layout.key
+        solver = self._solvers[layout.key]
+        if layout.key != self._current and solver.active_set is not None:
+            self._change = self._current or (), layout.key
             solver.active_set.restart(self._first_sets.get(self._change))
-        self._current = layout, solver
+        self._current = layout.key
         return solver
 
     def _solve_levels(self, layout: Layout) -> Answer:
@@ -209,7 +207,6 @@ class WholeBodyQP:
         )
         if not helps:
             self.formulation.structure, self.formulation.task_errors = built
-            self.formulation.parameters = None
             return layout, references, found
         other.iterations += found.iterations
         other.relaxed = ("contact_motion", *other.relaxed)
@@ -217,8 +214,7 @@ class WholeBodyQP:
 
     def _solve_with_relaxation(self, layout: Layout, references: References) -> Answer:
         """Solve a problem with the least relaxation."""
-        current = self._current
-        solver = current[1] if current is not None and current[0] is layout else self._solver_of(layout)
+        solver = self._solver_of(layout)
         answer = self._solve_levels(layout) if self._priorities else solver.solve(layout.problem)
         if self._change is not None and solver.active_set is not None:
             self._first_sets[self._change], self._change = solver.active_set.side.copy(), None

@@ -33,23 +33,17 @@ class StateMemory(Struct):
 
 
 @part
-def _same(a: float, b: float) -> bool:
-    return a == b and math.copysign(1.0, a) == math.copysign(1.0, b)
-
-
-@part
 def _repeats(before: Array, now: Array, index: Indices) -> bool:
+    """Return True if the values are equal bit for bit."""
     for i in index:
-        if not _same(before[i], now[i]):
+        if before[i] != now[i] or math.copysign(1.0, before[i]) != math.copysign(1.0, now[i]):
             return False
     return True
 
 
 @part
 def _repeats_in_motion(memory: StateMemory, q: Array, v: Array, q_index: Indices, v_index: Indices) -> bool:
-    moves = False
-    for i in v_index:
-        moves = moves or v[i] != 0.0
+    moves = (v[v_index] != 0.0).any()
     return moves and _repeats(memory.before, q, q_index) and _repeats(memory.v_before, v, v_index)
 
 
@@ -96,9 +90,8 @@ def _change(memory: StateMemory, q: Array, nv: int) -> Array:
     change, first = np.empty(nv), len(memory.base_v)
     if first:
         _base_change(memory.before, q, change)
-    for i in range(first, nv):
-        row = i + len(memory.base_q) - first
-        change[i] = q[row] - memory.before[row]
+    joints = slice(len(memory.base_q), len(q))
+    change[first:] = q[joints] - memory.before[joints]
     return change
 
 
@@ -149,10 +142,7 @@ def compare(memory: StateMemory, q: StridedVector, v: StridedVector, dt: float) 
     found = _update_mismatch(memory, change, v, dt, known)
     if found:
         memory.stuck_motion[:] = 0.0
-    still = False
-    for i in memory.v_index:
-        still = still or change[i] == 0.0
-    if not still:
+    if not (change[memory.v_index] == 0.0).any():
         memory.stuck_motion[:] = 0.0
     else:
         if known:
@@ -161,10 +151,8 @@ def compare(memory: StateMemory, q: StridedVector, v: StridedVector, dt: float) 
             found |= JOINTS_REPEAT
     if len(memory.base_q) and _repeats_in_motion(memory, q, v, memory.base_q, memory.base_v):
         found |= BASE_REPEATS
-    for i in range(len(q)):
-        memory.before[i] = q[i]
-    for i in range(len(v)):
-        memory.v_before[i] = v[i]
+    memory.before[:] = q
+    memory.v_before[:] = v
     return found
 
 
@@ -190,10 +178,8 @@ class SampleMemory(Struct):
 
 @part
 def _store_sample(memory: SampleMemory, position: Array, velocity: Array) -> None:
-    for i in range(len(position)):
-        memory.position[i] = position[i]
-    for i in range(len(velocity)):
-        memory.velocity[i] = velocity[i]
+    memory.position[:] = position
+    memory.velocity[: len(velocity)] = velocity
 
 
 @compiled
@@ -223,8 +209,7 @@ def compare_sample(memory: SampleMemory, position: StridedVector, velocity: Stri
     if memory.floating:
         _base_change(memory.position, position, memory.change)
     else:
-        for i in range(n):
-            memory.change[i] = position[i] - memory.position[i]
+        memory.change[:] = position - memory.position
     for i in range(n):
         integrated, reach = 0.0, memory.tolerance[i]
         if memory.measured:

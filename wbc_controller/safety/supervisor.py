@@ -30,7 +30,6 @@ from wbc_controller.safety.plausibility import Budget, FallWatch, StateWatch
 from wbc_controller.safety.supervisor_kernels import CommandLimits, follow
 from wbc_controller.settings.service import SafetySettings
 
-_ACTIVE, _HOLDING = Mode.ACTIVE, Mode.HOLDING
 _AHEAD = 0.05  # look-ahead to position limits during holding, s
 #: Largest rate of filtered torques, as a share of the limit: faster ones shake the legs at touchdowns.
 FILTERED_RATE = 0.33
@@ -106,7 +105,7 @@ class Supervisor:
 
     def torques_before(self, now: float) -> Array | None:
         """Return the torques for the rate limit of the QP; None during the ramp to the solution."""
-        if self.mode is _ACTIVE and self._reached_solution and self._share.sample(now) >= 1.0:
+        if self.mode is Mode.ACTIVE and self._reached_solution and self._share.sample(now) >= 1.0:
             return self.torques_sent
         return None
 
@@ -215,9 +214,9 @@ class Supervisor:
         if not (elapsed >= 0.0):  # restart of the clock
             elapsed, self._since = 0.0, min(self._since, now)
         # Simulations settle their torques at a constant time before they start.
-        settling = now == self._activated and self.mode is _ACTIVE
+        settling = now == self._activated and self.mode is Mode.ACTIVE
         self._elapsed = self._period if settling else elapsed
-        if self.mode is _HOLDING:
+        if self.mode is Mode.HOLDING:
             self._held_time.spend(now, elapsed)
         if self._was_relaxed:
             self._relaxed_time.spend(now, elapsed)
@@ -247,7 +246,7 @@ class Supervisor:
         if fault is not None:
             self._enter(Mode.DAMPING, now, fault)
             return None
-        if self.mode is _HOLDING:
+        if self.mode is Mode.HOLDING:
             self._enter(Mode.ACTIVE, now, None)  # the ramp continues
         if share <= 0.0 and self._share.after <= 0.0:
             self._enter(Mode.INACTIVE, now, None)

@@ -51,11 +51,9 @@ def load_settings(path: Path) -> Settings:
 
 def resolve_paths(path: Path, parameters: Mapping[str, Any]) -> dict[str, Any]:
     """Return ``ros__parameters`` with relative paths resolved against the folder of their file."""
-    result = dict(parameters)
-    for section, *keys in _PATHS:
-        if section in result:
-            result[section] = _resolve_path(result[section], keys, path.absolute().parent)
-    return result
+    for keys in _PATHS:
+        parameters = _resolve_path(parameters, keys, path.absolute().parent)
+    return dict(parameters)
 
 
 def _resolve_path(value: Any, keys: Sequence[str], folder: Path) -> Any:

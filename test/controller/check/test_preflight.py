@@ -68,6 +68,7 @@ def test_findings_of_shipped_robots(robot_of, name, joints, contacts, slow, fast
     ({"robot": {"effort_limit_scale": 0.2}}, {
         "warning": "right_foot cannot bear the robot alone; torque of right_",
     }),
+    ({"tasks": {"pelvis": {"enabled": False}}}, {"sway": "mm forward"}),
 ])  # fmt: skip
 def test_limits_of_walking_are_reported(robot_of, changed, changes, said):
     found = findings(changed(robot_of("g1")[0], changes))

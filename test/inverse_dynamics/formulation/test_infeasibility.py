@@ -215,7 +215,7 @@ def test_named_constraints_are_the_whole_problem(bench, name):
             np.max(np.maximum(constraint.rows @ x - constraint.upper, constraint.lower - constraint.rows @ x))
             for constraint in named
         )
-        assert worst == pytest.approx(problem.violation(x))
+        assert worst == pytest.approx(problem.residuals(x).violation)
     fresh = bench(name)
     assert asked(fresh)[0] is conflict_at_rest(fresh)[0] is None  # a feasible problem has no conflict
 

@@ -164,4 +164,4 @@ def test_fast_formulation_equals_the_plain_qp(robot, levels):
         problem = layout.problem
         for name in ("A", "b", "C", "lower", "upper", "x_lower", "x_upper"):
             near(name, getattr(problem, name), getattr(expected, name))
-        near("torque offset", layout.torque_bias, expected.torque_map[1])
+        near("torque offset", layout.problem.offset, expected.torque_map[1])

@@ -68,7 +68,7 @@ def test_kernel_equals_numpy(seed, base, rows, equalities, bound):
     x, multipliers, cost = plain_level(problem, problem.cost.squares, sides, nothing, np.zeros(problem.n))
     solved, found_cost, found, found_multipliers = solve_condensed(problem, sides)
     size = max(1.0, float(np.abs(x).max()))
-    right_set = (sides * multipliers >= 0.0).all() and problem.violation(x) <= kernel.FEASIBLE
+    right_set = (sides * multipliers >= 0.0).all() and problem.residuals(x).violation <= kernel.FEASIBLE
     assert solved == right_set
     np.testing.assert_allclose(found.value[: problem.n], x, rtol=0.0, atol=1e-10 * size)
     np.testing.assert_allclose(found.value[problem.n :], problem.C @ x, rtol=0.0, atol=1e-9 * size)
@@ -130,7 +130,7 @@ def test_levels_equal_numpy(seed, count, base, bound, dependent):
         sides[n : n + bound] = rng.random(bound) < (0.5 if memory.above else 1.0)
         x, own, cost = plain_level(problem, squares, sides, kept, x)
         outcome, found_cost, other = solve_level(problem, squares, sides, memory, len(squares.weights))
-        if (own < 0.0).any() or problem.violation(x) > kernel.FEASIBLE:
+        if (own < 0.0).any() or problem.residuals(x).violation > kernel.FEASIBLE:
             assert outcome == kernel.WRONG_SET
             violated = np.concatenate([x, problem.C @ x]) > problem.bounds[1] + kernel.FEASIBLE
             np.testing.assert_array_equal(other, violated | (own > 0.0))
@@ -184,5 +184,5 @@ def test_residuals():
     for spoilt in (problem.b, problem.C, problem.bounds):
         kept = spoilt.reshape(-1)[1]
         spoilt[(1,) if spoilt.ndim == 1 else (0, 1)] = math.nan
-        assert math.isnan(problem.violation(x))
+        assert math.isnan(problem.residuals(x).violation)
         spoilt[(1,) if spoilt.ndim == 1 else (0, 1)] = kept

@@ -36,7 +36,7 @@ def test_apex_of_friction_pyramids_and_contradictory_constraints():
         problem.C[8 * foot : 8 * foot + 8, 3 * foot : 3 * foot + 3] = friction_pyramid(0.6)
     problem.upper[:] = 1.0e-7
     found = solve_by_least_distance(problem)
-    assert problem.violation(found.x) < 1e-8
+    assert problem.residuals(found.x).violation < 1e-8
     assert problem.cost.value(found.x) <= problem.cost.value(make_solver("quadprog", problem).solve(problem).x) + 1e-9
     problem = QuadraticProgram.empty(2, 0, 2)
     problem.H[:], problem.C[:, 0] = np.eye(2), 1.0

@@ -83,7 +83,7 @@ def assert_agrees(solver, problem, answer, expected):
     """Check feasibility and cost within the stated tolerance."""
     assert answer.x is not None, answer.status
     tolerance = solver.tolerance
-    assert problem.violation(answer.x) <= tolerance
+    assert problem.residuals(answer.x).violation <= tolerance
     assert np.linalg.norm(answer.x - expected, np.inf) <= 10.0 * tolerance * max(1.0, np.abs(expected).max())
 
 
@@ -128,7 +128,7 @@ def test_infeasible_problem_has_no_side_effect(name, what):
     for problem in (good, bad, bad):
         answer = solver.solve(problem)
         if problem is bad:
-            assert answer.x is None or not problem.violation(answer.x) <= 0.01
+            assert answer.x is None or not problem.residuals(answer.x).violation <= 0.01
             if what == "rows":
                 assert answer.x is None
             assert answer.status
@@ -148,7 +148,7 @@ def test_nan_is_never_an_answer(name, field):
     solver.solve(good)
     for _ in range(2):  # warm, and after the failure
         answer = solver.solve(bad)
-        assert answer.x is None or not bad.violation(answer.x) <= 0.01
+        assert answer.x is None or not bad.residuals(answer.x).violation <= 0.01
     assert_agrees(solver, good, solver.solve(good), reference_answer(good))
 
 
@@ -231,7 +231,7 @@ def test_feasible_problem_is_not_reported_as_infeasible(bench, robot, seed):
     solver = make_solver("daqp", problem)
     answer = solver.solve(problem)
     assert answer.x is not None, answer.status
-    assert problem.violation(answer.x) <= solver.tolerance
+    assert problem.residuals(answer.x).violation <= solver.tolerance
     least = problem.cost.value(reference_answer(problem, tolerance=1.0e-7 * np.abs(problem.g).max()))
     assert problem.cost.value(answer.x) - least <= 1.0e-4 * least
     np.testing.assert_array_equal(make_solver("daqp", problem).solve(problem).x, answer.x)  # identical

@@ -52,13 +52,14 @@ _RAMPS = (0.2, 0.1, 0.05, 0.02, 0.0)  # suggested values of `safety.activation_r
 def stance(
     model: RobotModel, qp: WholeBodyQP, active: Sequence[str], floor_normal: Sequence[float] | Array = (0.0, 0.0, 1.0)
 ) -> Array:
-    """Return the nominal posture with upright base and the lowest contact on the floor through 0, (nq,)."""
+    """Set the dynamics to the nominal posture, upright, lowest contact on the floor through 0; return q, (nq,)."""
     q = model.configuration(model.posture)
     qp.dynamics.update(q, np.zeros(model.nv))
     normal = np.array(floor_normal) / np.linalg.norm(floor_normal)
     heights = [points @ normal for points in floor_contacts(qp, active, normal).values()]
     if model.floating_base and heights:
         q[2] -= np.concatenate(heights).min() / normal[2]
+        qp.dynamics.update(q, np.zeros(model.nv))
     return q
 
 
@@ -89,11 +90,10 @@ def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str 
         active = [name for name, contact in settings.contacts.items() if contact.enabled]
         normal = _floor(settings)
         q = stance(model, qp, active, normal)
-        qp.dynamics.update(q, np.zeros(model.nv))
         shapes = contact_shapes.compare_with_shapes(settings, qp, normal)
         findings = [*check_qp(settings, qp, make_board(settings, qp)), *shapes]
         qp.dynamics.update(q, np.zeros(model.nv))
-        findings += _posture(settings, qp, active, normal)
+        findings += _posture(qp, active, normal)
         findings += model_plausibility.locked_joints(model)
         findings += [*_uncontrolled_joints(settings, qp, active), *_redundant(qp, active)]
         frames = [qp.dynamics.placement(i).translation for i in range(1, len(model.pinocchio.frames))]
@@ -127,7 +127,6 @@ def check_qp(settings: Settings, qp: WholeBodyQP, board: ReferenceBoard) -> list
         Finding("solver", f"{settings.solver.name}, {settings.control.rate:g} cycles per second"),
     ]
     findings += [Finding(limit.kind.replace("_", "-"), limit.summary) for limit in qp.formulation.row_limits]
-    qp.dynamics.update(q, np.zeros(model.nv))
     findings += _loops(qp)
     standing = floor_contacts(qp, active, normal)
     if standing and model.floating_base:
@@ -143,7 +142,7 @@ def _floor(settings: Settings) -> Array:
     return np.asarray(np.array(settings.mock.floor_normal) / np.linalg.norm(settings.mock.floor_normal))
 
 
-def _posture(settings: Settings, qp: WholeBodyQP, active: Sequence[str], normal: Array) -> list[Finding]:
+def _posture(qp: WholeBodyQP, active: Sequence[str], normal: Array) -> list[Finding]:
     dynamics, link = qp.dynamics, qp.model.base_link
     base = dynamics.placement(qp.model.frame_id(link, "base")).translation
     base_at, com_at = map(contact_shapes.point_text, (base, dynamics.com))
@@ -190,7 +189,7 @@ def _is_kept_level(settings: Settings, qp: WholeBodyQP) -> bool:
         isinstance(task, (FrameOrientationTask, FramePoseTask))
         and frames[model.frame_id(task.frame, name)].parentJoint == base
         for name, task in qp.tasks.items()
-        if settings.tasks[name].enabled
+        if settings.tasks.get(name, task).enabled
     )
 
 
@@ -353,7 +352,6 @@ def longest_ramp(settings: Settings, qp: WholeBodyQP) -> tuple[float, str]:
     model, dynamics, ramp = qp.model, qp.dynamics, settings.safety.activation_ramp
     active = [name for name, contact in settings.contacts.items() if contact.enabled]
     start = stance(model, qp, active)
-    dynamics.update(start, np.zeros(model.nv))
     board = make_board(settings, qp)
     board.reset(dynamics, 0.0)
     references = board.sample(0.0)
@@ -376,9 +374,8 @@ def longest_ramp(settings: Settings, qp: WholeBodyQP) -> tuple[float, str]:
 
 def unsupported_passive_joints(qp: WholeBodyQP, active: Sequence[str]) -> list[int]:
     """Return the indices of passive joints without a contact or loop: only springs hold them."""
-    bearing = [contact for name, contact in qp.contacts.items() if name in active or isinstance(contact, LoopClosure)]
     borne = np.zeros(qp.model.nv, dtype=bool)
-    for contact in bearing:
+    for contact in bearing_contacts(qp, active):
         borne |= np.any(contact.jacobian(qp.dynamics), axis=0)
     driven = qp.model.actuation.driven
     return [i for i, column in enumerate(qp.model.v_index.tolist()) if not driven[i] and not borne[column]]

@@ -90,10 +90,6 @@ class FixedContact(MountedContact):
         """Return the contact frame's origin in the world, (1, 3) in m."""
         return np.array(self.placement(dynamics).translation)[None, :]
 
-    def wrench_in_world(self, dynamics: Dynamics, force: Array) -> Array:
-        """Return the wrench, (6,)."""
-        return np.asarray(self.placement(dynamics).act(pin.Force(self.basis @ force)).vector)
-
     def bounds(self, activation: float) -> tuple[Array, Array]:
         """Return bounds of f, (k,)."""
         most = activation * np.where(self.moments, self.max_moment, self.max_force)

@@ -141,3 +141,7 @@ class MountedContact(AnchoredContact):
     def drift(self, dynamics: Dynamics) -> Array:
         """Return J̇v, (k,)."""
         return self._mount.drift(dynamics)[self._rows]
+
+    def wrench_in_world(self, dynamics: Dynamics, force: Array) -> Array:
+        """Return the wrench, (6,)."""
+        return np.asarray(self.placement(dynamics).act(pin.Force(self.basis @ force)).vector)

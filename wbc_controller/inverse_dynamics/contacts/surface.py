@@ -81,7 +81,3 @@ class SurfaceContact(MountedContact, UnilateralContact):
         """Return the corners of the support, (n, 3) in m."""
         placement = self.placement(dynamics)
         return np.asarray(self._corners @ placement.rotation.T + placement.translation)
-
-    def wrench_in_world(self, dynamics: Dynamics, force: Array) -> Array:
-        """Return the wrench, (6,)."""
-        return np.asarray(self.placement(dynamics).act(pin.Force(force)).vector)

@@ -2,8 +2,10 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,7 +16,7 @@ from wbc_controller.inverse_dynamics.formulation.cost import Errors, LevelCost
 from wbc_controller.inverse_dynamics.formulation.formulation_kernels import Program, fill_program
 from wbc_controller.inverse_dynamics.formulation.layout import ContactPlace, Layout
 from wbc_controller.inverse_dynamics.formulation.plain_qp import Regularization, bias_forces
-from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT
+from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT, Level
 from wbc_controller.inverse_dynamics.formulation.redundancy import (
     EXAMINED_MOBILITY,
     EXAMINED_MOTION,
@@ -22,7 +24,6 @@ from wbc_controller.inverse_dynamics.formulation.redundancy import (
     mobilities,
     separate_redundant_rows,
 )
-from wbc_controller.inverse_dynamics.formulation.structure import Parameters, Structure
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit, RowLimit, TorqueLimit
 from wbc_controller.inverse_dynamics.method_calls import bounds_of, call, require_finite
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
@@ -31,6 +32,27 @@ from wbc_controller.inverse_dynamics.robot.link_motion_kernels import link_terms
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import Task
 from wbc_controller.records import Array, References, RobotState, Tuning
+
+
+class Parameters(NamedTuple):
+    """Numbers of the problem that may change between cycles, other than state and references."""
+
+    weights: Mapping[str, float]  # of tasks
+    activations: Mapping[str, float]  # of contacts
+    motion_limit: JointMotionLimit
+    torque_limit: TorqueLimit
+    changes: int  # number of attribute changes (`Tunable.version`)
+
+
+@dataclass(slots=True)
+class Structure:
+    """Arrays of the problem for one set of active contacts and tasks."""
+
+    layout: Layout  # also of the structures with other tasks
+    costs: list[LevelCost]  # of each priority level, highest first
+    levels: list[Level]  # of the costs
+    parameters: Parameters | None = None  # in the arrays; None for those of another structure
+    program: Program = field(init=False)  # for the kernel
 
 
 class Formulation:
@@ -67,7 +89,6 @@ class Formulation:
         self.regularization = Regularization(regularization_acceleration, regularization_force)
         self.task_errors: tuple[Errors, ...] = ()
         self.structure: Structure | None = None
-        self.parameters: Parameters | None = None
         self.redundancy: tuple[tuple[str, ...], bool, Array] | None = None
         self._owners: tuple[Task | Contact, ...] = (*tasks, *contacts)
         self._levels = sorted({task.level for task in tasks})
@@ -178,15 +199,15 @@ class Formulation:
             torque_limit=self.torque_limit,
             changes=changes,
         )
-        if self.structure is not None and parameters == self.parameters:  # fast for the same objects
+        if self.structure is not None and parameters == self.structure.parameters:  # fast for the same objects
             return self.structure
-        self.parameters = None  # until all are written
+        self.structure = None  # until all are written
         structure = self._structure_for(parameters.weights, parameters.activations)
         if structure.parameters != parameters:
             structure.parameters = None
             self._write_parameters(parameters, structure)
             structure.parameters = parameters
-        self.parameters, self.structure = parameters, structure
+        self.structure = structure
         return structure
 
     def _structure_for(self, weights: Mapping[str, float], activations: Mapping[str, float]) -> Structure:
@@ -250,14 +271,14 @@ class Formulation:
         np.divide(upper, FORCE_UNIT, out=place.upper)
 
     def _fill_row_limits(self, layout: Layout) -> None:
-        for limit, rows, parts in zip(self.row_limits, layout.limits, layout.limit_parts, strict=True):
+        for limit, parts in zip(self.row_limits, layout.limit_parts, strict=True):
             call(limit, "fill", self.dynamics, self.period, *parts)
             if len(limit.names) != len(parts[1]):
                 raise MethodError(
                     f"{limit.full_name}: {type(limit).__name__}.fill() changed the number of names to "
                     f"{len(limit.names)}, expected {len(parts[1])}"
                 )
-            layout.relabel(rows, limit.names)
+        layout.name_limits()
 
     def require_finite_limits(self, layout: Layout) -> None:
         """Raise `MethodError` for NaN in the limits at a finite state."""

@@ -126,7 +126,7 @@ def named_constraints(layout: Layout, model: RobotModel, effort: tuple[Array, Ar
     rate = np.where(lower > effort[0], lower, -np.inf), np.where(upper < effort[1], upper, np.inf)
     for i, actuator in enumerate(model.actuators):
         row, limit = problem.C[layout.torque][i], max(model.effort_limits[i], _LEAST_TORQUE)
-        h = layout.torque_bias[i]
+        h = problem.offset[i]
         add(f"torque:{actuator}", row, (effort[0][i], effort[1][i]), limit, ["N·m"], offset=h)
         add(f"torque_rate:{actuator}", row, (rate[0][i], rate[1][i]), limit, ["N·m"], offset=h)
     names = dict(zip(model.v_index.tolist(), model.joints, strict=True))

@@ -49,7 +49,6 @@ class Layout:
         limits: rows of C of each row limit.
         limit_parts: views of rows and bounds of each row limit.
         joints: columns of the joint accelerations in x, (nj,).
-        torque_bias: constant part of τ = C x + torque_bias, (na,) in N·m.
         levels: cost of each priority level, highest first.
         key: names of the active contacts.
         labels: names of both bounds of each entry of [x; C x], and its unit in SI units.
@@ -110,7 +109,6 @@ class Layout:
             for place in self.places
             if isinstance(place.contact, AnchoredContact) and place.contact.stiffness > 0.0
         )
-        self.torque_bias = problem.offset
         self.available = np.zeros((3, na))
         starts, nonzero_columns, values = self.actuation.projection
         self.dynamics_rows = DynamicsRows(
@@ -125,31 +123,30 @@ class Layout:
             M=dynamics.M_rows,
             unit=FORCE_UNIT,
             available=self.available,
-            bias=self.torque_bias,
+            bias=problem.offset,
         )
         self.levels: list[Level] = []
-        self.labels = self._labels(model)
-        self._named: dict[int, Sequence[str]] = {limit.start: () for limit in self.limits}
+        self._fixed_labels = self._labels(model)
+        self.name_limits()
 
     def _labels(self, model: RobotModel) -> list[tuple[str, str, float]]:
-        n = self.problem.n
-        labels = [("", "", 1.0)] * self.problem.bounds.shape[1]
-
-        def label(start: int, stop: int, name: str, unit: float) -> None:
-            labels[start:stop] = [(f"{name}:lower", f"{name}:upper", unit)] * (stop - start)
-
-        for row, actuator in enumerate(model.actuators, n + self.torque.start):
-            label(row, row + 1, f"torque:{actuator}", 1.0)
+        """Return the labels of x, torques and cones."""
+        labels = [("", "", 1.0)] * self.problem.n
         for column, joint in zip(self.joints.tolist(), model.joints, strict=True):
-            label(column, column + 1, f"motion:{joint}", 1.0)
+            labels[column] = _both_bounds(f"motion:{joint}", 1.0)
         for place in self.places:
-            name, start, cone = place.contact.name, place.columns.start, place.cone
+            name, start = place.contact.name, place.columns.start
             for kind, first, last in place.contact.bound_groups:
-                label(start + first, start + last, f"{kind}:{name}", FORCE_UNIT)
-            labels[n + cone.start : n + cone.stop] = [("", f"cone:{name}", FORCE_UNIT)] * (cone.stop - cone.start)
-        for limit, rows in zip(self.row_limits, self.limits, strict=True):
-            labels[n + rows.start : n + rows.stop] = [(name, name, 1.0) for name in limit.names]
+                labels[start + first : start + last] = [_both_bounds(f"{kind}:{name}", FORCE_UNIT)] * (last - first)
+        labels += [_both_bounds(f"torque:{actuator}", 1.0) for actuator in model.actuators]
+        for place in self.places:
+            labels += [("", f"cone:{place.contact.name}", FORCE_UNIT)] * (place.cone.stop - place.cone.start)
         return labels
+
+    def name_limits(self) -> None:
+        """Write the present names of the row limits to a new list of labels."""
+        names = [name for limit in self.row_limits for name in limit.names]
+        self.labels = self._fixed_labels + [(name, name, 1.0) for name in names]
 
     def set_friction(self, shares: Mapping[str, float]) -> None:
         """Write the cones for a share of the friction of each contact, 1 by default."""
@@ -170,7 +167,7 @@ class Layout:
     @property
     def torque_map(self) -> tuple[Array, Array]:
         """Map of `Efforts.torque_map`."""
-        return self.problem.C[self.torque], self.torque_bias
+        return self.problem.C[self.torque], self.problem.offset
 
     def force_map(self, contact: str) -> Array | None:
         """Return the map of `Efforts.force_map`."""
@@ -185,14 +182,8 @@ class Layout:
         """Return a copy with its own problem; `places` remain views of this one."""
         kept = copy.copy(self)
         kept.problem = self.problem.copy()
-        kept.torque_bias = kept.problem.offset
         return kept
 
-    def relabel(self, rows: slice, names: Sequence[str]) -> None:
-        """Rename rows of C in a new list of labels."""
-        n = self.problem.n
-        if self._named.get(rows.start) == names:
-            return
-        self._named[rows.start] = names
-        self.labels = self.labels.copy()
-        self.labels[n + rows.start : n + rows.stop] = [(name, name, 1.0) for name in names]
+
+def _both_bounds(name: str, unit: float) -> tuple[str, str, float]:
+    return f"{name}:lower", f"{name}:upper", unit

@@ -150,10 +150,6 @@ class QuadraticProgram:
         rows[~own] = self.C[places[~own] - self.n]
         return rows
 
-    def violation(self, x: Array) -> float:
-        """Return the largest violation of a constraint at x, or NaN."""
-        return self.residuals(x).violation
-
 
 class Residuals:
     """Residuals of the constraints at a point x.

@@ -60,8 +60,7 @@ def residuals(constraints: Constraints, found: OutVector) -> tuple[float, float]
         if equalities[i] > largest or equalities[i] != equalities[i]:  # keeps NaN
             largest = equalities[i]
     value[n:] = product[m:]
-    for i in range(len(offset)):
-        outputs[i] = product[m + i] + offset[i]
+    outputs[:] = product[m : m + len(offset)] + offset
     for i in range(len(value)):
         room[0, i], room[1, i] = value[i] - bounds[0, i], bounds[1, i] - value[i]
         for side in range(2):

@@ -31,9 +31,8 @@ class Relaxable:
 
     @classmethod
     def of(
-        cls, layout: Layout, name: str, places: np.ndarray, *, hard: Array | None = None, units: Array | None = None,
-        weight: float = _VIOLATION_WEIGHT,
-    ) -> "Relaxable":  # fmt: skip
+        cls, layout: Layout, name: str, places: np.ndarray, *, hard: Array | None = None, units: Array | None = None
+    ) -> "Relaxable":
         """Describe limits of a built problem; units are 1 by default."""
         bounds = layout.problem.bounds[:, places]
         hard = np.repeat([[-np.inf], [np.inf]], len(places), axis=1) if hard is None else hard
@@ -41,7 +40,7 @@ class Relaxable:
         there = np.flatnonzero((bounds != hard).any(axis=0))
         places, units, bounds, hard = places[there], units[there], bounds[:, there], hard[:, there]
         asked = np.where(bounds != hard, bounds, [[-np.inf], [np.inf]])
-        return cls(name, places, units, bounds, hard, SoftConstraints(places, asked, weight / units**2))
+        return cls(name, places, units, bounds, hard, SoftConstraints(places, asked, _VIOLATION_WEIGHT / units**2))
 
     def missed(self, value: Array) -> bool:
         """Return True if values of [x; C x], (n + m_in,), violate a bound."""

@@ -122,8 +122,7 @@ def near_pairs(table: ShapePairs, motion: LinkMotion, q: Vector, v: Vector, A: f
     if len(q) != len(table.seen) or len(v) != len(table.places):
         raise ValueError("near_pairs: sizes of q and v differ from nq and nv")
     _sum_levers(table, q, v)
-    for i in range(len(q)):
-        table.seen[i] = q[i]
+    table.seen[:] = q
     count = 0
     for i in range(len(table.pairs)):
         a, b = table.ends[i, 0], table.ends[i, 1]

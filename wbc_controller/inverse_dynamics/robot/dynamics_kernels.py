@@ -39,8 +39,7 @@ def _project(table: DynamicsRows, h: Array) -> None:
     free = len(starts) - 1 - len(bias)
     for k in range(len(starts) - 1):
         row, constant = rows[first + k], 0.0
-        for j in range(right):
-            row[j] = 0.0
+        row[:right] = 0.0
         for place in range(starts[k], starts[k + 1]):
             column, value = columns[place], values[place]
             constant += value * h[column]

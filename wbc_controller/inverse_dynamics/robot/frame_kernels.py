@@ -18,7 +18,6 @@ from wbc_controller.inverse_dynamics.robot.placement_kernels import (
     scale,
     subtract,
     three,
-    three_of,
     to_frame,
     transform,
 )
@@ -57,17 +56,17 @@ def _contact_rows(
     for j in range(len(twists)):
         sign = moves[link, j] - moves[other, j]
         if sign == 0:
-            for i in range(len(rows)):
-                out[i, j] = 0.0
+            out[:, j] = 0.0
         else:
-            put_motion(column, to_frame(C, three_of(twists, j, 0), three_of(twists, j, 3)))
+            put_motion(column, to_frame(C, three(twists[j], 0), three(twists[j], 3)))
             for i in range(len(rows)):
                 out[i, j] = sign * column[rows[i]]
-    linear, angular = to_frame(C, three_of(links, other, 0), three_of(links, other, 3))  # X ν_B
-    own_linear, own_angular = to_frame(C, three_of(links, link, 0), three_of(links, link, 3))
+    on_link, on_other = links[link], links[other]
+    linear, angular = to_frame(C, three(on_other, 0), three(on_other, 3))  # X ν_B
+    own_linear, own_angular = to_frame(C, three(on_link, 0), three(on_link, 3))
     nu_linear, nu_angular = subtract(own_linear, linear), subtract(own_angular, angular)
-    own = to_frame(C, three_of(links, link, 6), three_of(links, link, 9))
-    others = to_frame(C, three_of(links, other, 6), three_of(links, other, 9))
+    own = to_frame(C, three(on_link, 6), three(on_link, 9))
+    others = to_frame(C, three(on_other, 6), three(on_other, 9))
     carried = add(cross(nu_angular, linear), cross(nu_linear, angular))
     put(column, 0, add(subtract(own[0], others[0]), carried))
     put(column, 3, add(subtract(own[1], others[1]), cross(nu_angular, angular)))
@@ -86,10 +85,9 @@ def _ball_rows(motion: LinkMotion, link: int, numbers: Array, out: Array) -> Non
     lowest = add(centre, three(numbers, 3))
     for j in range(len(twists)):
         if not moves[link, j]:
-            for i in range(3):
-                out[i, j] = 0.0
+            out[:, j] = 0.0
         else:
-            velocity = add(cross(three_of(twists, j, 3), lowest), three_of(twists, j, 0))
+            velocity = add(cross(three(twists[j], 3), lowest), three(twists[j], 0))
             for i in range(3):
                 out[i, j] = dot(three(numbers, 6 + 3 * i), velocity)
     angular = three(at, 3)
@@ -101,12 +99,8 @@ def _ball_rows(motion: LinkMotion, link: int, numbers: Array, out: Array) -> Non
 
 @part
 def _momentum_rows(motion: LinkMotion, out: Array) -> None:
-    centroidal = motion.centroidal
-    for j in range(len(centroidal)):
-        for i in range(6):
-            out[i, j] = centroidal[j, i]
-    for i in range(6):
-        out[i, out.shape[1] - 1] = -motion.drift[i]
+    out[:, : len(motion.centroidal)] = motion.centroidal.T
+    out[:, -1] = -motion.drift
 
 
 @part
@@ -153,11 +147,10 @@ def _frame_jacobian(
     twists, moves = motion.joint_twists, motion.moves
     for j in range(len(twists)):
         if not moves[link, j]:
-            for i in range(len(rows)):
-                out[i, j] = 0.0
+            out[:, j] = 0.0
         else:
-            angular = three_of(twists, j, 3)
-            put_motion(column, (add(three_of(twists, j, 0), cross(angular, p)), angular))
+            angular = three(twists[j], 3)
+            put_motion(column, (add(three(twists[j], 0), cross(angular, p)), angular))
             for i in range(len(rows)):
                 out[i, j] = column[first + rows[i]]
 
@@ -193,8 +186,7 @@ def _com_rows(motion: LinkMotion, numbers: Array, rows: Indices, out: Array, err
     per_mass = motion.per_mass
     for i in range(len(rows)):
         k = rows[i]
-        for j in range(len(per_mass)):
-            out[i, j] = per_mass[j, k]
+        out[i, : len(per_mass)] = per_mass[:, k]
         error[i] = numbers[6 + k] - motion.com[k]
         asked = numbers[k] * error[i] + numbers[3 + k] * (numbers[9 + k] - motion.com_velocity[k])
         out[i, out.shape[1] - 1] = asked + numbers[12 + k] - motion.com_drift[k]
@@ -227,17 +219,13 @@ def fill_rows(table: FrameRows, q: Vector, v: Vector, errors: OutVector) -> floa
     """Fill all contact and task rows at q and v; write task errors, and return the constant cost of joint tasks."""
     motion, instructions, places, rest = table.motion, table.instructions, table.places, 0.0
     memory = np.empty((5, 12))
-    for k in range(len(table.target)):
-        table.target[k] = 0.0
+    table.target[:] = 0.0
     for k in range(len(instructions)):
         step = instructions[k]
         kind, link, first, size = step[KIND], step[LINK], step[FIRST], step[SIZE]
         rows = places[step[PLACE] : step[PLACE] + step[COUNT]]
-        out, numbers, error = (
-            table.out[step[ROW] : step[ROW] + step[COUNT]],
-            table.numbers[step[NUMBER] :],
-            errors[step[ERROR] :],
-        )
+        out = table.out[step[ROW] : step[ROW] + step[COUNT]]
+        numbers, error = table.numbers[step[NUMBER] :], errors[step[ERROR] :]
         if kind == FRAME:
             _frame_rows(motion, link, first, size, numbers, rows, out, error, memory)
         elif kind == COM:

@@ -1,6 +1,6 @@
 """Robot model from its URDF."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from types import MappingProxyType
 from xml.etree import ElementTree
 
@@ -54,12 +54,9 @@ def build_model(urdf: str, robot: RobotSettings) -> RobotModel:
         raise ConfigurationError(
             f"robot.urdf: the mass of the moving links is {mass:g} kg; the minimum is {_LEAST_MASS:g} kg"
         )
-    moving = [model.getJointId(name) for name in (*joints, *following)]
-    q_of, v_of = (
-        {str(model.names[i]): int(getattr(model.joints[i], key)) for i in moving} for key in ("idx_q", "idx_v")
-    )
-    q_index, v_index = (np.array([index[name] for name in joints], dtype=np.intp) for index in (q_of, v_of))
-    followers = Followers(following, q_of, v_of) if following else None
+    q_index, v_index = _indices_of(joints, model)
+    leaders = _indices_of([mimic.leader for mimic in following.values()], model)
+    followers = Followers(following, _indices_of(following, model), leaders) if following else None
     drive = make_drive(robot, np.array(model.upperEffortLimit)[v_index])
     coupling = followers.coupling(model.nv) if followers is not None else np.zeros((0, model.nv))
     actuation = Actuation(drive, v_index, coupling)
@@ -72,7 +69,7 @@ def build_model(urdf: str, robot: RobotSettings) -> RobotModel:
     _require_velocity_limits(joints, velocity_limits)
     for name, mimic in following.items():
         leader = joints.index(mimic.leader)
-        _tighten(leader, mimic, model, q_of[name], v_of[name], lower, upper, velocity_limits)
+        _tighten(leader, mimic, model, model.joints[model.getJointId(name)], lower, upper, velocity_limits)
         if not (lower[leader] <= upper[leader]):
             raise ConfigurationError(
                 f"robot.urdf: the limits of joint {mimic.leader!r} and of {name!r}, which mimics it, have no position "
@@ -91,7 +88,7 @@ def build_model(urdf: str, robot: RobotSettings) -> RobotModel:
         posture=frozen(robot.posture),
         actuation=actuation,
         effort_limits=frozen(robot.effort_limit_scale * actuation.effort_limits),
-        passive=PassiveForces(passive_joints, q_of, v_of) if passive_joints else None,
+        passive=PassiveForces(passive_joints, *_indices_of(passive_joints, model)) if passive_joints else None,
         followers=followers,
         locked=MappingProxyType(locked),
     )
@@ -103,6 +100,13 @@ def build_model(urdf: str, robot: RobotSettings) -> RobotModel:
                 f"robot.posture: {value} {unit} for {name!r} is outside its limits [{low}, {high}] {unit}"
             )
     return result
+
+
+def _indices_of(joints: Iterable[str], model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
+    """Return the indices of joints in q and in v, (k,) each."""
+    ids = [model.getJointId(name) for name in joints]
+    q_index, v_index = ([index[i] for i in ids] for index in (model.idx_qs, model.idx_vs))
+    return np.array(q_index, dtype=np.intp), np.array(v_index, dtype=np.intp)
 
 
 def _refuse_virtual_motors(tree: ElementTree.Element, joints: Sequence[str]) -> None:
@@ -168,14 +172,14 @@ def read_mechanism(
 
 
 def _tighten(
-    leader: int, mimic: Mimic, model: pin.Model, q: int, v: int, lower: Array, upper: Array, velocity: Array
+    leader: int, mimic: Mimic, model: pin.Model, joint: pin.JointModel, lower: Array, upper: Array, velocity: Array
 ) -> None:
     if mimic.ratio == 0.0:
         return
-    ends = (model.lowerPositionLimit[q] - mimic.offset, model.upperPositionLimit[q] - mimic.offset)
+    ends = [limits[joint.idx_q] - mimic.offset for limits in (model.lowerPositionLimit, model.upperPositionLimit)]
     low, high = sorted(end / mimic.ratio for end in ends)
     lower[leader], upper[leader] = max(lower[leader], low), min(upper[leader], high)
-    velocity[leader] = min(velocity[leader], model.upperVelocityLimit[v] / abs(mimic.ratio))
+    velocity[leader] = min(velocity[leader], model.upperVelocityLimit[joint.idx_v] / abs(mimic.ratio))
 
 
 def _require_velocity_limits(joints: Sequence[str], limits: np.ndarray) -> None:

@@ -9,10 +9,11 @@ from wbc_controller.inverse_dynamics.robot.placement_kernels import (
     add,
     cross,
     put,
+    put_motion,
     rotate,
+    scale,
     subtract,
     three,
-    three_of,
     to_world,
 )
 
@@ -47,8 +48,7 @@ def _momentum_rate(motion: LinkMotion) -> None:
         F, N = rotate(frame, three(wrench, 0)), rotate(frame, three(wrench, 3))
         force = add(force, F)
         moment = add(add(moment, N), cross(subtract(three(frame, 9), three(motion.com, 0)), F))
-    for k in range(3):
-        motion.drift[k] = force[k] + motion.mass * motion.gravity[k]
+    put(motion.drift, 0, add(force, scale(motion.mass, three(motion.gravity, 0))))
     put(motion.drift, 3, moment)
 
 
@@ -61,18 +61,15 @@ def link_terms(motion: LinkMotion, velocity: Vector) -> None:
     twists, accelerations = motion.local_twists, motion.local_accelerations
     for i in range(1, len(joints)):
         frame, link = joints[i], links[i]
-        linear, angular = to_world(frame, three_of(twists, i, 0), three_of(twists, i, 3))
-        put(link, 0, linear)
-        put(link, 3, angular)
-        linear, angular = to_world(frame, three_of(accelerations, i, 0), three_of(accelerations, i, 3))
+        put_motion(link, to_world(frame, three(twists[i], 0), three(twists[i], 3)))
+        linear, angular = to_world(frame, three(accelerations[i], 0), three(accelerations[i], 3))
         put(link, 6, add(linear, gravity))
         put(link, 9, angular)
     _momentum_rate(motion)
     per_mass, com_velocity, centroidal = motion.per_mass, motion.com_velocity, motion.centroidal
     share = 1.0 / motion.mass
-    for k in range(3):
-        com_velocity[k] = 0.0
-        motion.com_drift[k] = motion.drift[k] / motion.mass
+    com_velocity[:] = 0.0
+    motion.com_drift[:] = motion.drift[:3] / motion.mass
     for j in range(len(velocity)):
         for k in range(6):
             per_mass[j, k] = share * centroidal[j, k]

@@ -49,13 +49,11 @@ def read_mimics(tree: ElementTree.Element) -> dict[str, Mimic]:
 class Followers:
     """Mimic joints of a model."""
 
-    def __init__(self, mimics: Mapping[str, Mimic], q_index: Mapping[str, int], v_index: Mapping[str, int]) -> None:
+    def __init__(self, mimics: Mapping[str, Mimic], own: Sequence[np.ndarray], leaders: Sequence[np.ndarray]) -> None:
         self.names = tuple(mimics)  # (nm,)
         self.mimics = dict(mimics)  # by name
-        self.q_index = _indices_of(q_index, self.names)  # (nm,)
-        self.v_index = _indices_of(v_index, self.names)  # (nm,)
-        leaders = [mimic.leader for mimic in mimics.values()]
-        self._q_leader, self._v_leader = _indices_of(q_index, leaders), _indices_of(v_index, leaders)
+        self.q_index, self.v_index = own  # (nm,) each
+        self._q_leader, self._v_leader = leaders
         self._ratio = np.array([mimic.ratio for mimic in mimics.values()])
         self._offset = np.array([mimic.offset for mimic in mimics.values()])
 
@@ -81,7 +79,3 @@ class Followers:
     def carry(self, force: Array) -> None:
         """Add the generalized forces (nv,) of mimic joints to their leaders, in place."""
         np.add.at(force, self._v_leader, self._ratio * force[self.v_index])
-
-
-def _indices_of(index: Mapping[str, int], names: Sequence[str]) -> np.ndarray:
-    return np.array([index[name] for name in names], dtype=np.intp)

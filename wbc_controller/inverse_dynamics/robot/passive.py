@@ -11,12 +11,9 @@ from wbc_controller.settings.robot import PassiveJointSettings
 class PassiveForces:
     """Torques of springs and dampers, -k (q - q₀) - d q̇: part of the bias forces h (S1, S4)."""
 
-    def __init__(
-        self, joints: Mapping[str, PassiveJointSettings], q_index: Mapping[str, int], v_index: Mapping[str, int]
-    ) -> None:
+    def __init__(self, joints: Mapping[str, PassiveJointSettings], q_index: np.ndarray, v_index: np.ndarray) -> None:
         self.joints = dict(joints)  # by name, (k,)
-        self.v_index = np.array([v_index[name] for name in joints], dtype=np.intp)  # (k,)
-        self._q_index = np.array([q_index[name] for name in joints], dtype=np.intp)
+        self._q_index, self.v_index = q_index, v_index  # (k,) each
         self._stiffness = np.array([joint.stiffness for joint in joints.values()])
         self._damping = np.array([joint.damping for joint in joints.values()])
         self._rest = np.array([joint.rest for joint in joints.values()])

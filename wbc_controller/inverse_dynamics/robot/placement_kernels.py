@@ -21,12 +21,6 @@ def three(array: Array, start: int) -> Vector3:
 
 
 @part
-def three_of(matrix: Array, row: int, start: int) -> Vector3:
-    """Return three numbers of a row."""
-    return matrix[row, start], matrix[row, start + 1], matrix[row, start + 2]
-
-
-@part
 def put(out: Array, start: int, a: Vector3) -> None:
     """Write a vector."""
     out[start], out[start + 1], out[start + 2] = a

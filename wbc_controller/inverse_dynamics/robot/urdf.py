@@ -5,7 +5,6 @@ All functions raise `ConfigurationError` in one sentence. Other readers ignore i
 
 import re
 from collections.abc import Mapping
-from types import MappingProxyType
 from xml.etree import ElementTree
 
 import numpy as np
@@ -74,9 +73,7 @@ def parse_urdf(urdf: str) -> ElementTree.Element:
     return tree
 
 
-def read_robot(
-    urdf: str, limits: Mapping[str, JointLimitSettings] = MappingProxyType({})
-) -> tuple[ElementTree.Element, str]:
+def read_robot(urdf: str, limits: Mapping[str, JointLimitSettings]) -> tuple[ElementTree.Element, str]:
     """Read and check a URDF, replace limits of joints, and split joints with several coordinates.
 
     A continuous joint becomes a revolute joint without position limits: Pinocchio would lose its turns. A planar joint
@@ -90,16 +87,14 @@ def read_robot(
     changed |= split_planar_joints(tree)
     joints = {str(joint.get("name")): joint for joint in tree.findall("joint")}
     require_known(limits, joints, "robot.joint_limits:", " is not a joint of the URDF")
-    for name, given in limits.items():
-        _write_limits(joints[name], given.model_dump(exclude_none=True))
-        changed = True
     for name, joint in joints.items():
+        given = limits[name].model_dump(exclude_none=True) if name in limits else {}
         if joint.get("type") == "continuous":
             joint.set("type", "revolute")
-            own = limits[name].model_dump(exclude_none=True) if name in limits else {}
-            _write_limits(joint, {"lower": -UNLIMITED, "upper": UNLIMITED, **own})
+            given = {"lower": -UNLIMITED, "upper": UNLIMITED} | given
+        if given:
+            _write_limits(joint, given)
             changed = True
-    for name, joint in joints.items():
         if joint.get("type") in ("revolute", "prismatic"):
             _require_limits(name, joint.find("limit"))
     return tree, ElementTree.tostring(tree, encoding="unicode") if changed else urdf

@@ -37,9 +37,7 @@ def eliminate_base(rows: Array, base_map: Array) -> bool:
                 factor = matrix[i, column]
                 for j in range(column, matrix.shape[1]):
                     matrix[i, j] -= factor * matrix[column, j]
-    for i in range(count):
-        for j in range(base_map.shape[1]):
-            base_map[i, j] = matrix[i, count + j]
+    base_map[:] = matrix[:, count:]
     return True
 
 
@@ -56,8 +54,7 @@ def reduce_rows(rows: Array, base_map: Array, out: Array) -> None:
             for j in range(len(target)):
                 target[j] = rest[j] - (h0 * n0[j] + h1 * n1[j] + h2 * n2[j] + (h3 * n3[j] + h4 * n4[j] + h5 * n5[j]))
             continue
-        for j in range(len(target)):
-            target[j] = rest[j]
+        target[:] = rest
         for k in range(base):
             factor, source = row[k], base_map[k]
             for j in range(len(target)):
@@ -71,11 +68,11 @@ def reduce_bound(place: int, sign: int, constraints: Constraints, equalities: in
     if place >= n:
         row = equalities + place - n
         reduce_rows(constraints.rows[row : row + 1], base_map, out.reshape(1, len(out)))
+    elif place < base:
+        out[:] = -base_map[place]
     else:
-        for j in range(len(out)):
-            out[j] = -base_map[place, j] if place < base else 0.0
-        if place >= base:
-            out[place - base] = 1.0
+        out[:] = 0.0
+        out[place - base] = 1.0
     out[len(out) - 1] += constraints.bounds[1 if sign > 0 else 0, place]
 
 
@@ -87,9 +84,7 @@ def assemble(
     top, width = upper.shape
     hard = top + len(active)
     B = np.empty((hard + len(cost.weights), width))
-    for i in range(top):
-        for j in range(width):
-            B[i, j] = upper[i, j]
+    B[:top] = upper
     for i in range(len(active)):
         reduce_bound(active[i], sides[0, active[i]], cost.constraints, equalities, base_map, B[top + i])
     reduce_rows(cost.rows[: len(cost.weights)], base_map, B[hard:])
@@ -99,11 +94,7 @@ def assemble(
 @part
 def system_matrix(B: Array, inverse: Array, first_soft: int, weights: Array) -> Array:
     """Compute K = B D⁻¹ Bᵀ + E, with E = 1 / w in the cost rows from `first_soft` on."""
-    scaled = np.empty(B.shape)
-    for i in range(len(B)):
-        for j in range(B.shape[1]):
-            scaled[i, j] = B[i, j] * inverse[j]
-    K: Array = np.dot(scaled, B.T)
+    K: Array = np.dot(B * inverse, B.T)
     for i in range(len(weights)):
         K[first_soft + i, first_soft + i] += 1.0 / weights[i]
     return K
@@ -136,9 +127,7 @@ def factorize(K: Array, hard: int, inverse: Array) -> bool:
             inverse[i] = 1.0 / math.sqrt(square)
         else:  # also NaN
             return False
-        scale = inverse[i]
-        for j in range(len(row)):
-            row[j] *= scale
+        row *= inverse[i]
     return True
 
 
@@ -158,9 +147,8 @@ def solve_factorized(U: Array, inverse: Array, p: Array) -> None:
 @part
 def residual(B: Array, z: Array, p: Array, first_soft: int, weights: Array) -> Array:
     """Compute the residual β - B z - E p, (m,), from [B, β] and [z, -1]."""
-    out: Array = np.dot(B, z)
-    for i in range(len(out)):
-        out[i] = -out[i] if i < first_soft else -out[i] - p[i] / weights[i - first_soft]
+    out: Array = -np.dot(B, z)
+    out[first_soft:] -= p[first_soft:] / weights
     return out
 
 
@@ -176,13 +164,11 @@ def solve_refined(
     for _ in range(3):
         correction = left.copy()
         solve_factorized(K, pivots, correction)
-        for i in range(len(p)):
-            p[i] += correction[i]
+        p += correction
         if not dot(p, p) <= LARGEST * LARGEST:
             return False, left
         step = np.dot(correction, B)
-        for j in range(last):  # without the last entry, -1
-            z[j] += inverse[j] * step[j]
+        z[:last] += inverse[:last] * step[:last]  # without the last entry, -1
         left = residual(B, z, p, hard, weights)
         if largest_of(left) <= PRECISE:
             break
@@ -271,8 +257,7 @@ def solve_condensed(
     lost = largest_of(left[own:top])  # of the kept rows
     for i in range(base):
         found[i] = -dot(base_map[i], z)
-    for j in range(last):
-        found[base + j] = z[j]
+    found[base : base + last] = z[:last]
     least, largest = residuals(constraints, found)
     if not (largest <= FEASIBLE and lost <= FEASIBLE and least == least):
         return NOT_FOUND, 0.0, least, largest
@@ -286,8 +271,7 @@ def solve_condensed(
         if multipliers[active[i]] == 0.0:
             multipliers[active[i]] = -p[top + i]
     for i in range(kept):
-        for j in range(last):
-            upper_rows[top + i, j] = B[hard + i, j]
+        upper_rows[top + i, :last] = B[hard + i, :last]
         upper_rows[top + i, last] = dot(B[hard + i, :last], z[:last])
     # (z - t)ᵀD (z - t) = pᵀB (z - t) and B z = β - E p: the sum of squares is ½ pᵀ(β - B t).
     return SOLVED, 0.5 * dot(p, beta), least, largest

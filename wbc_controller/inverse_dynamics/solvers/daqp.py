@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import daqp
 import numpy as np
 
-from wbc_controller.inverse_dynamics.formulation.problem import Answer, QuadraticProgram, Residuals, SoftConstraints
+from wbc_controller.inverse_dynamics.formulation.problem import Answer, QuadraticProgram, SoftConstraints
 from wbc_controller.inverse_dynamics.solvers.active_set import ActiveSet
 from wbc_controller.inverse_dynamics.solvers.solver import Solver
 from wbc_controller.records import Array
@@ -57,7 +57,7 @@ class DaqpSolver(Solver):
         rows, upper, lower, sense = _constraints(problem)
         sense[:m] = _ACTIVE * (side != 0) + _LOWER * (side < 0)
         constraints = rows, upper, lower, sense
-        answer = _checked_answer(problem, *_run(*_set_up(problem.H, problem.g, constraints, _SETTINGS)))
+        answer, _ = _attempt(problem, problem.H, problem.g, constraints, _SETTINGS)
         if answer.x is None:
             iterations, answer = answer.iterations, solve_carefully(problem)
             answer.iterations += iterations
@@ -78,9 +78,8 @@ def solve_carefully(problem: QuadraticProgram, soft: SoftConstraints | None = No
     end = len(sense)
     iterations = 0
     for settings in _CAREFUL_SETTINGS:
-        x, flag, used, multipliers = _run(*_set_up(np.eye(n), np.zeros(n), (rows, upper, lower, sense), settings))
-        answer = _checked_answer(problem, x, flag, used, multipliers)
-        iterations += used
+        answer, _ = _attempt(problem, np.eye(n), np.zeros(n), (rows, upper, lower, sense), settings)
+        iterations += answer.iterations
         if answer.x is not None:
             break
     else:
@@ -101,12 +100,9 @@ def solve_carefully(problem: QuadraticProgram, soft: SoftConstraints | None = No
         # One attempt: late torques are worse than a cycle without tasks.
         attempts = [attempts[0], (np.eye(n), np.zeros(n), begin, _CAREFUL_SETTINGS[0], _WEIGHT_DIVISOR)]
     for H, g, first, settings, lighter in attempts:
-        model, flag = _set_up(H, g, (rows, upper, lower, first), settings)
-        if soft is not None and flag >= 0:
-            model.soft_weights(rho_l=lighter * inverse_weights, rho_u=lighter * inverse_weights)
-        x, flag, used, multipliers = _run(model, flag)
-        answer = _checked_answer(problem, x, flag, used, multipliers)
-        iterations += used
+        compliance = None if soft is None else lighter * inverse_weights
+        answer, multipliers = _attempt(problem, H, g, (rows, upper, lower, first), settings, compliance)
+        iterations += answer.iterations
         if answer.x is not None:
             break
     if answer.x is not None and soft is not None:
@@ -127,24 +123,23 @@ def _constraints(problem: QuadraticProgram) -> _Constraints:
     return np.vstack([problem.C, problem.A]), bounds[1], bounds[0], sense
 
 
-def _set_up(H: Array, g: Array, constraints: _Constraints, settings: Mapping[str, float]) -> tuple[daqp.Model, int]:
-    model = daqp.Model()
+def _attempt(
+    problem: QuadraticProgram, H: Array, g: Array, constraints: _Constraints, settings: Mapping[str, float],
+    compliance: Array | None = None,
+) -> tuple[Answer, Array]:  # fmt: skip
+    """Return a checked answer and all multipliers; `compliance` are the inverse weights of soft constraints."""
+    x, iterations, multipliers, model = np.zeros(0), 0, np.zeros(0), daqp.Model()
     model.settings = settings
     flag, _ = model.setup(H, g, *constraints)
-    return model, flag
-
-
-def _run(model: daqp.Model, flag: int) -> tuple[Array, int, int, Array]:
-    if flag < 0:
-        return np.zeros(0), flag, 0, np.zeros(0)
-    x, _, flag, info = model.solve()
-    return x, flag, int(info["iterations"]), info["lam"]
-
-
-def _checked_answer(problem: QuadraticProgram, x: Array, flag: int, iterations: int, multipliers: Array) -> Answer:
+    if flag >= 0:
+        if compliance is not None:
+            model.soft_weights(rho_l=compliance, rho_u=compliance)
+        x, _, flag, info = model.solve()
+        iterations, multipliers = int(info["iterations"]), info["lam"]
     if flag < _OPTIMAL:
-        return Answer(None, _STATUS.get(flag, f"exit flag {flag}"), iterations)
-    residuals: Residuals = problem.residuals(x)
+        return Answer(None, _STATUS.get(flag, f"exit flag {flag}"), iterations), multipliers
+    residuals = problem.residuals(x)
     if not residuals.violation <= DaqpSolver.tolerance:
-        return Answer(None, "inaccurate", iterations)
-    return Answer(x, _STATUS[_OPTIMAL], iterations, multipliers[: problem.bounds.shape[1]], residuals)
+        return Answer(None, "inaccurate", iterations), multipliers
+    own = multipliers[: problem.bounds.shape[1]]
+    return Answer(x, _STATUS[_OPTIMAL], iterations, own, residuals), multipliers

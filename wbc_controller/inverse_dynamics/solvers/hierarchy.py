@@ -139,11 +139,11 @@ class Hierarchy:
             answer = self._solvers[size].solve(reduced)
             iterations += answer.iterations
             tolerance = self._solvers[size].tolerance
-            if reports and (answer.x is None or not (reduced.violation(answer.x) <= tolerance)):
+            if reports and (answer.x is None or not (reduced.residuals(answer.x).violation <= tolerance)):
                 status, answer = answer.status, solve_by_least_distance(reduced)
                 answer.status = f"{status}; {answer.status}"
             found = answer.x
-            if found is None or not (reduced.violation(found) <= tolerance):
+            if found is None or not (reduced.residuals(found).violation <= tolerance):
                 if not reports:
                     return Answer(None, answer.status, iterations)
                 unsolved += (f"level with {', '.join(level.tasks)}: {answer.status}",)
