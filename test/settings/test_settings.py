@@ -99,7 +99,9 @@ def _with(key, value):
     return content
 
 
-CURVE = "limits.torque_speed.actuators.a"
+CURVE, BLOCK = "limits.torque_speed.actuators.a", "mock.terrain.step"
+FORCES = {"contact_force_on": 0.1, "contact_force_off": 0.2}
+FLAT = {"position": [-1.0, 0.0, 0.3], "size": [3.0, 3.0, 0.2]}
 
 
 @pytest.mark.parametrize(
@@ -155,6 +157,17 @@ def test_ranges(key, low, high):
         ("limits.torque_speed.corner", 1.2, "limits.torque_speed.no_load = 1.0: must be above corner = 1.2"),
         (CURVE, {"corner": 3.0, "no_load": 2.0}, f"{CURVE}.no_load = 2.0: must be above corner = 3.0"),
         (f"{CURVE}.corner", 3.0, f"{CURVE}.no_load: missing key (Speed of zero torque"),
+        ("control.realtime.scheduling", "deadline", "control.realtime.scheduling = 'deadline': input should be 'ot"),
+        ("control.realtime.priority", 0, "control.realtime.priority = 0: input should be greater than or equal to 1"),
+        ("control.realtime.priority", 100, "control.realtime.priority = 100: input should be less than or equal to 99"),
+        ("control.realtime.affinity", [-1], "control.realtime.affinity.0 = -1: input should be greater than or equal"),
+        ("control.realtime.lock_memory", 7, "control.realtime.lock_memory = 7: input should be a valid boolean"),
+        ("control.realtime.cpu_dma_latency", -1, "control.realtime.cpu_dma_latency = -1: input should be greater than"),
+        ("estimation", FORCES, "estimation.contact_force_off = 0.2: must not exceed contact_force_on = 0.1"),
+        ("limits.self_collision.marjin", 0.1, "limits.self_collision.marjin: unknown key; did you mean 'margin'?"),
+        (BLOCK, {"size": [1, 1, 1]}, f"{BLOCK}.position: missing key (Middle of the upper edge at -x"),
+        (BLOCK, FLAT | {"size": [1, 1, 0]}, f"{BLOCK}.size.2 = 0: input should be greater than 0 (Along x"),
+        (BLOCK, FLAT | {"unevenness": 0.02, "cell": 0.01}, f"{BLOCK}.cell = 0.01: the block has 90000 cells; at most"),
     ],
 )
 def test_errors_name_key_value_and_valid_values(key, value, said):
