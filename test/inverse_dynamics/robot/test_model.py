@@ -13,21 +13,11 @@ LEG = ("FL_hip_joint", "FL_thigh_joint", "FL_calf_joint")
 POSTURE = (0.1, 0.8, -1.5)
 
 
-@pytest.mark.parametrize(
-    ("changes", "parts"),
-    [
-        ({"posture": [0.1, 9.0, -1.5]}, ["robot.posture: 9.0 rad for 'FL_thigh_joint'", "[-1.5708, 3.4907]"]),
-        ({"posture": [0.1, np.nan, -1.5]}, ["robot.posture: nan rad for 'FL_thigh_joint'"]),
-        ({"urdf": "<robot"}, ["robot.urdf: not a usable URDF"]),
-        ({"urdf": ""}, ["robot.urdf: not a usable URDF"]),
-    ],
-)
-def test_invalid_arguments_are_refused(go2, changes, parts):
-    arguments = {"urdf": go2.urdf, "joints": LEG, "posture": POSTURE} | changes
-    with pytest.raises(ConfigurationError) as refusal:
-        build_model(arguments["urdf"], arguments["joints"], arguments["posture"])
-    for part in parts:
-        assert part in str(refusal.value)
+@pytest.mark.parametrize("position", [9.0, np.nan])
+def test_a_posture_outside_the_limits_is_refused(go2, position):
+    said = rf"robot\.posture: {position} rad for 'FL_thigh_joint'.*\[-1\.5708, 3\.4907\]"
+    with pytest.raises(ConfigurationError, match=said):
+        build_model(go2.urdf, LEG, [0.1, position, -1.5])
 
 
 def test_joint_with_the_name_of_a_link(go2):
