@@ -1,7 +1,5 @@
 """Gauss's principle compared with Udwadia–Kalaba, Pinocchio and its definition."""
 
-import itertools
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -139,25 +137,10 @@ def test_contradicting_constraints_are_named():
         wbm.gauss_unilateral(np.eye(2), np.zeros(2), np.zeros((0, 2)), np.zeros(0), C, np.ones(2))
 
 
-def by_enumeration(M, free, A, b, C, d):
-    """Find the active set by trying all sets."""
-    for count in range(len(d) + 1):
-        for held in itertools.combinations(range(len(d)), count):
-            rows = list(held)
-            try:
-                motion = wbm.gauss(M, free, np.vstack([A, C[rows]]), np.concatenate([b, d[rows]]))
-            except NoSolution:
-                continue
-            push, gap = motion.multipliers[len(A) :], C @ motion.v_dot - d
-            large = max(1.0, np.abs(push).max(initial=0.0)), max(1.0, np.abs(motion.v_dot).max())
-            if push.min(initial=0.0) >= -1e-7 * large[0] and gap.min() >= -1e-7 * large[1]:
-                return motion.v_dot
-    return None
-
-
 @settings(max_examples=30)
 @given(names, seeds)
 def test_pushing_contacts_are_least_constraint_too(name, seed):
+    """By the conditions (32), which are sufficient."""
     M, free, A, b, rng = problem(name, seed)
     N = wbm.admissible_directions(A)
     if N.shape[1] < 6:
@@ -174,6 +157,5 @@ def test_pushing_contacts_are_least_constraint_too(name, seed):
     assert np.abs(motion.push * gap).max() < 1e-7 * scale * max(1.0, motion.push.max())
     assert np.abs(A @ motion.v_dot - b).max() < 1e-8 * scale
     assert relative(M @ (motion.v_dot - free), motion.constraint_force + motion.push_force) < 1e-8
-    expected = by_enumeration(M, free, A, b, C, d)
-    assert expected is not None
-    assert relative(motion.v_dot, expected) < 1e-6
+    assert np.abs(motion.constraint_force @ N).max() < 1e-8 * max(1.0, np.linalg.norm(motion.constraint_force))
+    np.testing.assert_array_equal(motion.push_force, C.T @ motion.push)
