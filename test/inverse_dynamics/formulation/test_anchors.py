@@ -12,7 +12,6 @@ from snapshots import dynamics_at, rate_along
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.references import make_board
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.inverse_dynamics.contacts import FixedContact
 from wbc_controller.inverse_dynamics.references.changes import EnableContact, SetSlippingContacts
 from wbc_controller.records import frozen
 from wbc_controller.settings import contacts as settings
@@ -75,21 +74,6 @@ def test_displacement_excludes_rolling(g1, random_state, wheel, seed):
     if wheel:
         expected[:2] = 0.0
     np.testing.assert_allclose(contact.displacement(dynamics_at(g1, moved), anchor), expected, atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("mask", "said"),
-    [
-        ([0, 1, 1, 1, 1, 0], "along y"),  # a skate
-        ([1, 1, 1, 1, 0, 0], "about x"),
-        ([1, 1, 0, 0, 0, 0], "along x and along y"),
-    ],
-)
-def test_nonholonomic_masks_refuse_a_stiffness(g1, mask, said):
-    place = "grip", g1, HANDS[0], pin.SE3.Identity(), [bool(held) for held in mask]
-    FixedContact(*place)
-    with pytest.raises(ConfigurationError, match=rf"contacts\.grip\.stiffness = 30: with mask = .*link {said}, so"):
-        FixedContact(*place, stiffness=30.0)
 
 
 GRIP = settings.FixedContact(

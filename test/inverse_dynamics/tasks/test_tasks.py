@@ -180,20 +180,6 @@ def test_default_reference_requires_no_acceleration(g1, random_state):
         dynamics.update(q, np.zeros(g1.nv))
 
 
-@pytest.mark.parametrize(
-    ("kind", "frames", "said"),
-    [
-        (tasks.FramePositionTask, ["FL_fot"], "frame = 'FL_fot'.*did you mean 'FL_foot'"),
-        (tasks.FrameOrientationTask, ["FL_fot"], "frame = 'FL_fot'.*did you mean 'FL_foot'"),
-        (tasks.FramePoseTask, ["FL_fot"], "frame = 'FL_fot'.*did you mean 'FL_foot'"),
-        (tasks.RelativePoseTask, ["FL_foot", "bse"], "reference_frame = 'bse'.*did you mean 'base'"),
-    ],
-)
-def test_unknown_frames_are_refused(go2, kind, frames, said):
-    with pytest.raises(ConfigurationError, match=rf"tasks\.paw\.{said}"):
-        kind("paw", go2, *frames)
-
-
 @pytest.mark.parametrize(("kind", "key"), [*((kind, "stiffness") for kind in KINDS), ("com", "damping")])
 def test_gains_of_wrong_length_are_refused(g1, kind, key):
     size = make(kind, g1, "g1").size
