@@ -293,10 +293,14 @@ def test_the_fast_loader_reads_and_refuses_the_same():
         ("package://example-robot-data/" + "x" * 5000, ": file /"),
         ("~nosuchuser/x.urdf", "robot.urdf = '~nosuchuser/x.urdf': could not determine home directory"),
         ("nul\0l.urdf", "does not exist"),
+        ("/nowhere/robot.urdf", "'/nowhere/robot.urdf': file /nowhere/robot.urdf does not exist"),
+        ("package://none/a.urdf", "on AMENT_PREFIX_PATH nor as a Python distribution; example-robot-data: pip install"),
+        ("package://example-robot-data/robots/none.urdf", "none.urdf does not exist"),
+        ("package://numpy/robot.urdf", "'numpy' has no folder share/numpy"),
     ],
-    ids=["long", "long package", "long in a package", "user", "zero"],
+    ids=["long", "long package", "long in a package", "user", "zero", "file", "package", "in a package", "no share"],
 )
-def test_a_path_that_no_file_can_have_is_refused_in_words(urdf, said, monkeypatch):
+def test_a_path_without_a_file_is_refused_in_words(urdf, said, monkeypatch):
     monkeypatch.setenv("AMENT_PREFIX_PATH", "/nowhere")
     refused = refusal(locate, urdf)
     assert said.lower() in refused.lower()

@@ -6,7 +6,6 @@ import pytest
 from urdf_models import build_model
 
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.settings.resources import locate
 from wbc_controller.settings.robot import JointLimitSettings
 
 LEG = ("FL_hip_joint", "FL_thigh_joint", "FL_calf_joint")
@@ -111,22 +110,3 @@ def test_unknown_names_are_refused_with_the_nearest_one(g1):
         g1.joint_columns(["left_knee"], "tasks.x.joints")
     np.testing.assert_array_equal(g1.joint_columns([], "x"), np.arange(g1.na))
     np.testing.assert_array_equal(g1.joint_columns(["waist_yaw_joint"], "x"), [12])
-
-
-@pytest.mark.parametrize(
-    ("uri", "parts"),
-    [
-        ("/nowhere/robot.urdf", ["'/nowhere/robot.urdf'", "does not exist"]),
-        (
-            "package://no-such-package/robot.urdf",
-            ["'no-such-package' is not installed", "AMENT_PREFIX_PATH", "pip install"],
-        ),
-        ("package://example-robot-data/robots/none.urdf", ["none.urdf", "does not exist"]),
-        ("package://numpy/robot.urdf", ["'numpy' has no folder share/numpy"]),
-    ],
-)
-def test_missing_file_is_named(uri, parts):
-    with pytest.raises(ConfigurationError) as refusal:
-        locate(uri)
-    for part in parts:
-        assert part in str(refusal.value)
