@@ -37,22 +37,12 @@ def test_help_of_each_command(option):
         assert f"Usage: main {command} [OPTIONS]" in wbc(command, option).output
 
 
-@pytest.mark.parametrize(
-    ("robot", "said"),
-    [
-        ("g1", ("29 actuated, base floating", "33.34 kg, weight 327.1 N", "left_foot (surface)", "com (com)")),
-        ("talos", ("30 actuated", "left_foot (surface)")),
-        ("go2", ("12 actuated", "front_left_foot (point)", "16.09 kg")),
-    ],
-)
-def test_check_prints_findings(robot, said):
-    result = wbc("check", robot)
-    lines = result.output.splitlines()
-    assert lines[0].endswith(f"config/{robot}.yaml")
+def test_check_prints_findings_of_a_shipped_robot():
+    lines = wbc("check", "g1").output.splitlines()
+    assert lines[0].endswith("config/g1.yaml")
     assert lines[-1] == "ok"
-    common = "daqp, 500 cycles per second", "inside the edge of the support", "standing         possible on"
-    for part in (*said, *common):
-        assert part in result.output
+    for part in ("29 actuated, base floating", "left_foot (surface)", "com (com)", "daqp, 500 cycles per second"):
+        assert any(part in line for line in lines)
 
 
 def test_a_new_configuration_is_all_of_stdout_and_doubts_and_findings_are_on_stderr():

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 import pytest
+from robot_cases import joint, link, robot
 
 from wbc_controller.cli import main
 from wbc_controller.extras import EXTRAS
@@ -39,13 +40,7 @@ NEEDED = {
 }
 #: Commands that need no extra.
 PLAIN = {"fuzz problems", "identify", "new", "topics"}
-ARM = """<robot name="arm">
-  <link name="base"/>
-  <link name="upper"><inertial><origin xyz="0 0 0.2"/><mass value="2"/>
-    <inertia ixx="0.03" ixy="0" ixz="0" iyy="0.03" iyz="0" izz="0.01"/></inertial></link>
-  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
-    <limit lower="-2" upper="2" effort="40" velocity="6"/></joint>
-</robot>"""
+ARM = robot(link("base"), link("upper", 2.0, "0 0 0.2"), joint("shoulder", "base", "upper"))
 CONFIGURATION = """
 wbc_controller:
   ros__parameters:

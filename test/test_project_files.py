@@ -1,14 +1,13 @@
 """Workflows, issue forms and citation agree with Makefile and pyproject.toml. `make lint` checks their schemas."""
 
 import re
-from pathlib import Path
 
 import pytest
 import yaml
+from pages import ROOT
 
 import wbc_controller
 
-ROOT = Path(__file__).resolve().parents[1]
 PYPROJECT = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
 
 

@@ -9,17 +9,9 @@ from pathlib import Path
 
 import pytest
 from installation import FILES, TRIALS, quadruped
+from pages import PROJECT, ROOT
 
 import wbc_controller
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib  # a dependency of pytest
-
-ROOT = Path(__file__).resolve().parents[2]
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-
 
 #: Kernels as Python functions: compiling them takes longer.
 VARIABLES = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"} | {"NUMBA_DISABLE_JIT": "1"}

@@ -4,10 +4,10 @@ import re
 
 import pytest
 from command_line import wbc
-from pages import page
+from pages import files, page
 
 PAGE = page("bring-up")
-FILES = dict(re.findall(r"```yaml\n# (\w+\.yaml)\n(.*?)```", PAGE, re.DOTALL))
+FILES = files(PAGE)
 SHOWN = re.findall(r"```console\n\$ wbc check (\w+\.yaml)\n(.*?)```", PAGE, re.DOTALL)
 MISTAKES = re.findall(r"^\| `([^`]+)` \| `([^`]+)` \| `([^`]+)` \|$", PAGE, re.MULTILINE)
 

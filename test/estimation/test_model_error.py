@@ -8,8 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wbc_controller import Simulation
-from wbc_controller.controller.build.estimation import make_model_error
-from wbc_controller.errors import ConfigurationError
 from wbc_controller.estimation.disturbance_observer import DisturbanceLimits, DisturbanceObserver
 from wbc_controller.estimation.friction import FrictionCompensation
 from wbc_controller.estimation.model_error import ModelErrorCompensation
@@ -163,14 +161,6 @@ def test_friction_compensation_at_rest_and_in_motion(model):
     v[index] = 0.02
     light.update(1e-3 * np.eye(model.nv), J, (), v, 0.002, None)
     assert abs(light.forces[index]) < 0.02  # reduced at a light joint
-
-
-def test_friction_of_an_unknown_joint_is_refused(robot_of, changed):
-    config, model = robot_of("go2")
-    with pytest.raises(
-        ConfigurationError, match=r"robot.friction: unknown joint 'FL_calf'; did you mean 'FL_calf_joint'"
-    ):
-        make_model_error(changed(config, {"robot": {"friction": {"FL_calf": {"dry": 1.0}}}}), model, {})
 
 
 def lowered(simulation, depth=0.03):

@@ -5,10 +5,11 @@ from pathlib import Path
 
 import pytest
 from busy import patience
+from pages import files, page
 from waiting import until
 
-PAGE = (Path(__file__).parents[2] / "docs/bring-up.md").read_text(encoding="utf-8")
-FILES = dict(re.findall(r"```yaml\n# (\w+\.yaml)\n(.*?)```", PAGE, re.DOTALL))
+PAGE = page("bring-up")
+FILES = files(PAGE)
 #: Wall time in which a command ends on a computer without other work, s.
 PATIENCE = 120.0
 

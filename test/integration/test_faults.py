@@ -111,17 +111,12 @@ def test_bad_inputs_over_the_wire_are_refused_and_do_no_harm(start, processes, p
     nowhere = make.frame_trajectory([(1.0, [[0, 0, 0.3, 0, 0, 0, 1]])], "laser")
     cases = [
         ("joint_states", "", make.joint_state(joints, nan, still), f"/joint_states: position of '{joints[4]}' is nan"),
-        ("joint_states", "", make.joint_state(joints[:5], good[:5], still[:5]), f"/joint_states: {na - 5} of"),
-        ("joint_states", "", make.joint_state([], [], []), f"/joint_states: {na} of {na} joints are missing"),
         ("odom", "", make.odom([0, 0, 0.3, 0, 0, 0, 0], child="base"), "/odom: the orientation [0, 0, 0, 0] is not a"),
-        ("odom", "", make.odom([0, 0, 0.3, 0, 0, 0, 1], child="torso"), "/odom: child_frame_id is 'torso'"),
         ("setpoint", "com", make.point([0, np.nan, 0]), "tasks/com/setpoint: the point is not finite"),
         ("trajectory", "com", nowhere, "tasks/com/trajectory: frame_id is 'laser'"),
         ("weight", "com", make.float64(-1.0), "tasks/com/weight: weight must be from 0 to 1e+06, not -1.0"),
         ("update", "", make.string("{tasks: {comm: {weight: 1}}}"), "/update: unknown task 'comm'; did you mean"),
-        ("update", "", make.string("{tasks: {com: "), "/update: not valid YAML"),
         ("command", "", make.string("actvate"), "command 'actvate' is unknown; did you mean 'activate'?"),
-        ("command", "", make.string("reset"), "command 'reset' is refused while active"),
     ]
     user.activate()
     user.run(1.2)

@@ -33,6 +33,8 @@ def test_free_flight_agrees_to_rounding(robot_of, name):
         plant.set_state(q, v)
         plant.apply(tau)
         plant.forward()
+        for found, given in zip(plant.state(), (q, v), strict=True):
+            np.testing.assert_allclose(found, given, atol=1e-12)
         expected = wbm.forward_dynamics(model.pinocchio, q, v, S.T @ tau)
         assert np.abs(plant.acceleration() - expected).max() < 1e-8 * np.abs(expected).max()
 
@@ -164,9 +166,9 @@ def test_a_ball_rolls_down_a_slope_alike():
     assert np.linalg.norm(local[1:3]) == pytest.approx(np.linalg.norm(motion.multipliers[:2]), rel=0.001)
 
 
-@pytest.mark.parametrize("moment", [0.0, 8.0, 22.0])
-def test_box_at_rest_and_tipping(moment):
-    """Unilateral contacts at rest, unevenly loaded, tipping: corner forces to 0.1 % of the weight.
+@pytest.mark.parametrize(("lift", "moment"), [(0.0, 0.0), (0.0, 8.0), (0.0, -22.0), (1.2, 0.0)])
+def test_box_at_rest_tipping_and_lifted(lift, moment):
+    """Unilateral contacts at rest, unevenly loaded, tipping, lifted: corner forces to 0.1 % of the weight.
 
     Four corners are redundant: the sums of both sides are compared.
     """
@@ -185,17 +187,17 @@ def test_box_at_rest_and_tipping(moment):
     data = mujoco.MjData(theirs)
     for _ in range(200):
         mujoco.mj_step(theirs, data)  # settle
-    data.xfrc_applied[1, 3] = moment
+    weight = mass * 9.81
+    force = data.xfrc_applied[1] = np.array([0, 0, lift * weight, moment, 0, 0])
     mujoco.mj_forward(theirs, data)
     local, sides = np.zeros(6), np.zeros(2)
     for index in range(data.ncon):
         mujoco.mj_contactForce(theirs, data, index, local)
         sides[int(data.contact[index].pos[1] < 0.0)] += local[0]
 
-    force = np.array([0, 0, 0, moment, 0, 0])
     motion = wbm.constrained_dynamics(model, pin.neutral(model), np.zeros(6), force, unilateral=floor)
     ours = np.array([motion.push[[0, 2]].sum(), motion.push[[1, 3]].sum()])
-    weight = mass * 9.81
     assert np.abs(ours - sides).max() < 0.001 * weight, (ours, sides)
     assert data.qacc[3] == pytest.approx(motion.v_dot[3], abs=0.001 * 9.81)
-    assert (ours[0] == 0.0) == (moment > 0.15 * weight)
+    assert data.qacc[2] == pytest.approx(motion.v_dot[2], abs=0.001 * 9.81)
+    np.testing.assert_array_equal(ours == 0.0, [lift > 1.0, lift > 1.0 or moment < -0.15 * weight])

@@ -5,13 +5,12 @@ import dataclasses
 import inspect
 import re
 import textwrap
-from pathlib import Path
 
 import pytest
+from pages import ROOT
 
 from wbc_controller import mechanics
 
-ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "mechanics.md"
 #: Equation or section of the note.
 REFERENCE = re.compile(r"\(\d{1,2}\)|equations? \(\d|section \d|Lemma 1|\(S\d+\)")

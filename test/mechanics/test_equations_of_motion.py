@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from mechanisms import floating, links, names, random_case, rate_along, robot, seeds
 
 from wbc_controller import mechanics as wbm
+from wbc_controller.records import RobotState
 
 
 @settings(max_examples=25)
@@ -128,3 +129,22 @@ def test_centroidal_momentum_rate_is_the_external_wrench(name, seed):
     assert np.allclose(total, motion.constraint_force, atol=1e-7 * np.abs(rate).max())
     slope = rate_along(lambda q, v: wbm.centroidal_momentum(model, q, v), model, q, v, motion.v_dot)
     assert np.allclose(slope, rate, rtol=1e-4, atol=1e-3 * max(1.0, np.abs(rate).max()))
+
+
+@settings(max_examples=20)
+@given(floating, seeds)
+def test_residuals_between_two_states_are_the_unknown_power_and_wrench(name, seed):
+    model, rng, q, v = random_case(name, seed)
+    force, step = 10.0 * rng.normal(size=model.nv) * (np.arange(model.nv) > 5), 1e-6
+    known, unknown = (wbm.ExternalWrench(str(rng.choice(links(model))), 50.0 * rng.normal(size=6)) for _ in range(2))
+
+    def acceleration(q, v, _):
+        return wbm.forward_dynamics(model, q, v, force + wbm.generalized_force(model, q, [known, unknown]))
+
+    states = zip(*wbm.simulate(model, acceleration, q, v, step, 1), strict=True)
+    before, after = (RobotState(stamp, *state) for stamp, state in zip((1, 1001), states, strict=True))
+    balance = wbm.energy_residual(model, before, after, force, [known])
+    power = wbm.power(v, wbm.generalized_force(model, q, [unknown]))
+    assert balance.residual == pytest.approx(power, abs=0.01 * balance.throughput)
+    wrench = wbm.centroidal_wrench(model, q, [unknown]) - wbm.centroidal_wrench(model, q)
+    assert wbm.momentum_residual(model, before, after, [known]).residual == pytest.approx(wrench, rel=0.01, abs=0.1)

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pinocchio as pin
-from hypothesis import given, settings
-from mechanisms import seeds
+import pytest
 
 from wbc_controller import mechanics as wbm
 
@@ -47,8 +46,7 @@ def in_the_plane(system, x, x_dot):
     return np.vstack([A, plane]), np.concatenate([b, np.zeros(2)])
 
 
-@settings(max_examples=60)
-@given(seeds)
+@pytest.mark.parametrize("seed", range(60))
 def test_one_stage_two_stages_and_generalized_coordinates_agree(seed):
     rng = np.random.default_rng(seed)
     system, model = double_pendulum(rng.uniform(0.3, 2.0, 2), rng.uniform(0.3, 1.0, 2))
@@ -72,8 +70,7 @@ def test_one_stage_two_stages_and_generalized_coordinates_agree(seed):
         assert np.allclose(joint.multipliers, two.multipliers, atol=1e-7 * max(1.0, np.abs(one.multipliers).max()))
 
 
-@settings(max_examples=40)
-@given(seeds)
+@pytest.mark.parametrize("seed", range(40))
 def test_with_the_generalized_basis_the_reduction_is_the_equations_of_motion(seed):
     """M = (∂φ/∂q)ᵀ M_x ∂φ/∂q, without structural forces: (19) and section 4.2.1."""
     rng = np.random.default_rng(seed)

@@ -15,7 +15,6 @@ from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.middleware.codec import message
 from wbc_controller.middleware.setpoints import wrench_stamped
 from wbc_controller.records import Mode
-from wbc_controller.settings.config import load
 
 
 @pytest.fixture
@@ -336,8 +335,3 @@ def test_the_normal_is_known_in_the_frames_in_which_forces_are_measured(robot_of
     assert set(found) == {"", FEET[0], "world"}
     np.testing.assert_allclose(found["world"], np.array([0.0, 1.0, 1.0]) / np.sqrt(2.0))
     np.testing.assert_allclose(found[""], [0.0, 0.0, 1.0])
-
-
-def test_a_force_that_lets_go_above_the_one_that_takes_hold_is_refused():
-    with pytest.raises(ConfigurationError, match=r"contact_force_off = 0.2: must not exceed contact_force_on = 0.1"):
-        load("go2").replace({"estimation.contact_force_on": 0.1, "estimation.contact_force_off": 0.2})

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from busy import patience
 from peer import Peer
+from robot_cases import joint, link, robot
 from services import make_guard
 from starved import StarvedThread
 from waiting import until
@@ -260,22 +261,19 @@ def test_it_reads_the_limits_as_the_controller_does(robot_of, name):
     assert robot.name == model.pinocchio.name
 
 
-def of_joint(content):
+def of_joint(limit):
     """A robot with one continuous joint."""
-    ends = "<parent link='l'/><child link='m'/>"
-    joint = f"<joint name='a' type='continuous'>{ends}{content}</joint>"
-    return f"<robot name='r'><link name='l'/><link name='m'/>{joint}</robot>"
+    return robot(link("l"), link("m"), joint("a", "l", "m", kind="continuous", limit=limit))
 
 
 @pytest.mark.parametrize(
     ("urdf", "said"),
     [
         ("<robot", "not a usable URDF"),
-        ("<robot name='r'><link name='l'/></robot>", "'a' is not a joint of the URDF; Valid: (none)"),
+        (robot(link("l")), "'a' is not a joint of the URDF; Valid: (none)"),
         (of_joint(""), "joint 'a': it has no <limit effort=…>"),
-        (of_joint("<limit effort='0' velocity='1'/>"), "joint 'a' has the effort limit 0.0"),
-        (of_joint("<limit effort='nan'/>"), "joint 'a': <limit effort='nan'> is not a"),
-        (of_joint("<limit effort='much'/>"), "joint 'a': <limit effort='much'> is not a"),
+        (of_joint("effort='0' velocity='1'"), "joint 'a' has the effort limit 0.0"),
+        (of_joint("effort='nan'"), "joint 'a': <limit effort='nan'> is not a"),
     ],
 )
 def test_a_description_that_cannot_be_used_is_refused(urdf, said):

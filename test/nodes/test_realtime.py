@@ -278,23 +278,6 @@ def test_a_controller_runs_on_its_configured_processors_or_does_not_start(restor
     assert opened == []
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ({"scheduling": "deadline"}, r"control\.realtime\.scheduling = 'deadline'.*'other', 'fifo' or 'rr'"),
-        ({"priority": 0}, r"control\.realtime\.priority = 0.*greater than or equal to 1"),
-        ({"priority": 100}, r"control\.realtime\.priority = 100.*less than or equal to 99"),
-        ({"affinity": [-1]}, r"control\.realtime\.affinity\.0 = -1.*greater than or equal to 0"),
-        ({"lock_memory": 7}, r"control\.realtime\.lock_memory = 7"),
-        ({"cpu_dma_latency": -1}, r"control\.realtime\.cpu_dma_latency = -1.*greater than or equal to 0"),
-        ({"nice": 3}, r"control\.realtime\.nice.*Valid: affinity, cpu_dma_latency, lock_memory, priority, scheduling"),
-    ],
-)
-def test_invalid_values_are_refused_with_the_valid_ones(change, said):
-    with pytest.raises(ConfigurationError, match=said):
-        load("go2").replace({"control": {"realtime": change}})
-
-
 def test_the_page_of_the_refusals_has_all_keys():
     text = page("real_time")
     for key in RealtimeSettings.model_fields:

@@ -1,8 +1,8 @@
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
+from pages import ROOT, page
 from safety_table import CHECKS, safety_table
 
 from wbc_controller.safety.checks import stale_inputs, unusable_torques
@@ -56,7 +56,7 @@ def test_every_joint_with_a_bad_torque_is_named():
     assert fault.sentence.endswith("not usable: knee: -5.3 N·m (limit 5)")
 
 
-PAGE = (Path(__file__).parents[2] / "docs" / "safety.md").read_text(encoding="utf-8")
+PAGE = page("safety")
 
 
 def test_the_table_of_checks_in_the_docs_is_that_of_the_code():
@@ -69,7 +69,7 @@ def test_every_check_has_its_threshold_in_the_configuration_a_code_in_the_docs_a
         section, name = key.split(".")
         assert name in Settings.model_fields[section].annotation.model_fields
     file, _, test = check.test.partition("::")
-    assert re.search(rf"^def {test}\(", (Path(__file__).parents[1] / file).read_text(encoding="utf-8"), re.MULTILINE)
+    assert re.search(rf"^def {test}\(", (ROOT / "test" / file).read_text(encoding="utf-8"), re.MULTILINE)
     assert not check.code or f"- `{check.code}`: " in PAGE
 
 

@@ -8,7 +8,6 @@ import yaml
 from command_line import wbc
 from refusals import refusal
 
-from wbc_controller.controller.build.program import make_qp
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings, parse_settings, read_yaml
@@ -99,7 +98,9 @@ def _with(key, value):
     return content
 
 
-CURVE = "limits.torque_speed.actuators.a"
+CURVE, BLOCK = "limits.torque_speed.actuators.a", "mock.terrain.step"
+FORCES = {"contact_force_on": 0.1, "contact_force_off": 0.2}
+FLAT = {"position": [-1.0, 0.0, 0.3], "size": [3.0, 3.0, 0.2]}
 
 
 @pytest.mark.parametrize(
@@ -152,9 +153,22 @@ def test_ranges(key, low, high):
         ("tasks.hand.damping", [1.0] * 5 + [-1.0], "tasks.hand.damping.5 = -1.0: input should be greater than or"),
         ("tasks.com.stiffness", [1.0, "x", 1.0], "tasks.com.stiffness.1 = 'x': input should be a valid number"),
         ("robot.posture", [float("nan")], "robot.posture.0 = nan: input should be a finite number (Nominal"),
+        ("robot.joint_limits", {"a": {"lower": 1.0, "upper": -1.0}}, "robot.joint_limits.a.lower = 1.0: must be below"),
+        ("contacts.foot.half_length", 10.0, "contacts.foot.half_length = 10.0: input should be less than or equal to"),
         ("limits.torque_speed.corner", 1.2, "limits.torque_speed.no_load = 1.0: must be above corner = 1.2"),
         (CURVE, {"corner": 3.0, "no_load": 2.0}, f"{CURVE}.no_load = 2.0: must be above corner = 3.0"),
         (f"{CURVE}.corner", 3.0, f"{CURVE}.no_load: missing key (Speed of zero torque"),
+        ("control.realtime.scheduling", "deadline", "control.realtime.scheduling = 'deadline': input should be 'ot"),
+        ("control.realtime.priority", 0, "control.realtime.priority = 0: input should be greater than or equal to 1"),
+        ("control.realtime.priority", 100, "control.realtime.priority = 100: input should be less than or equal to 99"),
+        ("control.realtime.affinity", [-1], "control.realtime.affinity.0 = -1: input should be greater than or equal"),
+        ("control.realtime.lock_memory", 7, "control.realtime.lock_memory = 7: input should be a valid boolean"),
+        ("control.realtime.cpu_dma_latency", -1, "control.realtime.cpu_dma_latency = -1: input should be greater than"),
+        ("estimation", FORCES, "estimation.contact_force_off = 0.2: must not exceed contact_force_on = 0.1"),
+        ("limits.self_collision.marjin", 0.1, "limits.self_collision.marjin: unknown key; did you mean 'margin'?"),
+        (BLOCK, {"size": [1, 1, 1]}, f"{BLOCK}.position: missing key (Middle of the upper edge at -x"),
+        (BLOCK, FLAT | {"size": [1, 1, 0]}, f"{BLOCK}.size.2 = 0: input should be greater than 0 (Along x"),
+        (BLOCK, FLAT | {"unevenness": 0.02, "cell": 0.01}, f"{BLOCK}.cell = 0.01: the block has 90000 cells; at most"),
     ],
 )
 def test_errors_name_key_value_and_valid_values(key, value, said):
@@ -167,13 +181,6 @@ def test_gains_are_one_number_or_one_for_each_axis(task, size):
         for good in (7.0, [7.0] * size):
             settings = parse_settings(_with(f"tasks.{task}.{key}", good), "f")
             assert getattr(settings.tasks[task], key) == good
-
-
-def test_gains_of_all_joints_are_counted_when_the_robot_is_known(robot_of, changed):
-    settings, model = robot_of("go2")
-    assert make_qp(changed(settings, {"tasks": {"posture": {"stiffness": [50.0] * 12}}}), model)
-    with pytest.raises(ConfigurationError, match=r"tasks\.posture\.stiffness has 2 values; .* of the task's 12 axes"):
-        make_qp(changed(settings, {"tasks": {"posture": {"stiffness": [50.0] * 2}}}), model)
 
 
 def test_all_errors_of_a_file_are_reported_in_a_line_each():
@@ -286,10 +293,14 @@ def test_the_fast_loader_reads_and_refuses_the_same():
         ("package://example-robot-data/" + "x" * 5000, ": file /"),
         ("~nosuchuser/x.urdf", "robot.urdf = '~nosuchuser/x.urdf': could not determine home directory"),
         ("nul\0l.urdf", "does not exist"),
+        ("/nowhere/robot.urdf", "'/nowhere/robot.urdf': file /nowhere/robot.urdf does not exist"),
+        ("package://none/a.urdf", "on AMENT_PREFIX_PATH nor as a Python distribution; example-robot-data: pip install"),
+        ("package://example-robot-data/robots/none.urdf", "none.urdf does not exist"),
+        ("package://numpy/robot.urdf", "'numpy' has no folder share/numpy"),
     ],
-    ids=["long", "long package", "long in a package", "user", "zero"],
+    ids=["long", "long package", "long in a package", "user", "zero", "file", "package", "in a package", "no share"],
 )
-def test_a_path_that_no_file_can_have_is_refused_in_words(urdf, said, monkeypatch):
+def test_a_path_without_a_file_is_refused_in_words(urdf, said, monkeypatch):
     monkeypatch.setenv("AMENT_PREFIX_PATH", "/nowhere")
     refused = refusal(locate, urdf)
     assert said.lower() in refused.lower()

@@ -1,17 +1,17 @@
 """States by joint name, and states and torques in a user's MuJoCo scene with other objects."""
 
-from pathlib import Path
 from types import SimpleNamespace
 
 import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
+from pages import ROOT
 from snapshots import dynamics_at
 
 import wbc_controller as wbc
 
-A1 = Path(__file__).parents[2] / "examples" / "a1.yaml"
+A1 = ROOT / "examples" / "a1.yaml"
 
 
 @pytest.fixture(scope="module")

@@ -3,9 +3,6 @@ import math
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given
-from hypothesis import settings as hypothesis_settings
-from hypothesis import strategies as st
 from stepping import simulate
 from urdf_models import build_model
 
@@ -21,12 +18,6 @@ IN_THE_AIR = 10.0
 def penetration(plant):
     """Return the largest penetration of the floor, m."""
     return max([0.0, *(-contact.dist for contact in plant.data.contact)])
-
-
-def random_state(model, rng):
-    joints = rng.uniform(np.maximum(model.position_lower, -3.0), np.minimum(model.position_upper, 3.0))
-    base = pin.SE3(pin.exp3(rng.normal(size=3)), np.array([rng.normal(), rng.normal(), IN_THE_AIR]))
-    return model.configuration(joints, base), rng.normal(size=model.nv, scale=2.0)
 
 
 @pytest.fixture
@@ -48,32 +39,6 @@ def in_the_air(model, settings):
     base = pin.SE3(np.eye(3), np.array([0.0, 0.0, IN_THE_AIR]))
     plant.set_state(model.configuration(model.posture, base), np.zeros(model.nv))
     return plant
-
-
-@pytest.fixture(scope="module")
-def flying(load):
-    """Return a released plant per robot."""
-    plants = {name: Plant(*load(name)) for name in ROBOTS}
-    for plant in plants.values():
-        plant.hold(False, ramp=0.0)
-    return plants
-
-
-@pytest.mark.parametrize("name", ROBOTS)
-@hypothesis_settings(max_examples=30, derandomize=True)
-@given(seed=st.integers(0, 2**32 - 1))
-def test_free_acceleration_is_that_of_the_articulated_body_algorithm(flying, load, name, seed):
-    model, _ = load(name)
-    plant = flying[name]
-    rng = np.random.default_rng(seed)
-    q, v = random_state(model, rng)
-    tau = rng.uniform(-1.0, 1.0, model.na) * plant.effort_limits
-    plant.apply(tau)
-    plant.set_state(q, v)
-    for found, given_value in zip(plant.state(), (q, v), strict=True):
-        np.testing.assert_allclose(found, given_value, atol=1e-12)
-    expected = free_acceleration(model, q, v, tau)
-    assert np.linalg.norm(plant.acceleration() - expected) < 1e-6 * np.linalg.norm(expected)
 
 
 def test_links_without_a_contact_that_come_down_are_named(plant):

@@ -4,7 +4,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from wbc_controller.errors import ConfigurationError
 from wbc_controller.settings.config import load as load_config
 from wbc_controller.settings.service import TerrainSettings
 from wbc_controller.simulation.plant import Plant
@@ -97,18 +96,3 @@ def test_soft_ground_yields_by_its_stiffness():
     assert plant.data.ncon == corners
     depth = np.mean([-plant.data.contact[index].dist for index in range(corners)])
     assert depth == pytest.approx(weight / (corners * stiffness), rel=0.02)
-
-
-@pytest.mark.parametrize(
-    ("block", "message"),
-    [
-        ({"size": [1, 1, 1]}, "mock.terrain.step.position: missing key (Middle of the upper edge at -x"),
-        ({**FLAT, "size": [1, 1, 0]}, "mock.terrain.step.size.2 = 0: input should be greater than 0 (Along x"),
-        ({**FLAT, "colour": 1}, "mock.terrain.step.colour: unknown key; Valid: cell, damping, friction"),
-        ({**FLAT, "unevenness": 0.02, "cell": 0.01}, "cell = 0.01: the block has 90000 cells; at most 2000"),
-    ],
-)
-def test_an_invalid_block_is_refused(block, message):
-    with pytest.raises(ConfigurationError) as error:
-        load_config("g1").replace({"mock.terrain": {"step": block}})
-    assert message in str(error.value)

@@ -19,14 +19,6 @@ def link(name: str, *elements: tuple[str, str, str], inertial: str = INERTIAL) -
     return f'<link name="{name}">{inertial}{"".join(shapes)}</link>'
 
 
-def revolute(name: str, parent: str, child: str, axis: str, xyz: str = "0 0 0") -> str:
-    """Write a revolute joint."""
-    return (
-        f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/><origin xyz="{xyz}"/>'
-        f'<axis xyz="{axis}"/><limit effort="10" velocity="10" lower="-2" upper="2"/></joint>'
-    )
-
-
 def build_model(
     urdf: str, joints: Sequence[str], posture: Iterable[float], *, floating_base: bool = True, **settings: Any
 ) -> RobotModel:

@@ -10,7 +10,7 @@ from gaits import run_to, simulated, walking
 from stepping import simulate
 
 import wbc_controller as wbc
-from wbc_controller.errors import ConfigurationError, InputRefused, NoSolution
+from wbc_controller.errors import InputRefused, NoSolution
 from wbc_controller.inverse_dynamics.references.changes import Walk
 from wbc_controller.middleware.topics import WALKING_KEYS
 from wbc_controller.nodes.wiring import controller_endpoints
@@ -511,28 +511,3 @@ def test_invalid_commands_and_robots_without_the_section_are_refused(call, messa
     standing.reset(standing.stance(), np.zeros(standing.model.nv))
     with pytest.raises(InputRefused, match="no section 'walking'"):
         standing.walk(0.1)
-
-
-LEFT = "walking.left = 'left_foot'"
-
-
-@pytest.mark.parametrize(
-    ("robot", "changes", "message"),
-    [
-        ("g1", {"walking.left": "hand"}, "'hand' is not a surface contact; valid: left_foot, right_foot"),
-        ("g1", {"walking.right": None}, f"{LEFT}, walking.right = None: walking takes two surface"),
-        ("g1", {"walking.right": "left_foot"}, "two surface contacts"),
-        (
-            "g1",
-            {"tasks.walking_com": {"type": "com"}},
-            "tasks.walking_com: the walker has a task of this name",
-        ),
-        ("g1", {"walking.gait": "trot"}, "walking.gait = 'trot' takes four point contacts and no surface contact"),
-        ("go2", {"walking.width": 0.2}, "walking.width: a robot with four point contacts has no such key"),
-        ("go2", {"contacts.rear_left_foot": None}, "takes four point contacts and no surface contact"),
-        ("go2", {"tasks.walking_com": {"type": "com"}}, "tasks.walking_com: the walker has a task of this name"),
-    ],
-)
-def test_invalid_settings_are_refused(robot, changes, message):
-    with pytest.raises(ConfigurationError, match=message):
-        wbc.Controller(wbc.load(robot).replace(changes))

@@ -74,43 +74,6 @@ def update(page, label="STOP", **updates):
     return {"type": "GuiUpdateMessage", "uuid": page.uuid(label), "updates": updates}
 
 
-HOSTILE = {
-    "no callbacks": lambda page: update(page, update_cb=[]),
-    "removed": lambda page: update(page, removed=True),
-    "no button": lambda page: update(page, is_button=False),
-    "no properties": lambda page: update(page, props={}),
-    "no number": lambda page: update(page, "weight", value="nan"),
-    "not a number": lambda page: update(page, "weight", value=NAN),
-    "upload": lambda page: {
-        "type": "FileTransferStartUpload", "source_component_uuid": page.uuid("weight"), "transfer_uuid": "a",
-        "filename": "b", "mime_type": "c", "part_count": 0, "size_bytes": 0,
-    },
-    "position of two numbers": lambda page: drag(position=(0.0, 0.6)),
-    "quaternion of three numbers": lambda page: drag(wxyz=(1.0, 0.0, 0.0)),
-    "position not a number": lambda page: drag(position=(NAN, 0.0, 0.6)),
-    "quaternion not a number": lambda page: drag(wxyz=(NAN, 0.0, 0.0, 0.0)),
-    "quaternion of zeros": lambda page: drag(wxyz=(0.0, 0.0, 0.0, 0.0)),
-    "infinite position": lambda page: drag(position=(float("inf"), 0.0, 0.6)),
-    "public address": lambda page: {"type": "ShareUrlRequest"},
-    "forwarded to all": lambda page: {"type": "GuiFormDirtyMessage", "uuid": page.uuid("STOP")},
-    "unknown type": lambda page: {"type": "Message"},
-}  # fmt: skip
-
-
-def test_hostile_messages_change_nothing(rig, pages):
-    user, hostile = pages
-    for name, message in HOSTILE.items():
-        hostile.drag("com", "start")
-        hostile.send(msgspec.msgpack.encode(message(hostile)))
-        hostile.drag("com", "end")
-        check_pages(rig, pages)
-        user.until(lambda: user.positions["/handles/com"] == pytest.approx(COM), what=name)
-        assert user.unknown == set(), name
-    for payload in (b"", b"\xc1", b"\x91" * 4000, b"\xdd\xff\xff\xff\xff", "a text message"):
-        hostile.send(payload)
-        check_pages(rig, pages)
-
-
 def test_large_message_ends_only_its_connection(rig, pages):
     user, hostile = pages
     hostile.say("GuiUpdateMessage", uuid="a" * MAX_MESSAGE_SIZE, updates={"value": True})

@@ -83,9 +83,12 @@ NAN, INFINITE = float("nan"), float("inf")
 BAD = [
     (DRAG, {"position": (0, 0)}, "Expected `array` of length 3, got 2 - at `$.position`"),
     (DRAG, {"position": (0, 0, NAN)}, "- at `$.position[2]`"),
+    (DRAG, {"position": (0, 0, INFINITE)}, "- at `$.position[2]`"),
     (DRAG, {"position": (0, 0, 2**63)}, "- at `$.position[2]`"),
     (DRAG, {"position": None}, "- at `$.position`"),
     (DRAG, {"wxyz": (0, 0, 0, 0)}, "`wxyz` has the norm 0; required: 1"),
+    (DRAG, {"wxyz": (NAN, 0, 0, 0)}, "- at `$.wxyz[0]`"),
+    (DRAG, {"wxyz": (1, 0, 0)}, "Expected `array` of length 4, got 3 - at `$.wxyz`"),
     (DRAG, {"name": "/" * 501}, "- at `$.name`"),
     (DRAG, {"excluded_self_client": 0}, "Object contains unknown field `excluded_self_client`"),
     (CAMERA, {"fov": NAN}, "- at `$.fov`"),
@@ -165,7 +168,8 @@ def test_values_of_controls(gui, name, valid, invalid):
     assert "" not in [value_fault(gui, control, {"value": value}) for value in invalid]
 
 
-@pytest.mark.parametrize("update", [{}, {"update_cb": []}, {"value": True, "removed": True}, {"value": None}, None, []])
+@pytest.mark.parametrize("update", [{}, *({name: []} for name in ("update_cb", "removed", "is_button", "props")),
+                                    {"value": True, "removed": True}, {"value": None}, None, []])  # fmt: skip
 def test_only_values_of_controls_can_change(gui, update):
     assert value_fault(gui, gui.button, update) != ""
 

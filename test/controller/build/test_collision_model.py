@@ -5,7 +5,8 @@ from itertools import combinations
 import numpy as np
 import pytest
 from refusals import refusal
-from urdf_models import build_model, link, revolute
+from robot_cases import joint, robot
+from urdf_models import build_model, link
 
 from wbc_controller.controller.build import collision_model
 from wbc_controller.controller.build.collision_model import build_collision_model
@@ -13,7 +14,6 @@ from wbc_controller.controller.build.limits import make_self_collision
 from wbc_controller.controller.check.preflight import check
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.settings import Settings
-from wbc_controller.settings.files import parse_settings
 
 TALOS_SRDF = "package://example-robot-data/robots/talos_data/srdf/talos.srdf"
 
@@ -21,9 +21,9 @@ TALOS_SRDF = "package://example-robot-data/robots/talos_data/srdf/talos.srdf"
 def star(**elements):
     """Single-joint arms on a base, with collision elements."""
     arms = [name for name in elements if name != "base"]
-    body = link("base", *elements.get("base", ())) + "".join(link(name, *elements[name]) for name in arms)
-    body += "".join(revolute(f"{name}_joint", "base", name, "1 0 0", f"0 {i} 0") for i, name in enumerate(arms))
-    return build_model(f'<robot name="star">{body}</robot>', [f"{name}_joint" for name in arms], [0.0] * len(arms))
+    links = link("base", *elements.get("base", ())), *(link(name, *elements[name]) for name in arms)
+    joints = (joint(f"{name}_joint", "base", name, "1 0 0", f"0 {i} 0") for i, name in enumerate(arms))
+    return build_model(robot(*links, *joints), [f"{name}_joint" for name in arms], [0.0] * len(arms))
 
 
 BALL = ("0 0 0", "0 0 0", '<sphere radius="0.1"/>')
@@ -104,8 +104,6 @@ def changed(settings, **own):
 def test_self_collision_is_disabled_by_default_and_takes_an_srdf(robot_of):
     settings, _ = robot_of("g1")
     assert not settings.limits.self_collision.enabled
-    with pytest.raises(ConfigurationError, match=r"limits.self_collision.marjin: unknown key; did you mean 'margin'"):
-        parse_settings(settings.model_dump() | {"limits": {"self_collision": {"marjin": 0.1}}}, "file")
     settings, model = robot_of("talos")
     without, with_srdf = (make_self_collision(changed(settings, srdf=srdf), model).summary for srdf in ("", TALOS_SRDF))
     assert int(with_srdf.split()[0]) < int(without.split()[0])

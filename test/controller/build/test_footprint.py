@@ -4,8 +4,8 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from robot_cases import joint
-from urdf_models import build_model, link, revolute
+from robot_cases import joint, robot
+from urdf_models import build_model, link
 
 from wbc_controller.controller.build.collision_elements import read_collision_elements
 from wbc_controller.controller.build.footprint import LAYER, footprint, outline
@@ -15,7 +15,7 @@ def on_plane(height, turn=(0.0, 0.0, 0.0), *, shank=(), foot=(), layer=LAYER):
     """Return the footprint, on a plane, of a base, a shank, and a foot fixed 0.5 m below the joint."""
     links = link("base") + link("shank", *shank) + link("foot", *foot, inertial="")
     ankle = joint("ankle", "shank", "foot", at="0 0 -0.5", kind="fixed", limit="")
-    urdf = f'<robot name="leg">{links}{revolute("knee", "base", "shank", "0 1 0")}{ankle}</robot>'
+    urdf = robot(links, joint("knee", "base", "shank"), ankle)
     elements = read_collision_elements(build_model(urdf, ["knee"], [0.0]), urdf, "test")
     return footprint(elements, pin.SE3(pin.rpy.rpyToMatrix(np.array(turn)), np.array([0.0, 0.0, height])), layer)
 

@@ -1,11 +1,11 @@
 """Each kind of task from YAML to torques, with the snippets of docs/tasks.md and all topics."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from pages import page, snippets
 
 from wbc_controller.controller.build.tasks import make_task
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
@@ -15,10 +15,9 @@ from wbc_controller.settings.tasks import TaskSettings
 
 TASKS = types_of(TaskSettings)
 
-PAGE = (Path(__file__).parents[3] / "docs" / "tasks.md").read_text(encoding="utf-8")
+PAGE = page("tasks")
 #: Tasks of the page, and its updates by task.
-BLOCKS = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
-SHOWN = {name: task for block in BLOCKS for name, task in yaml.safe_load(block).items()}
+SHOWN = {name: task for block in snippets(PAGE) for name, task in block.items()}
 TEXTS = re.findall(r"`(\{tasks: \{.*?\}\}\})`", PAGE)
 UPDATES = {name: text for text in TEXTS for name in yaml.safe_load(text)["tasks"]}
 #: Tasks in one snippet.

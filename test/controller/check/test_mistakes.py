@@ -66,8 +66,6 @@ IN_THE_CONFIGURATION = {
         ["robot.posture: 20.0 rad for 'hip' is outside its limits [-1.0, 1.0] rad"]),
     "a posture that falls over": ({"robot.posture.ankle_pitch": 0.7, "robot.posture.hip": -0.7},
         ["centre of mass is", "outside the support"]),
-    "a sole in centimetres": ({"contacts.foot.half_length": 10.0},
-        ["contacts.foot.half_length = 10.0", "less than or equal to 1"]),
     "whole sides in place of halves": ({"contacts.foot.half_length": 0.2, "contacts.foot.half_width": 0.1},
         ["contacts.foot: half_length and half_width reach 112 mm beyond the sole of 'sole'", "200 × 100 mm"]),
     "length and width swapped": ({"contacts.foot.half_length": 0.05, "contacts.foot.half_width": 0.1},
@@ -89,15 +87,9 @@ IN_THE_CONFIGURATION = {
     "a ball beside the foot": ({"contacts.foot": None, "contacts.ball": {**BALL, "translation": [0.2, 0.0, 0.02]}},
         ["contacts.ball: its lowest point", "is 100 mm beside the footprint of 'sole'"]),
     "friction of ice": ({"contacts.foot.friction": 0.02}, ["contacts.foot.friction = 0.02", "rubber on a floor"]),
-    "a force too small": ({"contacts.foot.max_normal_force": 30.0},
-        ["max_normal_force adds up to 30 N, and the robot weighs"]),
     "contradictory forces": ({"contacts.foot.min_normal_force": 500.0},
         ["contacts.foot", "min_normal_force = 500.0 is larger than max_normal_force = 300.0"]),
     "no contact": ({"contacts.foot.enabled": False}, ["contacts: none is enabled", "falls"]),
-    "no strength": ({"robot.effort_limit_scale": 0.001, "robot.posture.hip": 0.1, "robot.posture.ankle_pitch": -0.1},
-        ["cannot stand still in robot.posture on foot", "robot.effort_limit_scale"]),
-    "limits the wrong way round": ({"robot.joint_limits.knee": {"lower": 1.0, "upper": -1.0}},
-        ["robot.joint_limits.knee.lower = 1.0: must be below upper = -1.0"]),
 }  # fmt: skip
 
 
@@ -107,6 +99,50 @@ def test_a_mistake_in_the_configuration(mistake):
     sentence = refusal(checked, changes)
     assert "\n" not in sentence
     assert [part for part in said if part not in sentence] == [], sentence
+
+
+WRENCH = {"type": "contact_wrench"}
+GRIP = {"type": "fixed", "frame": "left_rubber_hand", "max_force": 300.0, "max_moment": 50.0}
+#: Masks of held axes, by the free axes along which motions can displace a link; the first is a skate.
+NONHOLONOMIC = {"along y": (0, 1, 1, 1, 1, 0), "about x": (1, 1, 1, 1, 0, 0), "along x and along y": (1, 1, 0, 0, 0, 0)}
+
+
+@pytest.mark.parametrize(
+    ("robot", "changes", "said"),
+    [
+        ("g1", {"walking.left": "hand"}, "'hand' is not a surface contact; valid: left_foot, right_foot"),
+        ("g1", {"walking.right": None}, "walking.left = 'left_foot', walking.right = None: walking takes two surface"),
+        ("g1", {"walking.right": "left_foot"}, "two surface contacts"),
+        ("g1", {"tasks.walking_com": {"type": "com"}}, "tasks.walking_com: the walker has a task of this name"),
+        ("g1", {"walking.gait": "trot"}, "walking.gait = 'trot' takes four point contacts and no surface contact"),
+        ("go2", {"walking.width": 0.2}, "walking.width: a robot with four point contacts has no such key"),
+        ("go2", {"contacts.rear_left_foot": None}, "takes four point contacts and no surface contact"),
+        ("go2", {"tasks.walking_com": {"type": "com"}}, "tasks.walking_com: the walker has a task of this name"),
+        ("go2", {"robot.friction": {"FL_calf": {"dry": 1.0}}}, "unknown joint 'FL_calf'; did you mean 'FL_calf_joint'"),
+        ("g1", {"tasks.posture.tolerance": [0.1, 0.2]}, r"posture\.tolerance: 2 values; .* 29 values"),
+        ("go2", {"tasks.posture.stiffness": [50.0] * 2}, r"posture\.stiffness has 2 values; .* the task's 12 axes"),
+        ("g1", {"tasks.effort": WRENCH | {"contact": "left_hand"}}, "unknown contact 'left_hand'; .*left_foot"),
+        ("go2", {"tasks.effort": WRENCH | {"contact": "front_left_foot", "mask": [False] * 3 + [True] * 3}},
+         r"tasks\.effort\.mask selects no force .* of contact 'front_left_foot'; valid: x, y, z"),
+        ("g1", {"tasks.effort": {"type": "torque", "target": [1.0]}}, "target has 1 values; expected 29, one per"),
+        ("g1", {"tasks.effort": {"type": "torque", "joints": ["knee"]}}, "joints: 'knee' is not one of robot.joints"),
+        *(("go2", {"tasks.paw": {"type": kind, "frame": "FL_fot"}}, r"paw\.frame = 'FL_fot'.*did you mean 'FL_foot'")
+          for kind in ("frame_position", "frame_orientation", "frame_pose")),
+        ("go2", {"tasks.paw": {"type": "relative_pose", "frame": "FL_foot", "reference_frame": "bse"}},
+         "reference_frame = 'bse'.*did you mean 'base'"),
+        ("g1", {"contacts.grip": GRIP | {"against": "left_hnd"}}, r"grip\.against = 'left_hnd'.*no such frame"),
+        ("g1", {"contacts.grip": GRIP | {"against": "left_wrist_yaw_link"}}, "against = .*: no joint is between it"),
+        ("g1", {"loops.bar": {"frame_a": "left_wrist_yaw_link", "frame_b": "left_rubber_hand"}},
+         r"loops\.bar: no joint is between frame_a = 'left_wrist_yaw_link' and frame_b = 'left_rubber_hand'"),
+        *(("g1", {"contacts.grip": GRIP | {"mask": [bool(held) for held in mask], "stiffness": 30.0}},
+           rf"contacts\.grip\.stiffness = 30: with mask = .*link {free}, so") for free, mask in NONHOLONOMIC.items()),
+        *(("g1", {"solver.name": name, "tasks.posture.level": 1}, rf"solver.name = '{name}'.*level.*tolerance.*daqp")
+          for name in ("osqp", "proxqp")),
+    ],
+)  # fmt: skip
+def test_a_mistake_in_the_settings_of_a_shipped_robot(robot, changes, said):
+    with pytest.raises(wbc.ConfigurationError, match=said):
+        wbc.Controller(wbc.load(robot).replace(changes))
 
 
 MASS, LIMIT = '<mass value="1"/>', f"<limit {MOTOR}/>"

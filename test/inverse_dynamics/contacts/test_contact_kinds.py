@@ -32,7 +32,6 @@ from wbc_controller.inverse_dynamics.contacts.support import friction_pyramid
 FRAME = "left_ankle_roll_link"
 RADIUS = 0.03
 seeds = st.integers(0, 2**32 - 1)
-few = hypothesis_settings(max_examples=4, derandomize=True)
 
 
 def same_rows(first, second):
@@ -253,8 +252,7 @@ def test_a_sole_without_anchor_is_damped_more_in_rotation(g1, stiffness, rotatio
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@few
-@given(seed=seeds)
+@pytest.mark.parametrize("seed", range(4))
 def test_jacobian_and_drift_are_the_contact_velocity_and_its_rate(g1, random_state, kind, seed):
     """Velocities of other kinds: `test_anchors` (displacements) and `test_open_loop_closes_with_its_stiffness`."""
     rng = np.random.default_rng(seed)
@@ -285,8 +283,7 @@ def test_force_and_wrench_have_the_same_power(g1, random_state, kind):
     assert contact.internal == ("link" in kind or kind in ("loop", "hinge"))
 
 
-@few
-@given(seed=seeds)
+@pytest.mark.parametrize("seed", range(4))
 def test_open_loop_closes_with_its_stiffness(g1, random_state, seed):
     """ė = J v near closure, so γ̇ = -D γ - K e decays critically."""
     rng = np.random.default_rng(seed)
@@ -306,24 +303,14 @@ def test_open_loop_closes_with_its_stiffness(g1, random_state, seed):
         np.testing.assert_allclose(loop.acceleration_at_rest(dynamics) - loop.damping * J @ v, expected)
 
 
-def a_ball(**options):
-    return lambda model: PointContact("c", model, HANDS[0], np.zeros(3), 0.1, **options)
-
-
 @pytest.mark.parametrize(
     ("make", "said"),
     [
         (lambda model: a_fixed([False] * 6)(model, np.random.default_rng(0)), "at least one axis must be held"),
         (
-            lambda model: LoopClosure("c", model, (HANDS[0], "left_rubber_hand"), (pin.SE3.Identity(),) * 2),
-            r"loops\.c: no joint is between frame_a = 'left_wrist_yaw_link' and frame_b = 'left_rubber_hand'",
+            lambda model: PointContact("c", model, HANDS[0], np.zeros(3), 0.1, normal=[0, 0, 0]),
+            r"contacts\.c\.normal = \[0, 0, 0\]: the length must not be 0",
         ),
-        (
-            a_ball(against="left_rubber_hand"),
-            r"contacts\.c\.against = 'left_rubber_hand': no joint is between it and 'left_wrist_yaw_link'",
-        ),
-        (a_ball(against="left_hnd"), r"contacts\.c\.against = 'left_hnd'.*no such frame"),
-        (a_ball(normal=[0, 0, 0]), r"contacts\.c\.normal = \[0, 0, 0\]: the length must not be 0"),
         (
             lambda model: RollingContact("c", model, HANDS[0], np.zeros(3), 0.1, np.full(3, np.nan)),
             r"contacts\.c\.axis = \[nan, nan, nan\]: the length must not be 0",

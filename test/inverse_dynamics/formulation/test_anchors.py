@@ -7,22 +7,16 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from hand_contacts import HANDS, a_fixed, a_point, a_surface, a_wheel, random_place
-from hypothesis import given
-from hypothesis import settings as hypothesis_settings
-from hypothesis import strategies as st
 from snapshots import dynamics_at, rate_along
 
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.references import make_board
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.inverse_dynamics.contacts import FixedContact
 from wbc_controller.inverse_dynamics.references.changes import EnableContact, SetSlippingContacts
 from wbc_controller.records import frozen
 from wbc_controller.settings import contacts as settings
 
 STIFFNESS, DAMPING = 100.0, 20.0
-seeds = st.integers(0, 2**32 - 1)
-few = hypothesis_settings(max_examples=4, derandomize=True)
 
 
 #: A contact kind, and a twist along its free axes in the contact frame, which keeps it at its anchor.
@@ -40,8 +34,7 @@ KINDS = {
 
 @pytest.mark.parametrize("against", [None, HANDS[1]])
 @pytest.mark.parametrize("kind", KINDS)
-@few
-@given(seed=seeds)
+@pytest.mark.parametrize("seed", range(4))
 def test_contact_velocity_removes_the_displacement(g1, random_state, kind, against, seed):
     rng = np.random.default_rng(seed)
     make, free = KINDS[kind]
@@ -61,8 +54,7 @@ def test_contact_velocity_removes_the_displacement(g1, random_state, kind, again
 
 
 @pytest.mark.parametrize("wheel", [False, True])
-@few
-@given(seed=seeds)
+@pytest.mark.parametrize("seed", range(4))
 def test_displacement_excludes_rolling(g1, random_state, wheel, seed):
     rng = np.random.default_rng(seed)
     contact = (a_wheel if wheel else a_point)(g1, rng, stiffness=STIFFNESS)
@@ -82,21 +74,6 @@ def test_displacement_excludes_rolling(g1, random_state, wheel, seed):
     if wheel:
         expected[:2] = 0.0
     np.testing.assert_allclose(contact.displacement(dynamics_at(g1, moved), anchor), expected, atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("mask", "said"),
-    [
-        ([0, 1, 1, 1, 1, 0], "along y"),  # a skate
-        ([1, 1, 1, 1, 0, 0], "about x"),
-        ([1, 1, 0, 0, 0, 0], "along x and along y"),
-    ],
-)
-def test_nonholonomic_masks_refuse_a_stiffness(g1, mask, said):
-    place = "grip", g1, HANDS[0], pin.SE3.Identity(), [bool(held) for held in mask]
-    FixedContact(*place)
-    with pytest.raises(ConfigurationError, match=rf"contacts\.grip\.stiffness = 30: with mask = .*link {said}, so"):
-        FixedContact(*place, stiffness=30.0)
 
 
 GRIP = settings.FixedContact(

@@ -22,6 +22,9 @@ from wbc_controller.inverse_dynamics.tasks import (
     AngularMomentumTask,
     CapturePointTask,
     ContactWrenchTask,
+    FrameOrientationTask,
+    FramePoseTask,
+    FramePositionTask,
     PostureTask,
     TorqueTask,
 )
@@ -68,7 +71,7 @@ def build(robot, *, levels):
     """Return a quadratic program with compiled tasks and contacts, and with others evaluated in Python."""
     settings = settings_of(robot)
     model = make_model(settings, MENAGERIE if robot == "menagerie" else None)
-    joints = model.driven_joints[:2]
+    joints, frame = model.driven_joints[:2], model.pinocchio.frames[-1].name
     tasks = [
         Height,
         lambda model: Height(model, "lower", level=1 if levels else 0),
@@ -78,6 +81,10 @@ def build(robot, *, levels):
         lambda model: CapturePointTask("lying", model.gravity, support_height=50.0),
         lambda model: AngularMomentumTask("momentum", [True] * 3, damping=5.0),
         lambda model: TorqueTask("torque", model, joints, (1.0, 2.0)),
+        lambda model: FramePositionTask("position", model, frame, [True, False, True], stiffness=[10.0, 20.0, 30.0]),
+        lambda model: FrameOrientationTask("orientation", model, frame, [False, True, True], damping=[1.0, 2.0, 3.0]),
+        lambda model: FramePoseTask("pose", model, "universe"),
+        lambda model: FramePoseTask("masked pose", model, frame, [True] * 2 + [False] * 2 + [True] * 2),
     ]
     if levels:
         tasks.append(lambda model: Height(model, "band", level=1, tolerance=np.array([0.02])))

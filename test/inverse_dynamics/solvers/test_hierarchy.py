@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from quadratic_programs import squares_problem
 
-from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.formulation.problem import (
     NOT_FINITE,
     Answer,
@@ -151,13 +150,6 @@ def test_back_ends_agree_on_every_level():
             np.testing.assert_allclose(off(of, other.x), off(of, one.x), atol=1e-5)
 
 
-@pytest.mark.parametrize("solver", ["osqp", "proxqp"])
-def test_inaccurate_back_ends_are_refused(bench, solver):
-    robot = bench("g1", solver={"name": solver})
-    with pytest.raises(ConfigurationError, match=rf"solver.name = '{solver}'.*level.*tolerance.*daqp"):
-        robot.on_levels(posture=1)
-
-
 def test_tolerance_is_kept_and_used():
     n = 4
     problem = QuadraticProgram.empty(n, 0, 1)
@@ -278,11 +270,3 @@ def test_non_finite_values_are_named(bench, spoilt):
     getattr(layout.problem, spoilt)[0, 3] = np.nan
     answer = solving.solve(layout.problem, layout.levels)
     assert (answer.x, answer.status, answer.levels) == (None, NOT_FINITE, ())
-
-
-def test_tolerance_of_wrong_length_is_refused(bench):
-    robot = bench("g1")
-    tasks = dict(robot.settings.tasks)
-    tasks["posture"] = tasks["posture"].model_copy(update={"tolerance": [0.1, 0.2]})
-    with pytest.raises(ConfigurationError, match=r"posture.tolerance: 2 values; .* 29 values"):
-        robot.rebuilt(tasks=tasks)

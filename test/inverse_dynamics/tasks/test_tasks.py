@@ -3,9 +3,6 @@ import math
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given
-from hypothesis import settings as hypothesis_settings
-from hypothesis import strategies as st
 from snapshots import dynamics_at, rate_along
 
 from wbc_controller.errors import ConfigurationError
@@ -18,8 +15,6 @@ FRAMES = {"g1": "left_rubber_hand", "go2": "FL_foot"}
 REFERENCE_FRAMES = {"g1": "right_rubber_hand", "go2": "RR_calf"}
 KINDS = ("posture", "com", "frame_position", "frame_orientation", "frame_pose", "relative_pose")
 POSES = ("frame_pose", "relative_pose")
-some_states = hypothesis_settings(max_examples=5, derandomize=True)
-seeds = st.integers(0, 2**32 - 1)
 
 
 def make(kind, model, robot, **options):
@@ -52,8 +47,7 @@ def displacement(kind, start, end):
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("robot", ROBOTS)
-@some_states
-@given(seed=seeds)
+@pytest.mark.parametrize("seed", range(5))
 def test_jacobian_and_drift_are_derivatives_of_position_and_velocity(robot_of, random_state, robot, kind, seed):
     _, model = robot_of(robot)
     q, v = random_state(model, np.random.default_rng(seed))
@@ -76,8 +70,7 @@ def test_jacobian_and_drift_are_derivatives_of_position_and_velocity(robot_of, r
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("robot", ROBOTS)
-@some_states
-@given(seed=seeds)
+@pytest.mark.parametrize("seed", range(5))
 def test_error_leads_from_the_position_to_the_reference(robot_of, random_state, robot, kind, seed):
     _, model = robot_of(robot)
     rng = np.random.default_rng(seed)
@@ -195,20 +188,6 @@ def test_default_reference_requires_no_acceleration(g1, random_state):
         dynamics.update(q, np.zeros(g1.nv))
 
 
-@pytest.mark.parametrize(
-    ("kind", "frames", "said"),
-    [
-        (tasks.FramePositionTask, ["FL_fot"], "frame = 'FL_fot'.*did you mean 'FL_foot'"),
-        (tasks.FrameOrientationTask, ["FL_fot"], "frame = 'FL_fot'.*did you mean 'FL_foot'"),
-        (tasks.FramePoseTask, ["FL_fot"], "frame = 'FL_fot'.*did you mean 'FL_foot'"),
-        (tasks.RelativePoseTask, ["FL_foot", "bse"], "reference_frame = 'bse'.*did you mean 'base'"),
-    ],
-)
-def test_unknown_frames_are_refused(go2, kind, frames, said):
-    with pytest.raises(ConfigurationError, match=rf"tasks\.paw\.{said}"):
-        kind("paw", go2, *frames)
-
-
 @pytest.mark.parametrize(("kind", "key"), [*((kind, "stiffness") for kind in KINDS), ("com", "damping")])
 def test_gains_of_wrong_length_are_refused(g1, kind, key):
     size = make(kind, g1, "g1").size
@@ -219,8 +198,7 @@ def test_gains_of_wrong_length_are_refused(g1, kind, key):
 
 @pytest.mark.parametrize("kind", [tasks.AxisAlignmentTask, tasks.GazeTask])
 @pytest.mark.parametrize("robot", ROBOTS)
-@some_states
-@given(seed=seeds)
+@pytest.mark.parametrize("seed", range(5))
 def test_angle_to_a_moving_target_is_a_damped_spring(robot_of, random_state, robot, kind, seed):
     _, model = robot_of(robot)
     rng = np.random.default_rng(seed)
@@ -300,8 +278,7 @@ def above_the_support(model, q):
 
 @pytest.mark.parametrize("kind", RATES)
 @pytest.mark.parametrize("robot", ROBOTS)
-@some_states
-@given(seed=seeds)
+@pytest.mark.parametrize("seed", range(5))
 def test_jacobian_and_drift_of_rate_tasks(robot_of, random_state, robot, kind, seed):
     _, model = robot_of(robot)
     rng = np.random.default_rng(seed)

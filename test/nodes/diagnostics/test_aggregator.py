@@ -1,9 +1,8 @@
 """The configuration of diagnostic_aggregator: each status of our nodes is in one group, in every namespace."""
 
-from pathlib import Path
-
 import pytest
 import yaml
+from pages import ROOT
 from peer import Peer
 from services import make_estimator, make_guard, topics_of
 
@@ -12,7 +11,6 @@ from wbc_controller.nodes.clock import ManualClock
 from wbc_controller.nodes.diagnostics.status import StatusSummary
 from wbc_controller.settings import NODE_NAME
 
-ROOT = Path(__file__).resolve().parents[3]
 PARAMETERS = yaml.safe_load((ROOT / "config/diagnostics/analyzers.yaml").read_text(encoding="utf-8"))
 GROUPS = {name: value for name, value in PARAMETERS["analyzers"]["ros__parameters"].items() if isinstance(value, dict)}
 #: Types of the parameters that GenericAnalyzer of Jazzy reads (diagnostic_aggregator/src/generic_analyzer.cpp).

@@ -8,7 +8,8 @@ import threading
 
 import pytest
 from busy import patience
-from launching import PATIENCE, ROOT, launch, patient
+from launching import PATIENCE, launch, patient
+from pages import files, page
 
 try:
     from diagnostic_msgs.msg import DiagnosticArray
@@ -23,8 +24,8 @@ except ImportError as error:
 pytest.importorskip("ros2launch", reason="ros2 launch is not installed")
 pytest.importorskip("ros2topic", reason="ros2 topic is not installed")
 
-PAGE = (ROOT / "docs/bring-up.md").read_text(encoding="utf-8")
-FILES = dict(re.findall(r"```yaml\n# (\w+\.yaml)\n(.*?)```", PAGE, re.DOTALL))
+PAGE = page("bring-up")
+FILES = files(PAGE)
 
 pytestmark = pytest.mark.live
 

@@ -4,14 +4,9 @@ import os
 import re
 import subprocess
 import sys
-from pathlib import Path
 
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib  # a dependency of pytest
+from pages import PROJECT, ROOT, page
 
-ROOT = Path(__file__).resolve().parents[3]
 #: Entry points of launch_testing and launch_testing_ros.
 PLUGINS = "launch_testing", "launch_ros"
 
@@ -22,10 +17,10 @@ def name(requirement):
 
 def test_the_documented_installation_contains_all_libraries_of_package_and_tests():
     """Besides those of requirements/ros.txt, which test_package_xml.py compares with the dependencies."""
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    extras = PROJECT["optional-dependencies"]
     needed = [*extras["robots"], extras["mock"][0], *extras["test"]]
-    page = (ROOT / "docs/ros2.md").read_text(encoding="utf-8").split("## Install on an installation of ROS")[1]
-    commands = re.search(r"```bash\n(.*?)```", page, re.DOTALL).group(1)
+    section = page("ros2").split("## Install on an installation of ROS")[1]
+    commands = re.search(r"```bash\n(.*?)```", section, re.DOTALL).group(1)
     assert "-r src/wbc_controller/requirements/ros.txt" in commands
     assert {name(each) for each in needed} == {name(each) for each in re.findall(r"'(.*?)'", commands)}
 

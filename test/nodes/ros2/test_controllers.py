@@ -1,13 +1,12 @@
 """The shipped controllers of ros2_control fit the shipped robots."""
 
-from pathlib import Path
-
 import pytest
 import yaml
+from pages import ROOT
 
 from wbc_controller.settings.files import load_settings, shipped_configurations
 
-FOLDER = Path(__file__).resolve().parents[3] / "config/ros2_control"
+FOLDER = ROOT / "config/ros2_control"
 
 
 @pytest.mark.parametrize("robot", shipped_configurations())

@@ -2,15 +2,14 @@
 
 import ast
 import re
-from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from pages import ROOT
 
 import wbc_controller
 from wbc_controller.middleware.topics import NODES, TASK_TYPES
 
-ROOT = Path(__file__).resolve().parents[3]
 PYPROJECT = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
 PACKAGE = ElementTree.parse(ROOT / "package.xml").getroot()  # noqa: S314  # our own file
 #: Python modules of ROS 2, by the start of the module's name.

@@ -1,17 +1,16 @@
 """Reading of faults from YAML, messages on mistakes, random parameters, and documentation."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from faults_table import by_place, faults_table
+from pages import page
 from stepping import has_faults
 
 from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.simulation.faults.catalogue import KINDS, draw, read_faults
 from wbc_controller.validation.campaign.trial import ALL_KINDS
 
-PAGE = (Path(__file__).parents[3] / "docs" / "faults.md").read_text(encoding="utf-8")
+PAGE = page("faults")
 
 
 def test_there_are_at_least_45_kinds_and_the_page_describes_each():
