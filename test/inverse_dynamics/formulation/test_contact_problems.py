@@ -8,6 +8,8 @@ import pytest
 from conflicts import conflict_at_rest
 
 from wbc_controller.inverse_dynamics.contacts import FixedContact, LoopClosure
+from wbc_controller.mechanics import Kinematics, PinnedFrames, constrained_dynamics
+from wbc_controller.mechanics import SurfaceContact as Held
 
 
 def with_contacts(robot, *contacts):
@@ -83,9 +85,34 @@ def test_loops_are_always_active(bench):
         J = bar.jacobian(dynamics)
         expected = -100.0 * open_by - 20.0 * J @ state.v - bar.drift(dynamics)
         np.testing.assert_allclose(J @ solution.v_dot, expected, atol=1e-7)
-        force = robot.model.actuation.generalized_force(solution.tau)
-        for name, contact in robot.controller.contacts.items():
-            force = force + contact.jacobian(dynamics).T @ solution.forces[name]
-        np.testing.assert_allclose(dynamics.M @ solution.v_dot + dynamics.h, force, atol=1e-6)
     falling = replace(robot.references(), contacts={})
     assert set(robot.controller.solve(robot.state(), falling).forces) == {"bar"}
+
+
+def test_solution_with_loop_and_grip_satisfies_gauss_principle(bench):
+    """With the torques of the solution, Gauss's principle gives the same motion (S10)."""
+    robot = bench("g1")
+    model, dynamics, middle = robot.model, robot.controller.dynamics, between_hands(robot)
+    bar = bar_between_hands(robot, middle)
+    grip = FixedContact("grip", model, HANDS[0], pin.SE3.Identity(), max_force=1000.0, max_moment=1000.0)
+    feet = list(robot.controller.contacts.values())
+    with_contacts(robot, *feet, grip, bar)
+    J = np.vstack([contact.jacobian(dynamics) for contact in (*feet, grip, bar)])
+    v = np.random.default_rng(2).normal(size=model.nv)
+    v = 0.5 * (v - np.linalg.pinv(J) @ (J @ v))  # no velocity of constraints
+    state = robot.state(v=v)
+    references = replace(robot.references(), contacts=dict.fromkeys([contact.name for contact in (*feet, grip)], 1.0))
+    solution = robot.controller.solve(state, references)
+    kinematics = Kinematics(model.pinocchio, robot.stance, v)
+    constraints = [PinnedFrames(first=HANDS[0], first_offset=middle, second=HANDS[1]), Held(frame=HANDS[0])]
+    for foot in feet:
+        frame = robot.settings.contacts[foot.name].frame
+        placement = kinematics.placement(frame).actInv(foot.placement(dynamics))
+        constraints.append(Held(frame=frame, placement=placement))
+    force = np.zeros(model.nv)
+    force[model.v_index] = solution.tau
+    motion = constrained_dynamics(model.pinocchio, robot.stance, v, force, constraints)
+    assert np.abs(solution.v_dot).max() > 0.5
+    np.testing.assert_allclose(motion.v_dot, solution.v_dot, atol=1e-6 * np.abs(solution.v_dot).max())
+    ours = J.T @ np.concatenate([solution.forces[contact.name] for contact in (*feet, grip, bar)])
+    np.testing.assert_allclose(motion.constraint_force, ours, atol=1e-6 * np.abs(ours).max())
