@@ -92,6 +92,20 @@ def test_redundant_contacts_are_named_and_limit_the_sway(changed, leans, sideway
     assert min(sway["forward"], sway["back"]) > 100
 
 
+@pytest.mark.parametrize(
+    ("section", "keys", "said"),
+    [
+        ("robot", {"friction": {"FL_calf": {"dry": 1.0}}}, "unknown joint 'FL_calf'; did you mean 'FL_calf_joint'"),
+        ("estimation", {"imu_frame": "imuu"}, "estimation.imu_frame = 'imuu': the robot has no such frame"),
+        ("estimation", {"absolute_pose": True, "pose_frame": "bse"}, "estimation.pose_frame = 'bse': the robot has no"),
+    ],
+)
+def test_unknown_joints_and_frames_of_estimators_are_refused(robot_of, changed, section, keys, said):
+    settings, _ = robot_of("go2")
+    estimated = changed(settings, {"estimation": {"base_state": "imu"}})
+    assert said in refusal(check, changed(estimated, {section: keys}))
+
+
 def test_feet_on_different_heights(robot_of, changed):
     settings, _ = robot_of("go2")
     posture = list(settings.robot.posture)

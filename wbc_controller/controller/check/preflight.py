@@ -10,6 +10,7 @@ import pinocchio as pin
 from scipy.linalg import null_space
 from scipy.spatial import ConvexHull, QhullError
 
+from wbc_controller.controller.build.estimation import estimates_base, make_estimator, make_model_error
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.references import make_board
 from wbc_controller.controller.build.robot import make_model
@@ -87,6 +88,9 @@ def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str 
         model_plausibility.require_inertia(model)
         model_plausibility.require_friction(settings)
         qp = make_qp(settings, model)
+        make_model_error(settings, model, qp.contacts)
+        if estimates_base(settings, model):
+            make_estimator(settings, model, qp.contacts)
         active = [name for name, contact in settings.contacts.items() if contact.enabled]
         normal = _floor(settings)
         q = stance(model, qp, active, normal)
