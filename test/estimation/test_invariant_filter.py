@@ -108,16 +108,18 @@ def test_adding_and_removing_points():
     filter = made()
     before, P = row(filter), np.array(filter.P)
     covariance = 1e-4 * np.diag([1.0, 2.0, 3.0])
-    for name, place in (("a", [0.1, 0.0, -0.9]), ("b", [0.0, 0.2, -0.8])):
-        filter.add(name, np.array(place), covariance)
+    filter.add("a", np.array([0.1, 0.0, -0.9]), 2.0 * covariance)
+    filter.add("b", np.array([0.0, 0.2, -0.8]), covariance)
     R = filter.rotation
     np.testing.assert_allclose(filter.columns[:, 3], filter.position + R @ [0.0, 0.2, -0.8])
     apart = np.zeros((3, 21))
     apart[:, 6:9], apart[:, 12:15] = -np.eye(3), np.eye(3)
     np.testing.assert_allclose(apart @ filter.P @ apart.T, R @ covariance @ R.T, atol=1e-15)
-    filter.remove("a")
-    assert filter.names == ["b"]
+    both, others = np.array(filter.P), [*range(12), *range(15, 21)]
     filter.remove("b")
+    assert filter.names == ["a"]
+    np.testing.assert_array_equal(filter.P, both[np.ix_(others, others)])
+    filter.remove("a")
     np.testing.assert_array_equal(filter.P, P)
     np.testing.assert_array_equal(row(filter), before)
 
