@@ -43,9 +43,8 @@ def gains(values: Gains, size: int, key: str) -> Array:
 class Task(Tunable, ABC):
     """Control objective: rows of a least-squares problem in the decision variables, with weight and priority level.
 
-    Settings override `weight`, `enabled` and
-    `setpoint_duration`. Set `level` and `tolerance` before the controller is made. Constructors raise
-    `ConfigurationError` for unknown names and lists of wrong length.
+    Settings override `weight`, `enabled` and `setpoint_duration`. Set `level` and `tolerance` before the controller is
+    made. Constructors raise `ConfigurationError` for unknown names and lists of wrong length.
 
     Attributes:
         rows: indices of the components selected by the mask, (k,).
