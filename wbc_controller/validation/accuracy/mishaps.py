@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.errors import WbcError
-from wbc_controller.records import Mode
+from wbc_controller.records import IN_CONTROL, Mode
 from wbc_controller.settings.config import Config, load
 from wbc_controller.simulation.faults.base_sensors import ImuBias, ImuShock
 from wbc_controller.simulation.faults.delivery import MessageDropout
@@ -191,7 +191,7 @@ class _Comparison:
             fault = self._trial.report.fault
             if fault is not None:
                 self._fault_texts.setdefault(fault.code, f"{fault.code}: {fault.sentence}")
-            self.ended = fault is not None and self._trial.report.mode not in (Mode.ACTIVE, Mode.HOLDING)
+            self.ended = fault is not None and self._trial.report.mode not in IN_CONTROL
             self._fell = self._trial.mock.plant.fallen and not self.ended
             if not self.ended:
                 self._compare()
