@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from wbc_controller.errors import WbcError
 from wbc_controller.records import IN_CONTROL, Mode
-from wbc_controller.settings.config import Config, load
+from wbc_controller.settings.config import Config
 from wbc_controller.simulation.faults.base_sensors import ImuBias, ImuShock
 from wbc_controller.simulation.faults.delivery import MessageDropout
 from wbc_controller.simulation.faults.fault import LONGEST, Fault
@@ -120,7 +120,7 @@ def run_mishap(
     """Apply a mishap; `force_sensors` provides the true contact forces at 100 Hz."""
     mishap = next(mishap for mishap in MISHAPS if mishap.name == name)
     known = {"estimation.base_state": "imu", "mock.sensors": sensors, "mock.sensor_seed": seed}
-    trial = EstimationTrial(load(robot).replace({**known, **changes}), {}, force_sensors=force_sensors)
+    trial = EstimationTrial(robot, {**known, **changes}, force_sensors=force_sensors)
     try:
         if mishap.hoist:
             trial.settle()
@@ -197,8 +197,8 @@ class _Comparison:
                 self._compare()
 
     def _compare(self) -> None:
-        state, true, estimator = self._trial.report.inputs.state, self._trial.true_state, self._trial.estimator
-        if true is None or estimator is None:
+        state, estimator = self._trial.report.inputs.state, self._trial.estimator
+        if estimator is None:
             return
         if state is None:
             self._undetected.append(False)
@@ -206,7 +206,7 @@ class _Comparison:
                 self._fault_texts.setdefault("ESTIMATE_LOST", f"ESTIMATE_LOST: {estimator.waits_for}")
             return
         self._left_out |= dict.fromkeys(estimator.slipping)
-        error = float(np.linalg.norm(state.v[:3] - true[1][:3]))
+        error = float(np.linalg.norm(state.v[:3] - self._trial.true_state[1][:3]))
         self._errors.append(error)
         self._undetected.append(error > WRONG and self._trial.report.fault is None)
 
