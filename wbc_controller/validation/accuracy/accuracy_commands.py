@@ -61,9 +61,9 @@ def standing(robots: tuple[str, ...], sensors: str, jobs: int, seeds: int, secon
         print_row(
             robot, tilts, f"{1e3 * height:.2f} mm", f"{1e3 * velocity:.1f} mm/s", f"{1e3 * drift:.1f} mm", *nees, fell
         )
-        for each in found:
+        for seed, each in enumerate(found):
             if each.ended:
-                click.echo(f"{robot}, seed {each.seed}: {each.ended.splitlines()[0]}", err=True)
+                click.echo(f"{robot}, seed {seed}: {each.ended.splitlines()[0]}", err=True)
     sys.exit(0 if good else 1)
 
 
