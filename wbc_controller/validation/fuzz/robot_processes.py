@@ -19,10 +19,9 @@ from wbc_controller.middleware.states import OdometryReader
 from wbc_controller.middleware.topics import Direction
 from wbc_controller.middleware.transports.dds import DdsTransport
 from wbc_controller.nodes.processes import Processes
-from wbc_controller.nodes.user import User, activation_commands, reliable_counterpart
+from wbc_controller.nodes.user import User, reliable_counterpart
 from wbc_controller.nodes.wiring import controller_endpoints, topics_of
 from wbc_controller.records import Array
-from wbc_controller.validation.fuzz import DOMAIN
 from wbc_controller.validation.fuzz.lateness import Lateness
 
 _CAPACITY = 30_000  # messages per topic
@@ -40,9 +39,7 @@ def _store(messages: deque[tuple[float, bytes]], payload: bytes) -> None:
 class RobotProcesses(Processes):
     """Mock robot, controller and guard as processes, and a user in the same domain."""
 
-    def __init__(
-        self, robot: str, folder: Path, domain: int = DOMAIN, changes: Mapping[str, Any] | None = None
-    ) -> None:
+    def __init__(self, robot: str, folder: Path, domain: int, changes: Mapping[str, Any] | None = None) -> None:
         require_libraries("mujoco")  # of the mock robot
         super().__init__(robot, folder, domain, changes)
         self.details = lambda: f"; controller: {self.state_of('controller')!r}, guard: {self.state_of('guard')!r}"
@@ -118,7 +115,7 @@ class RobotProcesses(Processes):
         q[:7] = OdometryReader(self.model.base_link).read(base).pose
         return np.array(pin.centerOfMass(self.model.pinocchio, self.model.pinocchio.createData(), q))
 
-    def messages_since(self, name: str, since: float = 0.0) -> list[tuple[float, Any]]:
+    def messages_since(self, name: str, since: float) -> list[tuple[float, Any]]:
         """Return the messages of a topic after a time, with arrival times."""
         recent = [each for each in list(self.messages[name]) if each[0] > since]
         return [(when, decode(payload, self._types[name])) for when, payload in recent]
@@ -141,9 +138,4 @@ class RobotProcesses(Processes):
 
     def activate(self) -> None:
         """Reset a fault, and activate the controller."""
-
-        def ask() -> None:
-            for word in activation_commands(self.state_of("controller")):
-                self.user.send_text("command", word)
-
-        self.until(lambda: self.state_of("controller") == "active", "the activation", ask)
+        self.until_active(partial(self.state_of, "controller"), partial(self.user.send_text, "command"))
