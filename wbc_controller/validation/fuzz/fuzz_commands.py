@@ -164,13 +164,8 @@ def soak(robot: str, minutes: float, domain: int, seed: int, folder: Path) -> No
     from wbc_controller.validation.fuzz import soak as run
 
     report = _Progress()
-    result = run.soak(
-        robot,
-        folder,
-        60.0 * minutes,
-        domain=domain,
-        progress=lambda r: report(f"{r.seconds:.0f} s, {r.rate:.0f} commands/s, {len(r.faults)} faults"),
-    )
+    for result in run.soak(robot, folder, 60.0 * minutes, domain):
+        report(f"{result.seconds:.0f} s, {result.rate:.0f} commands/s, {len(result.faults)} faults")
     for name, values in result.memory.items():
         click.echo(
             f"{name:10} {values[0] / 1024:.0f} MB at the start, {values[-1] / 1024:.0f} MB at the end; growth "

@@ -1,7 +1,7 @@
 """Long run of controller, mock robot and guard."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -9,7 +9,6 @@ import numpy as np
 
 from wbc_controller.middleware.setpoints import setpoint_message
 from wbc_controller.nodes.processes import memory
-from wbc_controller.validation.fuzz import DOMAIN
 from wbc_controller.validation.fuzz.lateness import MACHINE
 from wbc_controller.validation.fuzz.robot_processes import RobotProcesses
 
@@ -46,15 +45,8 @@ class SoakResult:
         return [text for text, late, allowed in self.faults if late < MACHINE * allowed]
 
 
-def soak(
-    robot: str,
-    folder: Path,
-    seconds: float,
-    *,
-    domain: int = DOMAIN,
-    progress: Callable[[SoakResult], None] = lambda result: None,
-) -> SoakResult:
-    """Run all nodes for a time with a swaying robot; raise `WbcError` if a process fails."""
+def soak(robot: str, folder: Path, seconds: float, domain: int) -> Iterator[SoakResult]:
+    """Run all nodes with a swaying robot, and yield the result so far; raise `WbcError` if a process fails."""
     result, names = SoakResult(), ("mock", "guard", "controller")
     with RobotProcesses(robot, folder, domain) as nodes:
         nodes.start_and_wait(*names)
@@ -79,8 +71,7 @@ def soak(
             checked_at = now
             result.seconds = now - began
             result.rate = count / result.seconds
-            progress(result)
-    return result
+            yield result
 
 
 def _check(nodes: RobotProcesses, result: SoakResult, since: float) -> None:
