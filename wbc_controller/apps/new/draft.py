@@ -18,6 +18,7 @@ from wbc_controller.apps.new.posture import put_fixed, put_standing, srdf_postur
 from wbc_controller.apps.new.standing_posture import Legs
 from wbc_controller.controller.build.collision_elements import read_collision_elements
 from wbc_controller.controller.build.collision_model import with_visuals
+from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
@@ -59,8 +60,13 @@ def new_configuration(
         tuning.put_arm_tasks(model, body.arms, posture, draft)
     else:
         _put_legged(draft, model, body, found, postures)
-        tuning.put_activation_ramp(source.text, draft)
-        tuning.put_walking(source.text, draft)
+        try:
+            settings = draft.settings
+            qp = make_qp(settings, make_model(settings, source.text))
+        except ConfigurationError:  # the check of the draft reports it
+            return draft
+        tuning.put_activation_ramp(settings, qp, draft)
+        tuning.put_walking(settings, qp, draft)
     return draft
 
 
