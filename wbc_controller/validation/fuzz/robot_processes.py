@@ -9,13 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.extras import require_libraries
 from wbc_controller.middleware.codec import decode, nanoseconds
-from wbc_controller.middleware.joint_states import JointStateReader
-from wbc_controller.middleware.states import OdometryReader
 from wbc_controller.middleware.topics import Direction
 from wbc_controller.middleware.transports.dds import DdsTransport
 from wbc_controller.nodes.processes import Processes
@@ -28,7 +25,7 @@ _CAPACITY = 30_000  # messages per topic
 #: Stored topics by node and key.
 _HEARD = (
     "controller/effort", "controller/joint_commands", "controller/state", "controller/diagnostics", "mock/joint_states",
-    "mock/odom", "guard/state",
+    "guard/state",
 )  # fmt: skip
 
 
@@ -46,7 +43,7 @@ class RobotProcesses(Processes):
         self.model = make_model(self.settings)
         self.record = folder / "cycles.mcap"
         self.lateness = Lateness()
-        #: Arrival times and payloads by node and key, such as ``mock/odom``.
+        #: Arrival times and payloads by node and key, such as ``guard/state``.
         self.messages: dict[str, deque[tuple[float, bytes]]] = {}
         self._types: dict[str, str] = {}
         self._transport = DdsTransport("trial_user", domain_id=domain, discovery_range="LOCALHOST")
@@ -93,7 +90,7 @@ class RobotProcesses(Processes):
             self.until(self.messages[topics[name]].__len__, f"the first message of {name}")
 
     def newest(self, name: str) -> Any:
-        """Return the newest message of a topic such as ``mock/odom``, or None."""
+        """Return the newest message of a topic such as ``guard/state``, or None."""
         messages = self.messages[name]
         return decode(messages[-1][1], self._types[name]) if messages else None
 
@@ -106,14 +103,6 @@ class RobotProcesses(Processes):
         """Return the stamp of the newest state, ns; initially 0."""
         newest = self.newest("mock/joint_states")
         return 0 if newest is None else nanoseconds(newest.header.stamp)
-
-    def centre_of_mass(self) -> Array:
-        """Return the newest centre of mass, (3,) in m."""
-        joints, base = (self.messages[f"mock/{key}"][-1][1] for key in ("joint_states", "odom"))
-        q = np.zeros(self.model.nq)
-        q[self.model.q_index] = JointStateReader(self.model.joints).read(joints).position
-        q[:7] = OdometryReader(self.model.base_link).read(base).pose
-        return np.array(pin.centerOfMass(self.model.pinocchio, self.model.pinocchio.createData(), q))
 
     def messages_since(self, name: str, since: float) -> list[tuple[float, Any]]:
         """Return the messages of a topic after a time, with arrival times."""

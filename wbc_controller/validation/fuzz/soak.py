@@ -13,7 +13,8 @@ from wbc_controller.validation.fuzz.lateness import MACHINE
 from wbc_controller.validation.fuzz.robot_processes import RobotProcesses
 
 _CHECK_PERIOD, _SETPOINT_PERIOD = 1.0, 3.0  # s
-_SWAY = 0.01  # m
+_SWAY = 0.02  # of the centre of mass, to the left and back, m
+_POINT = "geometry_msgs/msg/PointStamped"
 #: Share of the time as warm-up, and largest growth of the memory afterwards, kB and kB per minute.
 _WARM_UP, _MAX_GROWTH, _MAX_SLOPE = 0.5, 1024, 256
 
@@ -54,16 +55,15 @@ def soak(robot: str, folder: Path, seconds: float, domain: int) -> Iterator[Soak
         nodes.activate()
         nodes.until(lambda: nodes.state_of("guard") == "watching", "the guard's watching state")
         time.sleep(2.0 * nodes.settings.safety.activation_ramp)
-        start = nodes.centre_of_mass()
         nodes.clear("controller", "guard")
         nodes.lateness.reset()
         began = checked_at = due = time.monotonic()
         side, count = 1.0, 0
         while time.monotonic() - began < seconds:
             if time.monotonic() >= due:
+                way = setpoint_message(_POINT, "com", np.array([0.0, side * _SWAY, 0.0]), frame="com/reference")
+                nodes.user.send("setpoint", way, "com")
                 due, side = due + _SETPOINT_PERIOD, -side
-                target = start + [0.0, side * _SWAY, 0.0]
-                nodes.user.send("setpoint", setpoint_message("geometry_msgs/msg/PointStamped", "com", target), "com")
             time.sleep(_CHECK_PERIOD)
             now = time.monotonic()
             count += len(nodes.messages_since("controller/joint_commands", checked_at))
