@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from wbc_controller.apps.new import tuning
 from wbc_controller.apps.new.feet import LEG_JOINTS, Body
-from wbc_controller.apps.new.foot_shape import Foot
+from wbc_controller.apps.new.foot_shape import Foot, links_of
 from wbc_controller.apps.new.mechanism import UrdfSource, choose_joints, ranges_of, read_postures, read_source
 from wbc_controller.apps.new.notes import Draft, Origin
 from wbc_controller.apps.new.posture import put_fixed, put_standing, srdf_posture
@@ -154,8 +154,7 @@ def _put_legged(
     tuning.put_armature(model, [body.limb_of(foot) for foot in feet], draft)
     tuning.put_limits(model, draft)
     tuning.put_damping(model, height, draft)
-    frames = [frame for frame in model.pinocchio.frames if frame.parentJoint == 1 and frame.type == pin.BODY]
-    imus = [str(frame.name) for frame in frames if "imu" in str(frame.name).lower()]
+    imus = [str(frame.name) for frame in links_of(model, 1) if "imu" in str(frame.name).lower()]
     if imus:
         draft.put("estimation.imu_frame", imus[-1], "From its name.", "guess")
     tuning.put_contacts(model, feet, draft)

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.apps.new.feet import Limb
-from wbc_controller.apps.new.foot_shape import Foot
+from wbc_controller.apps.new.foot_shape import Foot, links_of
 from wbc_controller.apps.new.notes import Draft
 from wbc_controller.controller.build.footprint import simplify_polygon
 from wbc_controller.controller.build.walking import find_feet, make_gait
@@ -121,7 +121,7 @@ def _put_hands(
     for arm in arms:
         joints = [joint for joint in arm.joints if model.pinocchio.joints[joint].idx_v in own]  # without mimic joints
         if arm.end not in feet and len(joints) >= min_joints:
-            link = link_of(model, arm.end)
+            link = str(links_of(model, arm.end)[0].name)
             task = {"type": "frame_pose", "frame": link, "weight": 5.0, "stiffness": stiffness, "enabled": False}
             text = "End of an arm: enable this task for a reach."
             if len(joints) < _POSE_JOINTS:
@@ -138,12 +138,7 @@ def _trunk(model: RobotModel, arms: Sequence[Limb], feet: Sequence[Foot]) -> str
         return ""
     shared = set.intersection(*(set(model.pinocchio.supports[end]) for end in ends))
     joint = max(shared)
-    return link_of(model, joint) if joint > 1 else ""
-
-
-def link_of(model: RobotModel, joint: int) -> str:
-    """Return the first link moved by a joint."""
-    return next(str(f.name) for f in model.pinocchio.frames if f.parentJoint == joint and f.type == pin.BODY)
+    return str(links_of(model, joint)[0].name) if joint > 1 else ""
 
 
 def put_armature(model: RobotModel, legs: Sequence[Limb], draft: Draft) -> None:
