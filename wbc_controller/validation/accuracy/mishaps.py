@@ -88,11 +88,6 @@ class Outcome:
         """True if the estimate was wrong for too long without a fault."""
         return not (self.undetected <= MAX_UNDETECTED) or self.fell
 
-    @property
-    def good(self) -> bool:
-        """True if faults reported every wrong estimate in time, and a reactivation succeeded."""
-        return not (self.silently_wrong or math.isinf(self.recovery))
-
 
 def run_mishap(
     robot: str | Config,
