@@ -162,6 +162,9 @@ class Mode(str, enum.Enum):
     FAULT = "fault"
 
 
+IN_CONTROL = (Mode.ACTIVE, Mode.HOLDING)  # modes with torques of a solution
+
+
 @dataclass(frozen=True, slots=True)
 class Infeasibility:
     """Conflict of constraints in an infeasible quadratic program."""

@@ -47,7 +47,7 @@ def test_no_torques_stay_whatever_is_killed_and_everything_starts_again(forks, t
 @pytest.mark.live
 def test_memory_is_flat_and_no_fault_occurs(forks, tmp_path, monkeypatch):
     monkeypatch.setattr(soak, "_CHECK_PERIOD", PERIOD)
-    result = soak.soak("go2", tmp_path, SECONDS, domain=own_domain())
+    *_, result = soak.soak("go2", tmp_path, SECONDS, own_domain())
     print(result.memory, result.faults, result.rate, result.late)
     assert result.own_faults == []
     for name in ("controller", "mock", "guard"):

@@ -14,7 +14,7 @@ from domains import own_domain
 from waiting import until
 
 from wbc_controller.middleware.codec import decode
-from wbc_controller.middleware.topics import COMMAND_OUT, LATCHED, Direction, Endpoint
+from wbc_controller.middleware.topics import LATCHED, NEWEST_OUT, Direction, Endpoint
 from wbc_controller.nodes.processes import Processes
 from wbc_controller.nodes.signals import set_by_signals
 
@@ -98,7 +98,7 @@ def test_the_end_of_the_terminal_ends_each_process_and_the_controller_with_zero_
         closing(DdsTransport("listener", domain_id=domain, discovery_range="LOCALHOST")) as transport,
     ):
         for name, kind, qos, heard in (
-            ("/effort_controller/commands", "std_msgs/msg/Float64MultiArray", COMMAND_OUT, torques),
+            ("/effort_controller/commands", "std_msgs/msg/Float64MultiArray", NEWEST_OUT, torques),
             ("/guard/state", "std_msgs/msg/String", LATCHED, guard_states),
         ):
             topic = Endpoint("test", "", name, kind, Direction.IN, qos)

@@ -30,9 +30,8 @@ class Qos:
 
 #: Incoming state: best effort (matches all publishers), newest message only.
 STATE_IN = Qos(reliable=False, latched=False, depth=1)
-#: Outgoing state of the mock robot: reliable (matches all subscribers).
-STATE_OUT = Qos(reliable=True, latched=False, depth=1)
-COMMAND_OUT = Qos(reliable=True, latched=False, depth=1)  # outgoing torques: reliable, newest message only
+#: Outgoing states and torques: reliable (matches all subscribers), newest message only.
+NEWEST_OUT = Qos(reliable=True, latched=False, depth=1)
 REQUEST = Qos(reliable=True, latched=False, depth=1000)  # by a user: deep history
 TF_OUT = Qos(reliable=True, latched=False, depth=100)  # outgoing transforms, as of tf2's broadcasters
 LATCHED = Qos(reliable=True, latched=True, depth=1)
@@ -130,17 +129,17 @@ CONTROLLER_TOPICS: tuple[Topic, ...] = (
           "One of activate, deactivate, damp, reset, estop."),
     Topic("record", "~/record", "std_msgs/msg/String", _IN, REQUEST,
           "Reason of a recording of the last seconds, part of the file's name."),
-    Topic("effort", "effort_controller/commands", "std_msgs/msg/Float64MultiArray", _OUT, COMMAND_OUT,
+    Topic("effort", "effort_controller/commands", "std_msgs/msg/Float64MultiArray", _OUT, NEWEST_OUT,
           "Torques for ros2_control's effort controllers, N·m, in the order of `robot.actuators` (default "
           "`robot.joints`), or joint torques by `robot.command`."),
-    Topic("joint_commands", "~/joint_commands", "sensor_msgs/msg/JointState", _OUT, COMMAND_OUT,
+    Topic("joint_commands", "~/joint_commands", "sensor_msgs/msg/JointState", _OUT, NEWEST_OUT,
           "The torques by joint name, with desired positions and velocities and the stamp of the latched state."),
-    Topic("contact_wrench", "~/contacts/{contact}/wrench", "geometry_msgs/msg/WrenchStamped", _OUT, COMMAND_OUT,
+    Topic("contact_wrench", "~/contacts/{contact}/wrench", "geometry_msgs/msg/WrenchStamped", _OUT, NEWEST_OUT,
           "Contact force or wrench of the solution in the contact frame (on demand)."),
-    Topic("task_reference", "~/tasks/{task}/reference", "setpoint", _OUT, COMMAND_OUT,
+    Topic("task_reference", "~/tasks/{task}/reference", "setpoint", _OUT, NEWEST_OUT,
           "Present reference of an active controller, at `control.diagnostics_rate`, with the stamp of the state "
           "(on demand)."),
-    Topic("task_value", "~/tasks/{task}/value", "value", _OUT, COMMAND_OUT,
+    Topic("task_value", "~/tasks/{task}/value", "value", _OUT, NEWEST_OUT,
           "Present value, likewise."),
     Topic("state", "~/state", "std_msgs/msg/String", _OUT, LATCHED,
           "The mode, with code and reason of a fault."),
@@ -149,7 +148,7 @@ CONTROLLER_TOPICS: tuple[Topic, ...] = (
     Topic("diagnostics", "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", _OUT, REQUEST,
           "Status of the control loop (docs/diagnostics.md), at `control.diagnostics_rate` on demand, else "
           "once per second."),
-    Topic("markers", "~/markers", "visualization_msgs/msg/MarkerArray", _OUT, COMMAND_OUT,
+    Topic("markers", "~/markers", "visualization_msgs/msg/MarkerArray", _OUT, NEWEST_OUT,
           "For RViz and Foxglove in the world frame (docs/diagnostics.md, on demand)."),
 )
 
@@ -174,18 +173,18 @@ MOCK_TOPICS: tuple[Topic, ...] = (
           "Holds the link of a fixed contact at its present pose (true) or releases it (false)."),
     Topic("fault", "~/fault", "std_msgs/msg/String", _IN, REQUEST,
           "YAML with one fault or a list of them (docs/faults.md), or `clear`."),
-    Topic("joint_states", "joint_states", "sensor_msgs/msg/JointState", _OUT, STATE_OUT,
+    Topic("joint_states", "joint_states", "sensor_msgs/msg/JointState", _OUT, NEWEST_OUT,
           "Measured positions, velocities and applied efforts."),
-    Topic("clock", "/clock", "rosgraph_msgs/msg/Clock", _OUT, STATE_OUT, "Simulated time, before each state."),
-    Topic("odom", "odom", "nav_msgs/msg/Odometry", _OUT, STATE_OUT, "True pose and twist of the base."),
+    Topic("clock", "/clock", "rosgraph_msgs/msg/Clock", _OUT, NEWEST_OUT, "Simulated time, before each state."),
+    Topic("odom", "odom", "nav_msgs/msg/Odometry", _OUT, NEWEST_OUT, "True pose and twist of the base."),
     Topic("tf", "/tf", "tf2_msgs/msg/TFMessage", _OUT, TF_OUT,
           "Transform from `world` to the base, for viewers; robot_state_publisher publishes the links."),
-    Topic("imu", "imu", "sensor_msgs/msg/Imu", _OUT, STATE_OUT,
+    Topic("imu", "imu", "sensor_msgs/msg/Imu", _OUT, NEWEST_OUT,
           "Orientation, angular velocity and specific force of `estimation.imu_frame` (default: base link)."),
-    Topic("pose", "pose", "geometry_msgs/msg/PoseWithCovarianceStamped", _OUT, STATE_OUT,
+    Topic("pose", "pose", "geometry_msgs/msg/PoseWithCovarianceStamped", _OUT, NEWEST_OUT,
           "Absolute pose of `estimation.pose_frame` at `mock.pose_rate` (default 0), with the delay and noise of the "
           "section `mock`."),
-    Topic("contact_wrench", "~/contacts/{contact}/wrench", "geometry_msgs/msg/WrenchStamped", _OUT, STATE_OUT,
+    Topic("contact_wrench", "~/contacts/{contact}/wrench", "geometry_msgs/msg/WrenchStamped", _OUT, NEWEST_OUT,
           "True contact wrench in the contact frame."),
     Topic("robot_description", "robot_description", "std_msgs/msg/String", _OUT, LATCHED, "The robot's URDF."),
 )
@@ -199,9 +198,9 @@ GUARD_TOPICS: tuple[Topic, ...] = (
           "Joint velocities for the damping. A triggered controller must answer each joint state with a command."),
     Topic("robot_description", "robot_description", "std_msgs/msg/String", _IN, LATCHED,
           "The URDF with the effort limits, if the configuration names no file."),
-    Topic("effort", "effort_controller/commands", "std_msgs/msg/Float64MultiArray", _OUT, COMMAND_OUT,
+    Topic("effort", "effort_controller/commands", "std_msgs/msg/Float64MultiArray", _OUT, NEWEST_OUT,
           "Damping torques, N·m, then zero, only while the controller's commands are missing."),
-    Topic("guard_commands", "~/joint_commands", _JOINTS, _OUT, COMMAND_OUT,
+    Topic("guard_commands", "~/joint_commands", _JOINTS, _OUT, NEWEST_OUT,
           "The same by joint name, with the stamp of the last command."),
     Topic("state", "~/state", "std_msgs/msg/String", _OUT, LATCHED,
           "One of idle, watching, damping, zero, released; the last three with the reason."),
@@ -226,7 +225,7 @@ ESTIMATOR_TOPICS: tuple[Topic, ...] = (
           STATE_IN, "Forces of the controller's active contacts; without any, the configured ones are active."),
     Topic("robot_description", "robot_description", "std_msgs/msg/String", _IN, LATCHED,
           "The URDF, if the configuration names no file."),
-    Topic("odom", "odom", "nav_msgs/msg/Odometry", _OUT, STATE_OUT,
+    Topic("odom", "odom", "nav_msgs/msg/Odometry", _OUT, NEWEST_OUT,
           "Pose of the base in `odom` (origin: the start) and twist in the base's axes (REP 105), with covariances; "
           "only while an estimate exists."),
     Topic("tf", "/tf", "tf2_msgs/msg/TFMessage", _OUT, TF_OUT,

@@ -24,7 +24,7 @@ from wbc_controller.nodes.inputs import Inputs
 from wbc_controller.nodes.outputs import Outputs
 from wbc_controller.nodes.ownership import Ownership
 from wbc_controller.nodes.takeover import Takeover
-from wbc_controller.records import Array, AuditReport, Fault, Mode
+from wbc_controller.records import IN_CONTROL, Array, AuditReport, Fault, Mode
 from wbc_controller.safety.bring_up import BringUpWatch
 from wbc_controller.safety.checks import stale_inputs
 from wbc_controller.safety.model_audit import ModelAudit
@@ -36,8 +36,7 @@ _MAX_MESSAGES = 20  # log messages in that time
 #: Numbers and quoted names of a message, which may change from cycle to cycle.
 _FIGURES = re.compile(r"[-+\d.e]*\d[-+\d.e]*|'[^']*'")
 _SWITCH_INTERVAL = 5.0e-4  # longest wait of the loop for another thread, s
-_UNDER_CONTROL = (Mode.ACTIVE, Mode.HOLDING)  # modes with torques of the solution
-_RATE_LIMITED = (*_UNDER_CONTROL, Mode.DAMPING)  # modes without zero torques at once
+_RATE_LIMITED = (*IN_CONTROL, Mode.DAMPING)  # modes without zero torques at once
 _ROUNDING = 1.0e-6  # of clock times, s
 _CANCEL_ACTIVATION = ("damp", "reset")  # requests that cancel an activation in the same cycle
 
@@ -96,7 +95,7 @@ class ControlLoop:
         """Run one cycle."""
         timer, clock, controller, outputs = self._timer, self._clock, self.controller, self._outputs
         started = timer()
-        controlled, walking = controller.mode in _UNDER_CONTROL, controller.is_walking
+        controlled, walking = controller.mode in IN_CONTROL, controller.is_walking
         latched = self._inputs.latch(controller.holding, controlled=controlled, walking=walking)
         timeout, ages, stall = controller.state_timeout, latched.ages, latched.clock_stall
         now = clock.now()
@@ -108,20 +107,20 @@ class ControlLoop:
         elif not (stall <= timeout):
             clock_fault = self._clock_stall(stall, timeout)
         requests, waiting, before = latched.requests.commands, self._activate_when_fresh, controller.mode
-        if "reset" in requests and (before not in _UNDER_CONTROL or "damp" in requests[: requests.index("reset")]):
+        if "reset" in requests and (before not in IN_CONTROL or "damp" in requests[: requests.index("reset")]):
             self._inputs.restart_estimator()
             ages = self._inputs.ages()
         problem = (
             Fault("CLOCK", clock_fault) if clock_fault else self._inputs.fault(ages, timeout) or self._bring_up.fault
         )
-        if not clock_fault and (problem is not None or before not in _UNDER_CONTROL):
+        if not clock_fault and (problem is not None or before not in IN_CONTROL):
             coarse = self._coarse_clock(stall, timeout)
             problem = Fault("CLOCK", coarse) if coarse else problem
         self._ownership.refresh(now)
         refused: tuple[str, ...] = ()
         if requests or self._activate_when_fresh:
             requests, refused = self._filter_requests(requests, problem)
-        solving = problem is None and not requests and before in _UNDER_CONTROL
+        solving = problem is None and not requests and before in IN_CONTROL
         slips = self._changed_slips() if solving else ()
         read, torques_sent = timer() - started, controller.supervisor.torques_sent
         cycle_inputs = CycleInputs(
@@ -142,7 +141,7 @@ class ControlLoop:
             late = stale_inputs(self._inputs.ages(), timeout)
         if late is not None:  # the process was stopped during the cycle: its torques must not be sent
             withdrawn: tuple[str, ...] = ()
-            if before not in _UNDER_CONTROL:  # no torques were sent yet
+            if before not in IN_CONTROL:  # no torques were sent yet
                 withdrawn, self._activate_when_fresh = _CANCEL_ACTIVATION, waiting
                 refused += (f"command 'activate' is refused: after the computation of the torques, {late.sentence}",)
             repeated_inputs = CycleInputs(
@@ -165,7 +164,7 @@ class ControlLoop:
         sent = timer()
         if result.command is not None:
             self._takeover.record_command(sent, result.command.stamp)
-        self._inputs.compare_odometry(controller.holding, controlled=controller.mode in _UNDER_CONTROL)
+        self._inputs.compare_odometry(controller.holding, controlled=controller.mode in IN_CONTROL)
         controller.explain_failure(now)
         state, qp, audit = result.state, controller.qp, None
         if state is not None:

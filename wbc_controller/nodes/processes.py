@@ -125,6 +125,15 @@ class Processes:
                 raise WbcError(f"timeout of {patience:g} s while waiting for {what}{self.details()}")
             time.sleep(0.002)
 
+    def until_active(self, mode: Callable[[], str], send: Callable[[str], None]) -> None:
+        """Send commands until the controller's mode is active, also after a fault; errors as of `until`."""
+
+        def ask() -> None:
+            for word in ("activate",) if mode().startswith("inactive") else ("reset", "activate"):
+                send(word)
+
+        self.until(lambda: mode() == "active", "the activation", ask)
+
     def log(self, name: str) -> str:
         """Return the output of a process."""
         path = self._folder / f"{name}.log"

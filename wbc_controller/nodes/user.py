@@ -71,8 +71,3 @@ class User:
 def reliable_counterpart(topic: Endpoint) -> Endpoint:
     """Return the counterpart of a topic, with an unlimited queue."""
     return dataclasses.replace(counterpart(topic), qos=dataclasses.replace(topic.qos, depth=1000))
-
-
-def activation_commands(mode: str) -> tuple[str, ...]:
-    """Return the commands that activate a controller in a mode, also after a fault."""
-    return ("activate",) if mode.startswith("inactive") else ("reset", "activate")

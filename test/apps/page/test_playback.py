@@ -46,7 +46,7 @@ def test_events_are_marked(recorded, playback):
     fault = next(mark for mark in playback.marks if mark.kind == "fault")
     playback.seek(fault.time - 0.004)
     active = playback.snapshot()
-    assert active.following
+    assert active.mode == "active"
     assert set(active.forces) == set(recorded.config.settings.contacts)
     assert active.references is not None
     assert active.torques is not None

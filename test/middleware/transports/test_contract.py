@@ -153,7 +153,7 @@ def test_topics_may_be_opened_and_messages_sent_from_a_callback(join, eventually
 def open_stream(join, eventually, depth=1):
     """Return a writer, its function to publish, and a stream from which the first messages are taken."""
     writer, stream = join("writer"), join("reader").stream(ODOM, depth)
-    publish = writer.advertise(endpoint("/odom", topics.STATE_OUT))
+    publish = writer.advertise(endpoint("/odom", topics.NEWEST_OUT))
     eventually(stream.take, lambda: publish(text("first")))
     time.sleep(0.05)  # messages in transit
     stream.take()

@@ -5,13 +5,13 @@ import threading
 import pytest
 
 from wbc_controller.errors import TransportError
-from wbc_controller.middleware.topics import STATE_OUT, Direction, Endpoint
+from wbc_controller.middleware.topics import NEWEST_OUT, Direction, Endpoint
 from wbc_controller.middleware.transports import graph_watch
 from wbc_controller.middleware.transports.graph_watch import GraphWatch
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.middleware.transports.transport import UNNAMED
 
-TOPICS = [Endpoint(key, "", f"/{key}", "std_msgs/msg/String", Direction.OUT, STATE_OUT) for key in ("odom", "effort")]
+TOPICS = [Endpoint(key, "", f"/{key}", "std_msgs/msg/String", Direction.OUT, NEWEST_OUT) for key in ("odom", "effort")]
 
 
 class Told(MemoryTransport):

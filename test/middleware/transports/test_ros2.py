@@ -89,8 +89,8 @@ def test_messages_do_not_wake_the_executor(spun, peer):
     received, streamed = [], []
     transport.subscribe(endpoint("/read", topics.STATE_IN), received.append)
     stream = transport.stream(endpoint("/stream", topics.STATE_IN), 10)
-    publishers = [peer.advertise(endpoint(name, topics.STATE_OUT)) for name in ("/read", "/stream")]
-    sent = transport.advertise(endpoint("/sent", topics.COMMAND_OUT))
+    publishers = [peer.advertise(endpoint(name, topics.NEWEST_OUT)) for name in ("/read", "/stream")]
+    sent = transport.advertise(endpoint("/sent", topics.NEWEST_OUT))
     heard = []
     peer.subscribe(endpoint("/sent", topics.STATE_IN), heard.append)
 
@@ -115,7 +115,7 @@ def test_the_executor_pauses_between_two_waits(spun, peer):
     # rclpy's clock subscription belongs to the executor: with simulated time each message would wake it.
     clock = "rosgraph_msgs/msg/Clock"
     node, transport, counter = spun(use_sim_time=True)
-    publish = peer.advertise(endpoint("/clock", topics.STATE_OUT, clock))
+    publish = peer.advertise(endpoint("/clock", topics.NEWEST_OUT, clock))
     arrived = []
     transport.subscribe(endpoint("/clock", topics.STATE_IN, clock), arrived.append)
     times = (

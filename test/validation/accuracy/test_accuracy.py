@@ -166,7 +166,7 @@ def test_flaw_errors_are_the_largest_distances(monkeypatch):
 def test_tables_of_standing_and_flaws(monkeypatch, run):
     def made_up(robot, sensors, seed, seconds):
         tilt, drift = (0.001, 0.001, 0.002)[seed], 0.02 if robot == "g1" else 0.004
-        return StandingErrors(seed, tilt, 0.002, 0.003, drift, np.full(9, 5.0), np.full(9, 4.0))
+        return StandingErrors(tilt, 0.002, 0.003, drift, np.full(9, 5.0), np.full(9, 4.0))
 
     monkeypatch.setattr("wbc_controller.validation.accuracy.standing.stand", made_up)
     result = run("standing", "go2", "--seeds", "3")
@@ -247,8 +247,7 @@ def test_table_of_mishaps(monkeypatch, run):
 def test_a_fast_robot_walks_and_turns_on_its_estimate_and_stops(monkeypatch):
     """It fell when the trailing knee straightened at 0.8 m/s, or when the soft base made the stance foot tip over."""
     monkeypatch.setattr(walks, "_REACHED", 2.5)
-    monkeypatch.setitem(walks.COMMANDS["g1"], "arc", (0.5, 0.0, 0.1875))
-    found = walk("g1", "arc", "good", 0, 3.5, 1.6)
+    found = walk("g1", (0.5, 0.0, 0.1875), "good", 0, 3.5, 1.6)
     assert (found.ended, found.relaxed) == ("", 0)
     np.testing.assert_allclose(found.speed, [0.8, 0.0, 0.3], atol=0.08)
     assert found.drift < 0.02 * found.distance

@@ -17,8 +17,8 @@ from wbc_controller.walking.gait import Phase
 FIGURES = WalkFigures(torque=0.8, rate=0.25, chatter=0.012, slip=0.003, outside=0.0)
 
 
-def walked(seed, ended=""):
-    return Walk(seed, np.zeros(3), 2.0, 0.0, 0, ended, FIGURES)
+def walked(ended=""):
+    return Walk(np.zeros(3), 2.0, 0.0, 0, ended, FIGURES)
 
 
 def test_grounds_are_valid_and_begin_flat():
@@ -94,7 +94,7 @@ def test_a_robot_that_steps_survives_a_push_and_falls_at_a_large_one(monkeypatch
 @pytest.mark.parametrize(("falls", "status"), [(1, 0), (2, 1)])
 def test_table_of_grounds(monkeypatch, run, falls, status):
     def walk_on(robot, ground, sensors, seed, seconds):
-        return walked(seed, "3.2 s: FALLEN: it fell" if seed < falls else "")
+        return walked("3.2 s: FALLEN: it fell" if seed < falls else "")
 
     monkeypatch.setattr(walks, "walk_on", walk_on)
     result = run("walking-grounds", "g1", "--ground", "up")
@@ -105,7 +105,7 @@ def test_table_of_grounds(monkeypatch, run, falls, status):
 
 @pytest.mark.parametrize(("steps", "ended", "status"), [((1, 3), "", 0), ((1, 4), "", 1), ((1,), "4.0 s: FALLEN", 1)])
 def test_table_of_starts(monkeypatch, run, steps, ended, status):
-    monkeypatch.setattr(walks, "start_and_stop", lambda robot, sensors, seed, count: Starts(seed, steps, ended))
+    monkeypatch.setattr(walks, "start_and_stop", lambda robot, sensors, seed, count: Starts(steps, ended))
     result = run("walking-starts", "g1", "--seeds", "2")
     counts = ", ".join(f"{number}: 2" for number in steps)
     assert f"| g1 | {2 * len(steps)} | {counts} | {2 * bool(ended)} |" in result.output

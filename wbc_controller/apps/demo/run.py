@@ -4,7 +4,7 @@ import os
 import tempfile
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, contextmanager, nullcontext, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -78,22 +78,18 @@ def run_demo(
 @contextmanager
 def _progress(console: Console, scenario: Scenario) -> Iterator[Callable[[str], None]]:
     phases = 4 + len([*scenario.moves, *scenario.reaches, *scenario.shoves, *scenario.walks])
-    columns = (
-        SpinnerColumn(),
-        TextColumn("{task.description:16}"),
-        BarColumn(),
-        TextColumn("{task.completed:.0f}/{task.total:.0f}"),
-        TimeElapsedColumn(),
-    )
-    if not console.is_terminal:
-        yield lambda phase: console.print(f"  {phase}")
-        return
-    with Progress(*columns, console=console, transient=True) as progress:
-        task = progress.add_task("start", total=phases)
+    bar = Progress(
+        SpinnerColumn(), TextColumn("{task.description:16}"), BarColumn(),
+        TextColumn("{task.completed:.0f}/{task.total:.0f}"), TimeElapsedColumn(), console=console, transient=True,
+    )  # fmt: skip
+    task = bar.add_task("start", total=phases)
 
-        def report_phase(phase: str) -> None:
-            progress.update(task, description=phase, advance=1)
+    def report_phase(phase: str) -> None:
+        bar.update(task, description=phase, advance=1)
+        if not console.is_terminal:
+            console.print(f"  {phase}")
 
+    with bar if console.is_terminal else nullcontext():
         yield report_phase
 
 

@@ -11,13 +11,14 @@ import pinocchio as pin
 
 from wbc_controller.apps.new import tuning
 from wbc_controller.apps.new.feet import LEG_JOINTS, Body
-from wbc_controller.apps.new.foot_shape import Foot
+from wbc_controller.apps.new.foot_shape import Foot, links_of
 from wbc_controller.apps.new.mechanism import UrdfSource, choose_joints, ranges_of, read_postures, read_source
 from wbc_controller.apps.new.notes import Draft, Origin
 from wbc_controller.apps.new.posture import put_fixed, put_standing, srdf_posture
 from wbc_controller.apps.new.standing_posture import Legs
 from wbc_controller.controller.build.collision_elements import read_collision_elements
 from wbc_controller.controller.build.collision_model import with_visuals
+from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
@@ -59,8 +60,13 @@ def new_configuration(
         tuning.put_arm_tasks(model, body.arms, posture, draft)
     else:
         _put_legged(draft, model, body, found, postures)
-        tuning.put_activation_ramp(source.text, draft)
-        tuning.put_walking(source.text, draft)
+        try:
+            settings = draft.settings
+            qp = make_qp(settings, make_model(settings, source.text))
+        except ConfigurationError:  # the check of the draft reports it
+            return draft
+        tuning.put_activation_ramp(settings, qp, draft)
+        tuning.put_walking(settings, qp, draft)
     return draft
 
 
@@ -148,8 +154,7 @@ def _put_legged(
     tuning.put_armature(model, [body.limb_of(foot) for foot in feet], draft)
     tuning.put_limits(model, draft)
     tuning.put_damping(model, height, draft)
-    frames = [frame for frame in model.pinocchio.frames if frame.parentJoint == 1 and frame.type == pin.BODY]
-    imus = [str(frame.name) for frame in frames if "imu" in str(frame.name).lower()]
+    imus = [str(frame.name) for frame in links_of(model, 1) if "imu" in str(frame.name).lower()]
     if imus:
         draft.put("estimation.imu_frame", imus[-1], "From its name.", "guess")
     tuning.put_contacts(model, feet, draft)

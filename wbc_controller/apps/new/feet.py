@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.apps.new.foot_shape import Foot, measure
+from wbc_controller.apps.new.foot_shape import Foot, links_of, measure
 from wbc_controller.controller.build.footprint import outline
 from wbc_controller.errors import require_known
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
@@ -50,12 +50,9 @@ class Body:
 
     def _points(self, joint: int) -> Array:
         """Return points of the shapes or link origins moved by a joint, (n, 3) in the world."""
-        place, frames = self.data.oMi[joint], self.model.pinocchio.frames
+        place = self.data.oMi[joint]
         shapes = [outline(element) for element in self.elements if element.parentJoint == joint]
-        shapes = shapes or [
-            frame.placement.translation[None] for frame in frames
-            if frame.parentJoint == joint and frame.type == pin.BODY
-        ]  # fmt: skip
+        shapes = shapes or [frame.placement.translation[None] for frame in links_of(self.model, joint)]
         return np.asarray(np.vstack([np.zeros((0, 3)), *shapes]) @ place.rotation.T + place.translation)
 
     def _limb(self, end: int) -> Limb:

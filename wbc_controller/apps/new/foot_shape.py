@@ -50,6 +50,11 @@ class Foot:
     measured_on: str = ""  # measured geometry in words; empty if the radius is a guess
 
 
+def links_of(model: RobotModel, joint: int) -> list[pin.Frame]:
+    """Return the frames of the links moved by a joint."""
+    return [frame for frame in model.pinocchio.frames if frame.parentJoint == joint and frame.type == pin.BODY]
+
+
 def measure(
     model: RobotModel, elements: Sequence[pin.GeometryObject], joint: int, upward: pin.SE3, axis: Array
 ) -> Foot:
@@ -84,8 +89,7 @@ def measure(
 
 
 def _foot_without_shape(model: RobotModel, joint: int, down: Array) -> Foot:
-    links = [frame for frame in model.pinocchio.frames if frame.parentJoint == joint and frame.type == pin.BODY]
-    lowest = max(links, key=lambda frame: float(frame.placement.translation @ down))
+    lowest = max(links_of(model, joint), key=lambda frame: float(frame.placement.translation @ down))
     placement = pin.SE3(np.eye(3), lowest.placement.translation)
     return Foot(joint, str(lowest.name), "point", placement, radius=UNKNOWN_RADIUS)
 

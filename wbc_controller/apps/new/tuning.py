@@ -8,18 +8,16 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.apps.new.feet import Limb
-from wbc_controller.apps.new.foot_shape import Foot
+from wbc_controller.apps.new.foot_shape import Foot, links_of
 from wbc_controller.apps.new.notes import Draft
 from wbc_controller.controller.build.footprint import simplify_polygon
-from wbc_controller.controller.build.program import make_qp
-from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.build.walking import find_feet, make_gait
 from wbc_controller.controller.check.preflight import longest_ramp
-from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts.support import are_corners
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.records import Array
+from wbc_controller.settings import Settings
 from wbc_controller.settings.limits import LimitSettings
 
 #: Stiffness of the centre of mass in units of the squared pendulum frequency g/h, and its range, 1/s².
@@ -123,7 +121,7 @@ def _put_hands(
     for arm in arms:
         joints = [joint for joint in arm.joints if model.pinocchio.joints[joint].idx_v in own]  # without mimic joints
         if arm.end not in feet and len(joints) >= min_joints:
-            link = link_of(model, arm.end)
+            link = str(links_of(model, arm.end)[0].name)
             task = {"type": "frame_pose", "frame": link, "weight": 5.0, "stiffness": stiffness, "enabled": False}
             text = "End of an arm: enable this task for a reach."
             if len(joints) < _POSE_JOINTS:
@@ -140,12 +138,7 @@ def _trunk(model: RobotModel, arms: Sequence[Limb], feet: Sequence[Foot]) -> str
         return ""
     shared = set.intersection(*(set(model.pinocchio.supports[end]) for end in ends))
     joint = max(shared)
-    return link_of(model, joint) if joint > 1 else ""
-
-
-def link_of(model: RobotModel, joint: int) -> str:
-    """Return the first link moved by a joint."""
-    return next(str(f.name) for f in model.pinocchio.frames if f.parentJoint == joint and f.type == pin.BODY)
+    return str(links_of(model, joint)[0].name) if joint > 1 else ""
 
 
 def put_armature(model: RobotModel, legs: Sequence[Limb], draft: Draft) -> None:
@@ -173,20 +166,12 @@ def put_limits(model: RobotModel, draft: Draft) -> None:
                   "speeds cannot stop before their limits.", "guess")  # fmt: skip
 
 
-def put_walking(urdf: str, draft: Draft) -> None:
+def put_walking(settings: Settings, qp: WholeBodyQP, draft: Draft) -> None:
     """Write the section of walking for two soles or four points on freely movable legs."""
     kinds = [contact["type"] for contact in draft.values["contacts"].values()]
-    if kinds not in (["surface"] * 2, ["point"] * 4):
+    if kinds not in (["surface"] * 2, ["point"] * 4) or not _feet_move_freely(qp):
         return
-    try:
-        settings = draft.settings
-        model = make_model(settings, urdf)
-        qp = make_qp(settings, model)
-        soles = find_feet(settings, model) if len(kinds) == 2 else None
-    except ConfigurationError:  # the check of the draft reports it
-        return
-    if not _feet_move_freely(qp):
-        return
+    soles = find_feet(settings, qp.model) if len(kinds) == 2 else None
     if soles is not None:
         load = max(make_gait(settings, *soles, qp).single_support().values(), key=lambda load: load.share)
         if load.share > 1.0:
@@ -197,13 +182,8 @@ def put_walking(urdf: str, draft: Draft) -> None:
     draft.put("walking", values, "All values follow from the robot; `wbc check` prints the feasible speeds.", "guess")
 
 
-def put_activation_ramp(urdf: str, draft: Draft) -> None:
+def put_activation_ramp(settings: Settings, qp: WholeBodyQP, draft: Draft) -> None:
     """Shorten the ramp of the torques if joints without support could not stop falling afterwards."""
-    try:
-        settings = draft.settings
-        qp = make_qp(settings, make_model(settings, urdf))
-    except ConfigurationError:  # the check of the draft reports it
-        return
     ramp = longest_ramp(settings, qp)[0]
     if ramp < settings.safety.activation_ramp:
         draft.put("safety.activation_ramp", ramp, "Joints without support fall meanwhile.", "guess")
@@ -211,6 +191,7 @@ def put_activation_ramp(urdf: str, draft: Draft) -> None:
 
 def _feet_move_freely(qp: WholeBodyQP) -> bool:
     """Return whether each leg's own joints move its contact in all directions, in the nominal posture."""
+    qp.dynamics.update(qp.model.configuration(qp.model.posture), np.zeros(qp.model.nv))
     jacobians = [contact.jacobian(qp.dynamics)[:, qp.model.v_index] for contact in qp.contacts.values()]
     moving = sum(J.any(axis=0).astype(int) for J in jacobians)
     ranks = [np.linalg.matrix_rank(J[:, moving == 1], tol=_IMMOBILE) for J in jacobians]

@@ -90,18 +90,16 @@ class Controls:
             for label, most, step, unit, fault in _FAULTS
         ]
 
-        async def changed(event: Any) -> None:
-            if event.client_id is None:
-                return
+        def send(client: int) -> None:
             faults = [fault(slider.value) for slider, fault in sliders if slider.value > 0.0]
             if slippery.value:
                 faults.append(f"{{kind: slippery_floor, friction: {friction.value:g}")
             listed = ", ".join(f"{fault}, duration: {_DURATION:g}}}" for fault in faults)
-            self._sender.drag("faults", event.client_id, ["fault", f"[{listed}]" if faults else "clear"])
+            self._sender.drag("faults", client, ["fault", f"[{listed}]" if faults else "clear"])
 
         controls: list[Any] = [slippery, friction, *(slider for slider, _ in sliders)]
         for control in controls:
-            control.on_update(changed)
+            self._on_input(control, send)
 
     def _task(self, name: str, settings: Settings) -> None:
         task = settings.tasks[name]
@@ -116,27 +114,26 @@ class Controls:
 
     def _switch(self, label: str, on: bool, *words: str) -> Any:
         switch = self._gui.add_checkbox(label, on)
-
-        async def switched(event: Any) -> None:
-            if event.client_id is not None:
-                self._touched[id(switch)] = time.monotonic()
-                self._sender.send_words(*words, "on" if switch.value else "off")
-
-        switch.on_update(switched)
+        self._on_input(switch, lambda client: self._sender.send_words(*words, "on" if switch.value else "off"))
         return switch
 
     def _slider(self, label: str, value: float, task: str, request: Callable[[str], list[str]]) -> Any | None:
         if not value > 0.0:
             return None
         slider = self._gui.add_slider(label, 0.0, _SLIDER_RANGE * value, value / 50.0, value)
-
-        async def moved(event: Any) -> None:
-            if event.client_id is not None:
-                self._touched[id(slider)] = time.monotonic()
-                self._sender.drag(f"{label} {task}", event.client_id, request(f"{slider.value:.6g}"))
-
-        slider.on_update(moved)
+        key = f"{label} {task}"
+        self._on_input(slider, lambda client: self._sender.drag(key, client, request(f"{slider.value:.6g}")))
         return slider
+
+    def _on_input(self, control: Any, send: Callable[[int], None]) -> None:
+        """Call a function with the client at each input of a user."""
+
+        async def changed(event: Any) -> None:
+            if event.client_id is not None:
+                self._touched[id(control)] = time.monotonic()
+                send(event.client_id)
+
+        control.on_update(changed)
 
     def _set_unless_touched(self, control: Any, value: Any) -> None:
         untouched = time.monotonic() - self._touched.get(id(control), -_OVERRIDE_TIME) >= _OVERRIDE_TIME

@@ -8,7 +8,7 @@ import pinocchio as pin
 import viser
 
 from wbc_controller.apps.page.request_sender import RequestSender
-from wbc_controller.apps.page.snapshot import Robot, Snapshot
+from wbc_controller.apps.page.snapshot import FOLLOWING, Robot, Snapshot
 from wbc_controller.inverse_dynamics.tasks import AccelerationTask
 from wbc_controller.records import Array
 
@@ -87,7 +87,7 @@ class Handle:
 
     def show(self, snapshot: Snapshot) -> None:
         """Move the handle, unless dragged, to the reference, or the value of a disabled task."""
-        shown = snapshot.following and (self._can_move or self._rings_shown)
+        shown = snapshot.mode.startswith(FOLLOWING) and (self._can_move or self._rings_shown)
         self._gizmo.visible = self._label.visible = shown
         if not shown:
             self._dragging = None

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import viser
 
-from wbc_controller.apps.page.snapshot import Robot, Snapshot
+from wbc_controller.apps.page.snapshot import FOLLOWING, Robot, Snapshot
 from wbc_controller.apps.terminal.status_view import RobotStatus
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.middleware.codec import decode
@@ -97,7 +97,7 @@ class Playback:
             mode=mode,
             torques=at_joints,
             forces=self._forces(cycle),
-            references=_references(cycle.references, self._robot) if mode.startswith(("active", "holding")) else None,
+            references=_references(cycle.references, self._robot) if mode.startswith(FOLLOWING) else None,
             status=self._statuses[place][1] if place >= 0 else None,
             silence=0.0,
         )

@@ -46,8 +46,3 @@ class Snapshot:
     status: RobotStatus | None = None  # None before the first message
     silence: float = math.inf  # wall time since the last status, s
     base_measured: bool = True  # False if drawn standing on its contacts
-
-    @property
-    def following(self) -> bool:
-        """True if the controller follows references."""
-        return self.mode.startswith(FOLLOWING)

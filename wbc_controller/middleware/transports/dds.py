@@ -23,7 +23,7 @@ from wbc_controller.middleware.transports import dds_raw
 from wbc_controller.middleware.transports.dds_domain import close_domain, domain_settings, open_domain
 from wbc_controller.middleware.transports.dds_graph import Graph, NodeAnnouncement
 from wbc_controller.middleware.transports.dds_types import idl_type, type_hash
-from wbc_controller.middleware.transports.transport import check_type, translated_errors
+from wbc_controller.middleware.transports.transport import check_type, require_open, translated_errors
 
 _log = logging.getLogger(__name__)
 
@@ -78,7 +78,7 @@ class DdsTransport:
     def advertise(self, endpoint: Endpoint) -> "DdsPublication":
         """See `Transport`."""
         with self._lock, _translated(f"cannot advertise {endpoint.name}"):
-            self._require_open("open", endpoint)
+            require_open(self._closed, "open", endpoint.name)
             writer = DataWriter(self._participant, self._topic(endpoint), _writer_qos(endpoint))
             publication = DdsPublication(endpoint.name, writer)
             self._publications.setdefault(endpoint.name, []).append(publication)
@@ -106,14 +106,14 @@ class DdsTransport:
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
         """See `Transport`."""
         with self._lock, _translated(f"cannot query {endpoint.name}"):
-            self._require_open("query", endpoint)
+            require_open(self._closed, "query", endpoint.name)
             self._graph = self._graph or Graph(self._participant)
             return self._graph.publishers(_dds_name(endpoint))
 
     def has_reader(self, endpoint: Endpoint) -> bool:
         """See `Transport`."""
         with _translated(f"cannot query {endpoint.name}"):  # without the lock, which would block the loop
-            self._require_open("query", endpoint)
+            require_open(self._closed, "query", endpoint.name)
             return any(each.has_reader for each in self._publications.get(endpoint.name, ()))
 
     def close(self) -> None:
@@ -128,12 +128,8 @@ class DdsTransport:
             self._dispatcher.stop()
             self._delete_entities()
 
-    def _require_open(self, attempt: str, endpoint: Endpoint) -> None:
-        if self._closed:
-            raise TransportError(f"cannot {attempt} {endpoint.name}: the transport is closed")
-
     def _reader(self, endpoint: Endpoint) -> Any:
-        self._require_open("open", endpoint)
+        require_open(self._closed, "open", endpoint.name)
         reader = DataReader(self._participant, self._topic(endpoint), _reader_qos(endpoint))
         self._announcement.add(reader)
         return reader
@@ -168,8 +164,7 @@ class DdsPublication:
 
     def __call__(self, payload: bytes) -> None:
         """Send one serialized message."""
-        if self._closed:
-            raise TransportError(f"cannot publish on {self.topic}: the transport is closed")
+        require_open(self._closed, "publish on", self.topic)
         with _translated(f"cannot publish on {self.topic}"):
             dds_raw.write(self._writer, payload)
 
@@ -210,12 +205,12 @@ class _Stream:
         self._woken = self._closed = False
 
     def take(self) -> list[bytes]:
-        self._require_open()
+        require_open(self._closed, "read", self._endpoint.name)
         with _translated(f"cannot read {self._endpoint.name}"):
             return dds_raw.take(self._reader, self._endpoint.qos.depth)
 
     def wait(self, seconds: float) -> bool:
-        self._require_open()
+        require_open(self._closed, "read", self._endpoint.name)
         with _translated(f"cannot wait for {self._endpoint.name}"):
             triggered = self._triggers.wait(seconds)
             if self._woken:
@@ -233,10 +228,6 @@ class _Stream:
         self._closed = True
         self._triggers.delete()
         dds_raw.delete(self._reader)
-
-    def _require_open(self) -> None:
-        if self._closed:
-            raise TransportError(f"cannot read {self._endpoint.name}: the transport is closed")
 
 
 class _Dispatcher:

@@ -5,9 +5,8 @@ import threading
 from collections import defaultdict, deque
 from collections.abc import Callable
 
-from wbc_controller.errors import TransportError
 from wbc_controller.middleware.topics import Endpoint
-from wbc_controller.middleware.transports.transport import Publish, check_type
+from wbc_controller.middleware.transports.transport import Publish, check_type, require_open
 
 _log = logging.getLogger(__name__)
 
@@ -59,14 +58,14 @@ class MemoryTransport:
 
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
         """See `Transport`."""
-        self.require_open("query", endpoint)
+        require_open(self.closed, "query", endpoint.name)
         with self._bus.lock:
             owners = [writer.owner for writer in self._bus.writers[endpoint.name]]
         return tuple(sorted(owner.name for owner in owners if owner is not self))
 
     def has_reader(self, endpoint: Endpoint) -> bool:
         """See `Transport`."""
-        self.require_open("query", endpoint)
+        require_open(self.closed, "query", endpoint.name)
         with self._bus.lock:
             own = [writer for writer in self._bus.writers[endpoint.name] if writer.owner is self]
             return any(reader.matches(writer.endpoint) for writer in own for reader in self._bus.readers[endpoint.name])
@@ -80,13 +79,8 @@ class MemoryTransport:
             for writers in self._bus.writers.values():
                 writers[:] = [writer for writer in writers if writer.owner is not self]
 
-    def require_open(self, attempt: str, endpoint: Endpoint) -> None:
-        """Raise `TransportError` if the transport is closed."""
-        if self.closed:
-            raise TransportError(f"cannot {attempt} {endpoint.name}: the transport is closed")
-
     def _check(self, endpoint: Endpoint) -> None:
-        self.require_open("open", endpoint)
+        require_open(self.closed, "open", endpoint.name)
         check_type(self._bus.types, endpoint.name, endpoint.type)
 
 
@@ -104,14 +98,14 @@ class _Stream:
             self._changed.notify()
 
     def take(self) -> list[bytes]:
-        self._owner.require_open("read", self._endpoint)
+        require_open(self._owner.closed, "read", self._endpoint.name)
         with self._lock:
             newest = list(self._newest)
             self._newest.clear()
         return newest
 
     def wait(self, seconds: float) -> bool:
-        self._owner.require_open("read", self._endpoint)
+        require_open(self._owner.closed, "read", self._endpoint.name)
         with self._lock:
             triggered = self._changed.wait_for(lambda: self._newest or self._woken, seconds)
             self._woken = False
@@ -131,7 +125,7 @@ class _Writer:
 
     def publish(self, payload: bytes) -> None:
         with self._bus.lock:
-            self.owner.require_open("publish on", self.endpoint)
+            require_open(self.owner.closed, "publish on", self.endpoint.name)
             if self.endpoint.qos.latched:
                 self.latched = payload
             for reader in list(self._bus.readers[self.endpoint.name]):

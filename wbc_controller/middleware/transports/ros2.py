@@ -20,7 +20,7 @@ from wbc_controller.errors import TransportError
 from wbc_controller.middleware.topics import Endpoint, Qos
 from wbc_controller.middleware.transports.ros2_graph import CompatibilityWatch, publisher_names
 from wbc_controller.middleware.transports.ros2_reader import RawStream, Reader, ReaderGroup
-from wbc_controller.middleware.transports.transport import Publish, check_type, translated_errors
+from wbc_controller.middleware.transports.transport import Publish, check_type, require_open, translated_errors
 
 _log = logging.getLogger(__name__)
 
@@ -116,7 +116,7 @@ class Ros2Transport:
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
         """See `Transport`."""
         with self._lock:
-            self._require_open(f"query {endpoint.name}")
+            require_open(self._closed, "query", endpoint.name)
             with _translated(f"cannot query {endpoint.name}"):
                 names = publisher_names(self._node, endpoint.name)
         own = self._node.get_fully_qualified_name()
@@ -127,7 +127,7 @@ class Ros2Transport:
     def has_reader(self, endpoint: Endpoint) -> bool:
         """See `Transport`."""
         with self._lock:
-            self._require_open(f"query {endpoint.name}")
+            require_open(self._closed, "query", endpoint.name)
             return any(publisher.get_subscription_count() for publisher in self._publishers.get(endpoint.name, ()))
 
     def close(self) -> None:
@@ -150,12 +150,8 @@ class Ros2Transport:
             self._publishers.clear()
             self._subscriptions = []
 
-    def _require_open(self, attempt: str) -> None:
-        if self._closed:
-            raise TransportError(f"cannot {attempt}: the transport is closed")
-
     def _check(self, endpoint: Endpoint) -> Any:
-        self._require_open(f"open {endpoint.name}")
+        require_open(self._closed, "open", endpoint.name)
         check_type(self._types, endpoint.name, endpoint.type)
         return _message_class(endpoint.type)
 

@@ -12,6 +12,7 @@ from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation
 
 from wbc_controller.errors import TransportError
+from wbc_controller.middleware.transports.transport import require_open
 
 _log = logging.getLogger(__name__)
 
@@ -145,8 +146,7 @@ class RawStream:
     @contextlib.contextmanager
     def _translated(self) -> Iterator[None]:
         """Translate rclpy's errors into `TransportError`; ignore them after the shutdown of the context."""
-        if self._closed:
-            raise TransportError(f"cannot read {self._topic}: the transport is closed")
+        require_open(self._closed, "read", self._topic)
         try:
             yield
         except Exception as error:  # rclpy's errors have no common base class

@@ -116,6 +116,12 @@ def translated_errors(attempt: str, *kinds: type[Exception]) -> Iterator[None]:
         raise TransportError(f"{attempt}: {error}") from error
 
 
+def require_open(closed: bool, attempt: str, topic: str) -> None:
+    """Raise `TransportError` with the attempt if a transport is closed."""
+    if closed:
+        raise TransportError(f"cannot {attempt} {topic}: the transport is closed")
+
+
 def check_type(types: dict[str, str], topic: str, type_name: str) -> None:
     """Record a topic's message type among those of the open topics; another type raises `TransportError`."""
     known = types.setdefault(topic, type_name)

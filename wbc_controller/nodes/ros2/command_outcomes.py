@@ -5,15 +5,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from wbc_controller.controller.report import CycleReport
-from wbc_controller.records import Mode
+from wbc_controller.records import IN_CONTROL, Mode
 
-_IN_CONTROL = frozenset({Mode.ACTIVE, Mode.HOLDING})  # modes with torques of the solution
 #: By service, its command and the confirming modes.
-SERVICES: dict[str, tuple[str, frozenset[Mode]]] = {
-    "activate": ("activate", _IN_CONTROL),
-    "deactivate": ("deactivate", frozenset({Mode.INACTIVE})),
-    "reset": ("reset", frozenset({Mode.INACTIVE})),
-    "stop": ("estop", frozenset({Mode.FAULT})),
+SERVICES: dict[str, tuple[str, tuple[Mode, ...]]] = {
+    "activate": ("activate", IN_CONTROL),
+    "deactivate": ("deactivate", (Mode.INACTIVE,)),
+    "reset": ("reset", (Mode.INACTIVE,)),
+    "stop": ("estop", (Mode.FAULT,)),
 }
 
 RECORD = "record"  # service
@@ -74,7 +73,7 @@ def _outcome(command: _PendingCommand, report: CycleReport) -> tuple[bool, str] 
         if refusals:
             return False, refusals[-1]
         command.accepted = True
-    if word == "deactivate" and report.mode in _IN_CONTROL:  # the torques ramp down
+    if word == "deactivate" and report.mode in IN_CONTROL:  # the torques ramp down
         return None
     state = report.mode.value
     if report.fault is not None:

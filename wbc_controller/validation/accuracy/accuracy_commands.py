@@ -61,9 +61,9 @@ def standing(robots: tuple[str, ...], sensors: str, jobs: int, seeds: int, secon
         print_row(
             robot, tilts, f"{1e3 * height:.2f} mm", f"{1e3 * velocity:.1f} mm/s", f"{1e3 * drift:.1f} mm", *nees, fell
         )
-        for each in found:
+        for seed, each in enumerate(found):
             if each.ended:
-                click.echo(f"{robot}, seed {each.seed}: {each.ended.splitlines()[0]}", err=True)
+                click.echo(f"{robot}, seed {seed}: {each.ended.splitlines()[0]}", err=True)
     sys.exit(0 if good else 1)
 
 
@@ -131,4 +131,4 @@ def mishaps(robots: tuple[str, ...], sensors: str, jobs: int, seeds: int, force_
             recovery = f"{each.recovery:.2f} s"
         undetected, left_out = f"{1e3 * each.undetected:.0f} ms", ", ".join(each.left_out) or "–"
         print_row(kind, name, outcome, f"{each.error:.3f} m/s", undetected, recovery, left_out)
-    sys.exit(0 if all(each.good for each in found) else 1)
+    sys.exit(1 if any(each.silently_wrong or math.isinf(each.recovery) for each in found) else 0)

@@ -42,7 +42,7 @@ class EstimationTrial(Lockstep):
         remappings = {f"~/contacts/{each.subject}/wrench": each.name for each in measured if force_sensors}
         super().__init__(settings, model=model, mock={"remappings": remappings})
         self.faults: Sequence[Fault] = ()
-        self.true_state: tuple[Array, Array] | None = None  # true q and v of the last cycle
+        self.true_state = self.mock.plant.state()  # true q and v of the last cycle
         self._com = next(iter(self.user.tasks("com")), "")
 
     @property
@@ -96,8 +96,7 @@ class EstimationTrial(Lockstep):
         self.run(_REST_TIME)
         self.origin = self.reference_com()
         base = None if self.estimator is None else self.estimator.base
-        true, _ = self.mock.plant.state() if self.true_state is None else self.true_state
-        self.shift = np.zeros(3) if base is None else base[0][:3] - true[:3]
+        self.shift = np.zeros(3) if base is None else base[0][:3] - self.true_state[0][:3]
 
     def reference_com(self) -> Array:
         """Return the reference of the centre of mass, (3,) in m."""

@@ -1,6 +1,6 @@
 """Errors of the centre of mass by flaws."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
@@ -27,13 +27,13 @@ class Flaw:
 
     name: str
     changes: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))  # by dotted key
-    # faults of the mock robot, from the names of its actuators
-    faults: Callable[[Sequence[str]], Sequence[Fault]] = lambda actuators: ()
+    faults: tuple[Fault, ...] = ()  # of the mock robot
+    gain: float = 1.0  # factor of all torques
     force_sensors: bool = False  # True for force sensors at the contacts
 
 
-def _always(kind: type[Fault], **parameters: Any) -> Callable[[Sequence[str]], Sequence[Fault]]:
-    return lambda actuators: (kind(duration=LONGEST, **parameters),)
+def _always(kind: type[Fault], **parameters: Any) -> tuple[Fault, ...]:
+    return (kind(duration=LONGEST, **parameters),)
 
 
 #: Noise of an IMU's samples, and its density at 500 samples per second.
@@ -68,10 +68,7 @@ FLAWS = (
     Flaw("100 Hz", {"control.rate": 100.0}),
     Flaw("masses 20 % too small", faults=_always(MassError, share=0.2)),
     Flaw("masses 20 % too large", faults=_always(MassError, share=-0.2)),
-    Flaw(
-        "torques 20 % too small",
-        faults=lambda names: [ActuatorGain(duration=LONGEST, actuator=name, factor=0.8) for name in names],
-    ),
+    Flaw("torques 20 % too small", gain=0.8),
     Flaw("joint friction 2 N·m", {"mock.joint_friction": 2.0}),
     Flaw("joint friction 5 N·m", {"mock.joint_friction": 5.0}),
     Flaw("soft ground, time constant 0.15 s", faults=_always(SoftFloor, time_constant=0.15)),
@@ -102,7 +99,9 @@ def measure_flaw(
         dry = config.settings.mock.joint_friction
         config = config.replace({"robot.friction": {joint: {"dry": dry} for joint in config.settings.robot.joints}})
     trial = EstimationTrial(config, {}, force_sensors=flaw.force_sensors)
-    trial.faults = tuple(flaw.faults(trial.controller.model.actuators))
+    weakened = trial.controller.model.actuators if flaw.gain != 1.0 else ()
+    gains = [ActuatorGain(duration=LONGEST, actuator=name, factor=flaw.gain) for name in weakened]
+    trial.faults = [*flaw.faults, *gains]
     torques: list[Array] = []
     found: dict[str, float] = {}
     try:

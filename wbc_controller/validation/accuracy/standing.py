@@ -25,7 +25,6 @@ _CREEP = 8.0e-5  # creep of contact points in the mock robot, m/s/√Hz
 class StandingErrors:
     """Errors of one robot."""
 
-    seed: int
     tilt: float  # RMS of roll and pitch error, rad
     height: float  # RMS error of the height since the start, m
     velocity: float  # RMS error of the linear velocity, m/s
@@ -73,13 +72,12 @@ def stand(robot: str, sensors: SensorQuality, seed: int, seconds: float) -> Stan
         ended = str(error)
     if not samples:
         nothing = np.zeros(0)
-        return StandingErrors(seed, np.nan, np.nan, np.nan, np.nan, nothing, nothing, ended)
+        return StandingErrors(np.nan, np.nan, np.nan, np.nan, nothing, nothing, ended)
     found, covariances = (np.array(each) for each in zip(*samples, strict=True))
     since = found - found[0]
     minutes = max(len(found) - 1, 1) * _SAMPLING_PERIOD / 60.0
     observable, drifting = [0, 1, 3, 4, 5], [2, 6, 7, 8]
     return StandingErrors(
-        seed,
         tilt=float(np.sqrt(np.mean(np.sum(found[:, :2] ** 2, axis=1)))),
         height=float(np.sqrt(np.mean(since[:, 8] ** 2))),
         velocity=float(np.sqrt(np.mean(np.sum(found[:, 3:6] ** 2, axis=1)))),
@@ -97,7 +95,7 @@ def error_of(trial: EstimationTrial) -> tuple[Array, Array]:
     last cycle's state.
     """
     estimator = trial.estimator
-    if estimator is None or estimator.filter is None or trial.true_state is None:
+    if estimator is None or estimator.filter is None:
         raise ConfigurationError("the robot has no base estimate; required: estimation.base_state: imu")
     model, (q, v), found = trial.controller.model, trial.true_state, estimator.filter
     data, frame = model.pinocchio.createData(), model.frame_id(estimator.imu_frame, "estimation.imu_frame")

@@ -46,7 +46,8 @@ def ends(robot: str, push: Push, speed: float, sensors: SensorQuality, seed: int
     try:
         trial.stand()
         if push.phase is not None:
-            walker = trial.step_in_place()
+            trial.step_in_place()
+            walker = trial.walker
             while not (walker.steps >= _STEPS and walker.phase is Phase.SINGLE):
                 trial.run(trial.controller.period)
             trial.run(push.phase * 2.0 * walker.gait.step_time)

@@ -66,12 +66,13 @@ def walking(
     print_header("Robot", "Command", *motion, *FIGURES, "fell", "lead")
     fallen = 0
     for kind, name in rows:
-        found = run_parallel(walk, [(kind, name, sensors, seed, seconds, scale) for seed in range(seeds)], jobs)
+        given = COMMANDS[kind].get(name)  # None for random velocities
+        found = run_parallel(walk, [(kind, given, sensors, seed, seconds, scale) for seed in range(seeds)], jobs)
         fell = [each for each in found if each.ended]
         fallen += len(fell)
-        commanded = "" if name == RANDOM else ", ".join(f"{scale * each:g}" for each in COMMANDS[kind][name])
+        commanded = ", ".join(f"{scale * each:g}" for each in given or ())
         whole = [each for each in found if not each.ended]
-        reached = "" if name == RANDOM or not whole else ", ".join(
+        reached = "" if given is None or not whole else ", ".join(
             f"{each:.2f}" for each in np.mean([walk.speed for walk in whole], axis=0)
         )  # fmt: skip
         drift = max((each.drift / max(each.distance, 1.0) for each in whole), default=math.nan)
@@ -81,8 +82,9 @@ def walking(
         print_row(
             kind, name, commanded, reached, f"{100.0 * drift:.1f} %", relaxed, *figures_of(found), len(fell), lead
         )
-        for each in fell:
-            click.echo(f"{kind}, {name}, seed {each.seed}: {each.ended.splitlines()[0]}", err=True)
+        for seed, each in enumerate(found):
+            if each.ended:
+                click.echo(f"{kind}, {name}, seed {seed}: {each.ended}", err=True)
     sys.exit(1 if fallen else 0)
 
 
@@ -109,13 +111,14 @@ def walking_grounds(
         for ground in names or GROUNDS:
             calls = [(robot, ground, sensors, seed, seconds) for seed in range(seeds)]
             found = run_parallel(walk_on, calls, jobs)
-            fell = [each for each in found if each.ended]
-            good = good and len(fell) <= max(FALLS * seeds, 0.0 if seeds < 10 else 1.0)
+            fell = sum(bool(each.ended) for each in found)
+            good = good and fell <= max(FALLS * seeds, 0.0 if seeds < 10 else 1.0)
             distance = float(np.mean([each.distance for each in found]))
             relaxed = sum(each.relaxed for each in found)
-            print_row(robot, ground, f"{distance:.1f} m", relaxed, *figures_of(found), f"{len(fell)} of {seeds}")
-            for each in fell:
-                click.echo(f"{robot}, {ground}, seed {each.seed}: {each.ended}", err=True)
+            print_row(robot, ground, f"{distance:.1f} m", relaxed, *figures_of(found), f"{fell} of {seeds}")
+            for seed, each in enumerate(found):
+                if each.ended:
+                    click.echo(f"{robot}, {ground}, seed {seed}: {each.ended}", err=True)
     sys.exit(0 if good else 1)
 
 
@@ -136,12 +139,13 @@ def walking_starts(robots: tuple[str, ...], sensors: SensorQuality, jobs: int, s
     for robot in walking_robots(robots):
         found = run_parallel(start_and_stop, [(robot, sensors, seed, count) for seed in range(seeds)], jobs)
         steps = [number for each in found for number in each.steps]
-        fell = [each for each in found if each.ended]
+        fell = sum(bool(each.ended) for each in found)
         good = good and not fell and max(steps, default=0) <= MOST_STEPS
         by_number = ", ".join(f"{number}: {steps.count(number)}" for number in sorted(set(steps)))
-        print_row(robot, len(steps), by_number, len(fell))
-        for each in fell:
-            click.echo(f"{robot}, seed {each.seed}, after {len(each.steps)} stops: {each.ended}", err=True)
+        print_row(robot, len(steps), by_number, fell)
+        for seed, each in enumerate(found):
+            if each.ended:
+                click.echo(f"{robot}, seed {seed}, after {len(each.steps)} stops: {each.ended}", err=True)
     sys.exit(0 if good else 1)
 
 
@@ -194,11 +198,12 @@ def walking_pushes(
             _write_plot(plot, robot, angles, standing, walking)
         if changes:
             ends = run_parallel(change_velocity, [(robot, sensors, seed, seconds) for seed in range(changes)], jobs)
-            fell = [f"seed {seed}: {text}" for seed, text in enumerate(ends) if text]
-            good = good and len(fell) <= FALLS_BY_CHANGES * changes
-            click.echo(f"\nvelocity changed by up to ±0.5 m/s, {seconds:g} s: {len(fell)} of {changes} fell\n")
-            for text in fell:
-                click.echo(f"{robot}, changes, {text}", err=True)
+            fell = sum(map(bool, ends))
+            good = good and fell <= FALLS_BY_CHANGES * changes
+            click.echo(f"\nvelocity changed by up to ±0.5 m/s, {seconds:g} s: {fell} of {changes} fell\n")
+            for seed, text in enumerate(ends):
+                if text:
+                    click.echo(f"{robot}, changes, seed {seed}: {text}", err=True)
     sys.exit(0 if good else 1)
 
 

@@ -1,7 +1,7 @@
 """Walks without odometry: by commands, on unknown ground, with random starts and stops."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,7 +16,6 @@ from wbc_controller.validation.accuracy.estimation_trial import NO_CHANGES, Chan
 from wbc_controller.validation.accuracy.standing import sensor_settings
 from wbc_controller.validation.accuracy.walk_figures import WalkFigures, WalkMeter
 from wbc_controller.walking.footsteps import BACKWARD, Velocity
-from wbc_controller.walking.walker import Walker
 
 #: Velocities forward, to the left and turning, m/s and rad/s, by name; `random` changes every `_CHANGE` seconds.
 COMMANDS: dict[str, dict[str, tuple[float, float, float]]] = {
@@ -27,9 +26,6 @@ COMMANDS: dict[str, dict[str, tuple[float, float, float]]] = {
     "go2": {"forward": (0.8, 0.0, 0.0), "sideways": (0.0, 0.4, 0.0), "turn": (0.0, 0.0, 1.5)},
 }  # fmt: skip
 RANDOM = "random"
-#: Command forward and to the left, and its velocity to the left as a share of that of `forward`.
-DIAGONAL = "diagonal"
-_ASIDE = 0.35
 #: Time between two random velocities, between two messages, and until the speed is reached, s.
 _CHANGE, _EVERY, _REACHED = 3.0, 0.1, 4.0
 GROUNDS = ("flat", "uneven", "up", "down", "across", "slippery", "soft")  # grounds of the table
@@ -37,7 +33,8 @@ GROUNDS = ("flat", "uneven", "up", "down", "across", "slippery", "soft")  # grou
 UNEVENNESS, CELL, ANGLE = 0.02, 0.4, math.radians(5.0)
 FRICTION, STIFFNESS = 0.4, 2.0e4  # friction of the slippery ground, and stiffness of soft ground, N/m
 _AHEAD, _WIDE = 0.5, 30.0  # distance of the terrain from the start, and its size, m
-SHARE = 0.6  # velocity on terrain, as a share of `forward`
+#: Velocity on terrain as a share of `forward`, and to the left across a slope as a share of that forward.
+SHARE, _ASIDE = 0.6, 0.35
 MOST_STEPS = 3  # largest number of steps until the robot has stopped
 #: Shortest and longest time of a walk, and of standing, s; longest time of a stop, s.
 _WALK, _STAND, _STOP = (0.5, 4.0), (0.0, 1.0), 6.0
@@ -47,7 +44,6 @@ _WALK, _STAND, _STOP = (0.5, 4.0), (0.0, 1.0), 6.0
 class Walk:
     """Figures of one walk."""
 
-    seed: int
     speed: Array  # mean, forward, to the left and turning, (3,) in m/s and rad/s; NaN if random or ended
     distance: float  # path of the base, m
     drift: float  # horizontal error at the end, m
@@ -69,6 +65,10 @@ class WalkTrial(EstimationTrial):
         own = {"estimation.base_state": "imu", "mock.sensors": sensors, "mock.sensor_seed": seed}
         limits = {"walking.max_speed": float(max(1.0, scale) * fastest[0])}
         super().__init__(robot, {**sensor_settings(sensors), **own, **limits, **changes})
+        walker = self.controller.walker
+        if walker is None:
+            raise ConfigurationError(f"{self.model.name} cannot walk: its configuration has no section 'walking'")
+        self.walker = walker
         self.begun = math.inf  # simulated time of the start of the walk, s
         self.meter = WalkMeter(self)
 
@@ -94,19 +94,10 @@ class WalkTrial(EstimationTrial):
 
         self.run(seconds, cycle)
 
-    def step_in_place(self) -> Walker:
+    def step_in_place(self) -> None:
         """Command steps in place; zero velocity would stop."""
-        walker = self.controller.walker
-        if walker is None:
-            raise ConfigurationError(f"{self.model.name} cannot walk: its configuration has no section 'walking'")
         self.begun = self.time
-        walker.ask(Velocity())
-        return walker
-
-    @property
-    def stands(self) -> bool:
-        """True if the robot is at rest without a commanded velocity."""
-        return self.controller.walker is not None and not self.controller.walker.moves
+        self.walker.ask(Velocity())
 
     def when(self, error: Exception) -> str:
         """Return time and reason of an early end."""
@@ -115,7 +106,7 @@ class WalkTrial(EstimationTrial):
 
 def walk(
     robot: str,
-    command: str,
+    commanded: Sequence[float] | None,
     sensors: SensorQuality,
     seed: int,
     seconds: float,
@@ -125,7 +116,7 @@ def walk(
     """Let a robot walk on its estimate by ``cmd_vel``, stop and stand.
 
     Args:
-        command: a name of `COMMANDS`, `DIAGONAL` or `RANDOM`.
+        commanded: velocity forward, to the left and turning, (3,) in m/s and rad/s; None for random ones.
         scale: factor of the velocities.
 
     Raises:
@@ -140,11 +131,8 @@ def walk(
     def velocity(time: float) -> Array | None:
         if time >= seconds:
             return None
-        if command == DIAGONAL:
-            ahead = COMMANDS[robot]["forward"][0]
-            return scale * np.array([ahead, _ASIDE * ahead, 0.0])
-        if command != RANDOM:
-            return scale * np.array(COMMANDS[robot][command])
+        if commanded is not None:
+            return scale * np.array(commanded)
         while len(drawn) <= time / _CHANGE:
             drawn.append(trial.fastest * rng.uniform([-BACKWARD, -1.0, -1.0], 1.0))
         return drawn[-1]
@@ -159,16 +147,16 @@ def walk(
     try:
         trial.stand()
         trial.walk(seconds + _REACHED, velocity, each)
-        if not trial.stands:
+        if trial.walker.moves:
             ended = "the robot did not stop"
     except WbcError as error:
         ended, lead = trial.when(error), trial.lead_time()
     way = np.array(ways).reshape(-1, 4)
     base = None if trial.estimator is None else trial.estimator.base
     drift = np.nan if base is None or not ways else float(np.linalg.norm(base[0][:2] - trial.shift[:2] - way[-1, 1:3]))
-    speed = np.full(3, np.nan) if ended or command == RANDOM else mean_velocity(way, _REACHED, seconds)
+    speed = np.full(3, np.nan) if ended or commanded is None else mean_velocity(way, _REACHED, seconds)
     distance = float(np.linalg.norm(np.diff(way[:, 1:3], axis=0), axis=1).sum())
-    return Walk(seed, speed, distance, drift, relaxed, ended, trial.meter.figures(), lead)
+    return Walk(speed, distance, drift, relaxed, ended, trial.meter.figures(), lead)
 
 
 def _flat_start(height: float) -> dict[str, Any]:
@@ -198,15 +186,15 @@ def terrain_of(ground: str, seed: int) -> Mapping[str, Any]:
 
 def walk_on(robot: str, ground: str, sensors: SensorQuality, seed: int, seconds: float) -> Walk:
     """Walk onto a ground, stop and stand; across a slope also sideways."""
-    command = "diagonal" if ground == "across" else "forward"
-    return walk(robot, command, sensors, seed, seconds, SHARE, terrain_of(ground, seed))
+    ahead = COMMANDS[robot]["forward"][0]
+    commanded = ahead, _ASIDE * ahead if ground == "across" else 0.0, 0.0
+    return walk(robot, commanded, sensors, seed, seconds, SHARE, terrain_of(ground, seed))
 
 
 @dataclass(frozen=True, slots=True)
 class Starts:
     """Starts and stops of one robot."""
 
-    seed: int
     steps: tuple[int, ...]  # steps of each stop
     ended: str = ""  # time and reason of an early end
 
@@ -215,19 +203,18 @@ def start_and_stop(robot: str, sensors: SensorQuality, seed: int, count: int) ->
     """Start at random velocities and stop after random times; errors as of `walk`."""
     trial, rng = WalkTrial(robot, sensors, seed), np.random.default_rng(seed)
     steps: list[int] = []
-    walker = trial.controller.walker
     try:
         trial.stand()
         for _ in range(count):
             wanted = trial.fastest * rng.uniform([-BACKWARD, -1.0, -1.0], 1.0)
             trial.walk(rng.uniform(*_WALK), lambda time, wanted=wanted: wanted)  # type: ignore[misc]
-            before, stopped = 0 if walker is None else walker.steps, trial.time
-            while not trial.stands and trial.time - stopped < _STOP:
+            before, stopped = trial.walker.steps, trial.time
+            while trial.walker.moves and trial.time - stopped < _STOP:
                 trial.walk(trial.controller.period, lambda time: np.zeros(3))
-            if walker is None or not trial.stands:
-                return Starts(seed, tuple(steps), f"{trial.time - trial.begun:.1f} s: the robot did not stop")
-            steps.append(walker.steps - before)
+            if trial.walker.moves:
+                return Starts(tuple(steps), f"{trial.time - trial.begun:.1f} s: the robot did not stop")
+            steps.append(trial.walker.steps - before)
             trial.walk(rng.uniform(*_STAND), lambda time: None)
     except WbcError as error:
-        return Starts(seed, tuple(steps), trial.when(error))
-    return Starts(seed, tuple(steps))
+        return Starts(tuple(steps), trial.when(error))
+    return Starts(tuple(steps))

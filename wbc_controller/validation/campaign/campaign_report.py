@@ -7,7 +7,7 @@ import shlex
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
-from itertools import cycle, groupby
+from itertools import chain, cycle, groupby
 from pathlib import Path
 
 import numpy as np
@@ -255,19 +255,17 @@ def _plots(rows: Sequence[Row], outcomes: Sequence[Outcome]) -> list[Plot]:
 
 
 def _shares(rows: Sequence[Row]) -> list[Series]:
-    kinds = list(dict.fromkeys(row.kind for row in rows))
-    trials = {kind: sum(row.trials for row in rows if row.kind == kind) for kind in kinds}
+    counts: dict[str, Counter[str]] = {}  # outcomes by kind of fault
+    for row in rows:
+        counts.setdefault(row.kind, Counter()).update(row.reasons, survived=row.survived)
     series = []
-    for name in dict.fromkeys([*_COLORS, *(code for row in rows for code in row.reasons)]):
-        counts = {
-            kind: sum({**row.reasons, "survived": row.survived}.get(name, 0) for row in rows if row.kind == kind)
-            for kind in kinds
-        }
-        if any(counts.values()):
-            shares = [100.0 * counts[kind] / trials[kind] for kind in kinds]
-            texts = [f"{counts[kind]} of {trials[kind]}" for kind in kinds]
-            series.append(Series(name, kinds, shares, _COLORS.get(name, GREY), "bar", texts))
-    bad = [kind for kind in kinds if any(row.violations for row in rows if row.kind == kind)]
+    for name in dict.fromkeys([*_COLORS, *chain.from_iterable(counts.values())]):
+        pairs = [(count[name], count.total()) for count in counts.values()]
+        if any(number for number, _ in pairs):
+            shares = [100.0 * number / total for number, total in pairs]
+            texts = [f"{number} of {total}" for number, total in pairs]
+            series.append(Series(name, list(counts), shares, _COLORS.get(name, GREY), "bar", texts))
+    bad = list(dict.fromkeys(row.kind for row in rows if row.violations))
     if bad:
         series.append(Series("violations", bad, [102.0] * len(bad), _VIOLATION, "x"))
     return series

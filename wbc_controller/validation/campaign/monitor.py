@@ -15,7 +15,7 @@ from wbc_controller.middleware.codec import decode
 from wbc_controller.middleware.topics import counterpart
 from wbc_controller.middleware.transports.memory import MemoryTransport
 from wbc_controller.nodes.lockstep import Lockstep
-from wbc_controller.records import Array, Mode
+from wbc_controller.records import IN_CONTROL, Array, Mode
 from wbc_controller.safety.bring_up import UNEXPLAINED_MOTION
 from wbc_controller.settings import Settings
 from wbc_controller.simulation.plant import Plant
@@ -23,7 +23,6 @@ from wbc_controller.simulation.plant import Plant
 _ROUNDING, _SAME_TIME = 1.0e-9, 1.0e-6  # rounding tolerance: share of a limit, and time, s
 STALL = 0.02  # largest processor time of a cycle, s
 ZEROS_AT_ONCE = ("ESTOP", UNEXPLAINED_MOTION)  # faults that send zero torques at once, without a rate
-_IN_CONTROL = (Mode.ACTIVE, Mode.HOLDING)  # modes with torques from a solution
 #: Latency that looks like a slow clock without synchronized clocks (docs/safety.md, the age of a state): share of the
 #: elapsed time, and maximum between two messages, s.
 _SLOW_CLOCK, _GAP = 0.5, 0.025
@@ -128,7 +127,7 @@ class OutputMonitor:
             self._check_age(report)
         if code == "INTERNAL_ERROR" and report.fault is not None:
             self.add_violation("internal_error", report.fault.sentence)
-        if self.deactivation is None and self.mode in _IN_CONTROL and report.mode not in _IN_CONTROL:
+        if self.deactivation is None and self.mode in IN_CONTROL and report.mode not in IN_CONTROL:
             self.deactivation = self.now, code or report.mode.value, report.fault.sentence if report.fault else ""
         self.mode = report.mode
 

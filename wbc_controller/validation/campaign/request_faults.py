@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
@@ -23,7 +23,7 @@ class RequestFaultState:
 
     user: User
     rng: np.random.Generator
-    com: Array | None = None  # initial, (3,) in m
+    com: Array = field(default_factory=lambda: np.zeros(3))  # initial, (3,) in m
     periods: int = 0  # since the beginning
 
     def send_text(self, key: str, text: str, count: int = 1) -> None:
@@ -41,7 +41,7 @@ class RequestFault(Fault):
 
     def step(self, state: RequestFaultState, com: Array) -> None:
         """Execute one period; `com`: present centre of mass, (3,) in m."""
-        if state.com is None:
+        if state.periods == 0:
             state.com = com.copy()
         if state.periods == 0 or (not self.once and state.periods % getattr(self, "every", 1) == 0):
             self._send(state, com)
@@ -114,8 +114,7 @@ class LongTrajectory(RequestFault):
     every: int = number(20, 5, 100, "periods", "between trajectories")
 
     def _send(self, state: RequestFaultState, com: Array) -> None:
-        start = com if state.com is None else state.com
-        state.user.follow(np.linspace(0.1, 10.0, self.points).tolist(), np.tile(start, (self.points, 1)))
+        state.user.follow(np.linspace(0.1, 10.0, self.points).tolist(), np.tile(state.com, (self.points, 1)))
 
 
 class HugeMessage(_OneTimeFault):

@@ -4,7 +4,6 @@ import dataclasses
 import functools
 import hashlib
 import json
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -95,8 +94,7 @@ class Results:
     def add(self, outcome: Outcome) -> None:
         """Append an outcome immediately."""
         content = {"version": self._version(outcome.robot), **dataclasses.asdict(outcome)}
-        infinite = {key: repr(x) for key, x in content.items() if isinstance(x, float) and not math.isfinite(x)}
-        self._file.write(json.dumps(content | infinite, ensure_ascii=False) + "\n")
+        self._file.write(json.dumps(content, ensure_ascii=False) + "\n")
         self._file.flush()
         self._store(outcome)
 

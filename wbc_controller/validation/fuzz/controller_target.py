@@ -14,7 +14,7 @@ from wbc_controller.middleware.topics import Endpoint
 from wbc_controller.nodes.inputs import Inputs
 from wbc_controller.nodes.lockstep import Lockstep
 from wbc_controller.nodes.wiring import controller_endpoints, make_vocabulary
-from wbc_controller.records import Array, Mode
+from wbc_controller.records import IN_CONTROL, Array, Mode
 from wbc_controller.validation.campaign.monitor import ZEROS_AT_ONCE
 from wbc_controller.validation.fuzz.target import (
     CYCLE_LIMIT,
@@ -199,7 +199,7 @@ class ControllerTarget(Target):
             step = np.full(self._model.na, np.inf) if stopped and not tau.any() else self._step
             check_torques(tau, self._tau, self._model.effort_limits, step, f"the controller, at {why},")
             self._tau = tau
-        self.alive = report.mode in (Mode.ACTIVE, Mode.HOLDING) or not self._disturbed
+        self.alive = report.mode in IN_CONTROL or not self._disturbed
         return report
 
 

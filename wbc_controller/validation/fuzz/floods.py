@@ -18,7 +18,6 @@ from wbc_controller.middleware.topics import Endpoint, counterpart
 from wbc_controller.middleware.transports.dds import DdsTransport
 from wbc_controller.nodes.processes import end_with_parent
 from wbc_controller.recording.recording_file import Recording
-from wbc_controller.validation.fuzz import DOMAIN
 from wbc_controller.validation.fuzz.lateness import MACHINE
 from wbc_controller.validation.fuzz.robot_processes import RobotProcesses
 from wbc_controller.validation.fuzz.target import valid_message
@@ -131,7 +130,7 @@ def flood(kind: str, topic: Endpoint, payload: bytes, domain: int, running: Any,
 
 
 def flood_trials(
-    robot: str, folder: Path, trials: int, *, kinds: Sequence[str] = tuple(FLOODS), domain: int = DOMAIN, seed: int = 0
+    robot: str, folder: Path, trials: int, *, kinds: Sequence[str], domain: int, seed: int = 0
 ) -> Iterator[StopTrial]:
     """Flood each kind of input of a running controller, and stop it; raise `WbcError` if a process fails."""
     require_known(kinds, FLOODS, "unknown flood")

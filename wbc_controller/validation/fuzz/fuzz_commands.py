@@ -7,17 +7,15 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 import click
 
-from wbc_controller.apps.terminal.command_options import with_options
+from wbc_controller.apps.terminal.command_options import F, with_options
 from wbc_controller.nodes.signals import exit_by_signals
-from wbc_controller.validation.fuzz import DOMAIN
-
-F = TypeVar("F", bound=Callable[..., Any])
 
 _EVERY = 10.0  # time between two progress lines, s
+_DOMAIN = 91  # DDS domain of live trials
 
 
 class _Trial(Protocol):
@@ -54,7 +52,7 @@ _common = with_options(
                  help="Folder of failures and logs."),
 )  # fmt: skip
 _live = with_options(
-    click.option("--domain", default=DOMAIN, show_default=True, help="DDS domain of the processes."), _common
+    click.option("--domain", default=_DOMAIN, show_default=True, help="DDS domain of the processes."), _common
 )
 _of_files = with_options(
     _robots,
@@ -164,13 +162,8 @@ def soak(robot: str, minutes: float, domain: int, seed: int, folder: Path) -> No
     from wbc_controller.validation.fuzz import soak as run
 
     report = _Progress()
-    result = run.soak(
-        robot,
-        folder,
-        60.0 * minutes,
-        domain=domain,
-        progress=lambda r: report(f"{r.seconds:.0f} s, {r.rate:.0f} commands/s, {len(r.faults)} faults"),
-    )
+    for result in run.soak(robot, folder, 60.0 * minutes, domain):
+        report(f"{result.seconds:.0f} s, {result.rate:.0f} commands/s, {len(result.faults)} faults")
     for name, values in result.memory.items():
         click.echo(
             f"{name:10} {values[0] / 1024:.0f} MB at the start, {values[-1] / 1024:.0f} MB at the end; growth "

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from wbc_controller.errors import WbcError
-from wbc_controller.validation.fuzz import DOMAIN
 from wbc_controller.validation.fuzz.robot_processes import RobotProcesses
 
 #: Signals that end or stop a process.
@@ -46,7 +45,7 @@ class KillTrial:
         return not (self.gap <= self.bound + slack and fresh and self.state_correct)
 
 
-def kill_trials(robot: str, folder: Path, trials: int, *, domain: int = DOMAIN, seed: int = 0) -> Iterator[KillTrial]:
+def kill_trials(robot: str, folder: Path, trials: int, *, domain: int, seed: int = 0) -> Iterator[KillTrial]:
     """Kill, hang up and stop controller and mock robot at random times; raise `WbcError` if no restart succeeds."""
     rng = np.random.default_rng(seed)
     with RobotProcesses(robot, folder, domain, {"safety.activation_ramp": 0.1, "safety.damping_time": 0.5}) as nodes:

@@ -9,27 +9,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.extras import require_libraries
 from wbc_controller.middleware.codec import decode, nanoseconds
-from wbc_controller.middleware.joint_states import JointStateReader
-from wbc_controller.middleware.states import OdometryReader
 from wbc_controller.middleware.topics import Direction
 from wbc_controller.middleware.transports.dds import DdsTransport
 from wbc_controller.nodes.processes import Processes
-from wbc_controller.nodes.user import User, activation_commands, reliable_counterpart
+from wbc_controller.nodes.user import User, reliable_counterpart
 from wbc_controller.nodes.wiring import controller_endpoints, topics_of
 from wbc_controller.records import Array
-from wbc_controller.validation.fuzz import DOMAIN
 from wbc_controller.validation.fuzz.lateness import Lateness
 
 _CAPACITY = 30_000  # messages per topic
 #: Stored topics by node and key.
 _HEARD = (
     "controller/effort", "controller/joint_commands", "controller/state", "controller/diagnostics", "mock/joint_states",
-    "mock/odom", "guard/state",
+    "guard/state",
 )  # fmt: skip
 
 
@@ -40,16 +36,14 @@ def _store(messages: deque[tuple[float, bytes]], payload: bytes) -> None:
 class RobotProcesses(Processes):
     """Mock robot, controller and guard as processes, and a user in the same domain."""
 
-    def __init__(
-        self, robot: str, folder: Path, domain: int = DOMAIN, changes: Mapping[str, Any] | None = None
-    ) -> None:
+    def __init__(self, robot: str, folder: Path, domain: int, changes: Mapping[str, Any] | None = None) -> None:
         require_libraries("mujoco")  # of the mock robot
         super().__init__(robot, folder, domain, changes)
         self.details = lambda: f"; controller: {self.state_of('controller')!r}, guard: {self.state_of('guard')!r}"
         self.model = make_model(self.settings)
         self.record = folder / "cycles.mcap"
         self.lateness = Lateness()
-        #: Arrival times and payloads by node and key, such as ``mock/odom``.
+        #: Arrival times and payloads by node and key, such as ``guard/state``.
         self.messages: dict[str, deque[tuple[float, bytes]]] = {}
         self._types: dict[str, str] = {}
         self._transport = DdsTransport("trial_user", domain_id=domain, discovery_range="LOCALHOST")
@@ -96,7 +90,7 @@ class RobotProcesses(Processes):
             self.until(self.messages[topics[name]].__len__, f"the first message of {name}")
 
     def newest(self, name: str) -> Any:
-        """Return the newest message of a topic such as ``mock/odom``, or None."""
+        """Return the newest message of a topic such as ``guard/state``, or None."""
         messages = self.messages[name]
         return decode(messages[-1][1], self._types[name]) if messages else None
 
@@ -110,15 +104,7 @@ class RobotProcesses(Processes):
         newest = self.newest("mock/joint_states")
         return 0 if newest is None else nanoseconds(newest.header.stamp)
 
-    def centre_of_mass(self) -> Array:
-        """Return the newest centre of mass, (3,) in m."""
-        joints, base = (self.messages[f"mock/{key}"][-1][1] for key in ("joint_states", "odom"))
-        q = np.zeros(self.model.nq)
-        q[self.model.q_index] = JointStateReader(self.model.joints).read(joints).position
-        q[:7] = OdometryReader(self.model.base_link).read(base).pose
-        return np.array(pin.centerOfMass(self.model.pinocchio, self.model.pinocchio.createData(), q))
-
-    def messages_since(self, name: str, since: float = 0.0) -> list[tuple[float, Any]]:
+    def messages_since(self, name: str, since: float) -> list[tuple[float, Any]]:
         """Return the messages of a topic after a time, with arrival times."""
         recent = [each for each in list(self.messages[name]) if each[0] > since]
         return [(when, decode(payload, self._types[name])) for when, payload in recent]
@@ -141,9 +127,4 @@ class RobotProcesses(Processes):
 
     def activate(self) -> None:
         """Reset a fault, and activate the controller."""
-
-        def ask() -> None:
-            for word in activation_commands(self.state_of("controller")):
-                self.user.send_text("command", word)
-
-        self.until(lambda: self.state_of("controller") == "active", "the activation", ask)
+        self.until_active(partial(self.state_of, "controller"), partial(self.user.send_text, "command"))

@@ -10,7 +10,7 @@ import pinocchio as pin
 from wbc_controller.controller.controller import Controller
 from wbc_controller.errors import WbcError
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
-from wbc_controller.records import Mode
+from wbc_controller.records import IN_CONTROL, Mode
 from wbc_controller.settings.config import load
 from wbc_controller.settings.tasks import FramePoseTask
 from wbc_controller.simulation.simulation import Simulation
@@ -18,7 +18,6 @@ from wbc_controller.simulation.simulation import Simulation
 DURATION = 2.0  # s
 MAX_EXCESS = 0.02  # largest excess over a position limit, rad or m
 _IMPACT_TIME = 0.02  # time after an impact on the floor without a check, s
-_IN_CONTROL = (Mode.ACTIVE, Mode.HOLDING)  # modes with torques from solutions
 
 _log = logging.getLogger("wbc_controller")
 
@@ -81,7 +80,7 @@ def run_trial(simulation: Simulation, robot: str, seed: int, number: int) -> Set
             due = next(request_times)
         try:
             result = controller.step(*plant.state(), simulation.time)
-            if result.mode not in _IN_CONTROL:
+            if result.mode not in IN_CONTROL:
                 trial.ended = result.fault.code if result.fault is not None else result.mode.value
                 break
             plant.apply(result.tau)

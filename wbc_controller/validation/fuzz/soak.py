@@ -1,7 +1,7 @@
 """Long run of controller, mock robot and guard."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -9,12 +9,12 @@ import numpy as np
 
 from wbc_controller.middleware.setpoints import setpoint_message
 from wbc_controller.nodes.processes import memory
-from wbc_controller.validation.fuzz import DOMAIN
 from wbc_controller.validation.fuzz.lateness import MACHINE
 from wbc_controller.validation.fuzz.robot_processes import RobotProcesses
 
 _CHECK_PERIOD, _SETPOINT_PERIOD = 1.0, 3.0  # s
-_SWAY = 0.01  # m
+_SWAY = 0.02  # of the centre of mass, to the left and back, m
+_POINT = "geometry_msgs/msg/PointStamped"
 #: Share of the time as warm-up, and largest growth of the memory afterwards, kB and kB per minute.
 _WARM_UP, _MAX_GROWTH, _MAX_SLOPE = 0.5, 1024, 256
 
@@ -46,15 +46,8 @@ class SoakResult:
         return [text for text, late, allowed in self.faults if late < MACHINE * allowed]
 
 
-def soak(
-    robot: str,
-    folder: Path,
-    seconds: float,
-    *,
-    domain: int = DOMAIN,
-    progress: Callable[[SoakResult], None] = lambda result: None,
-) -> SoakResult:
-    """Run all nodes for a time with a swaying robot; raise `WbcError` if a process fails."""
+def soak(robot: str, folder: Path, seconds: float, domain: int) -> Iterator[SoakResult]:
+    """Run all nodes with a swaying robot, and yield the result so far; raise `WbcError` if a process fails."""
     result, names = SoakResult(), ("mock", "guard", "controller")
     with RobotProcesses(robot, folder, domain) as nodes:
         nodes.start_and_wait(*names)
@@ -62,16 +55,15 @@ def soak(
         nodes.activate()
         nodes.until(lambda: nodes.state_of("guard") == "watching", "the guard's watching state")
         time.sleep(2.0 * nodes.settings.safety.activation_ramp)
-        start = nodes.centre_of_mass()
         nodes.clear("controller", "guard")
         nodes.lateness.reset()
         began = checked_at = due = time.monotonic()
         side, count = 1.0, 0
         while time.monotonic() - began < seconds:
             if time.monotonic() >= due:
+                way = setpoint_message(_POINT, "com", np.array([0.0, side * _SWAY, 0.0]), frame="com/reference")
+                nodes.user.send("setpoint", way, "com")
                 due, side = due + _SETPOINT_PERIOD, -side
-                target = start + [0.0, side * _SWAY, 0.0]
-                nodes.user.send("setpoint", setpoint_message("geometry_msgs/msg/PointStamped", "com", target), "com")
             time.sleep(_CHECK_PERIOD)
             now = time.monotonic()
             count += len(nodes.messages_since("controller/joint_commands", checked_at))
@@ -79,8 +71,7 @@ def soak(
             checked_at = now
             result.seconds = now - began
             result.rate = count / result.seconds
-            progress(result)
-    return result
+            yield result
 
 
 def _check(nodes: RobotProcesses, result: SoakResult, since: float) -> None:

@@ -23,7 +23,7 @@ from wbc_controller.middleware.topics import MOCK_NODE, MOCK_TOPICS, Endpoint, c
 from wbc_controller.middleware.transports.transport import Transport
 from wbc_controller.nodes.processes import Processes, memory, processor_time, waiting_times
 from wbc_controller.nodes.realtime import apply_realtime, describe_scheduling, lower_thread_priority, processors
-from wbc_controller.nodes.user import activation_commands, reliable_counterpart
+from wbc_controller.nodes.user import reliable_counterpart
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.settings.service import RealtimeSettings
 from wbc_controller.simulation.mock_robot import MockRobot
@@ -216,11 +216,7 @@ class _Bench:
         return self._states[-1] if self._states else ""
 
     def _activate(self) -> None:
-        def ask() -> None:
-            for word in activation_commands(self._mode()):
-                self._send(word)
-
-        self._processes.until(lambda: self._mode() == "active", "the activation", ask)
+        self._processes.until_active(self._mode, self._send)
         time.sleep(_SETTLE)
         if self._mock:
             time.sleep(self._processes.settings.safety.activation_ramp)
