@@ -192,22 +192,6 @@ def test_changes_of_settings_are_prepared_on_the_reader_thread(go2, make):
     assert latched.refused == ("/wbc_controller/update: not while it runs",)
 
 
-def test_requests_are_decoded_on_the_reader_thread(go2, make, monkeypatch):
-    threads, done = [], threading.Event()
-
-    def reader(*words):
-        threads.append(threading.current_thread())
-        done.set()
-        return ()
-
-    monkeypatch.setattr(decoding, "READERS", {**decoding.READERS, "weight": reader})
-    go2.inputs.requests.start_reader()
-    go2.send("weight", make.float64(1), "com")
-    assert done.wait(20.0)
-    go2.inputs.requests.stop_reader()
-    assert threads[0] is not threading.current_thread()
-
-
 def test_a_long_refusal_is_cut(go2, make):
     go2.send("setpoint", make.joint_state(["x" * 100_000], [0.0]), "posture")
     (sentence,) = go2.inputs.latch().refused

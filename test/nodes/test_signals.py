@@ -5,17 +5,10 @@ import signal
 import subprocess
 import sys
 import threading
-from contextlib import closing
 
-import numpy as np
 import pytest
 from busy import patience
-from domains import own_domain
-from waiting import until
 
-from wbc_controller.middleware.codec import decode
-from wbc_controller.middleware.topics import COMMAND_OUT, LATCHED, Direction, Endpoint
-from wbc_controller.nodes.processes import Processes
 from wbc_controller.nodes.signals import set_by_signals
 
 #: Main thread that waits for the event in a loop, with a signal at any moment.
@@ -85,30 +78,3 @@ def test_a_process_under_nohup_continues():
         assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
     finally:
         signal.signal(signal.SIGHUP, before)
-
-
-@pytest.mark.live
-def test_the_end_of_the_terminal_ends_each_process_and_the_controller_with_zero_torques(tmp_path):
-    from wbc_controller.middleware.transports.dds import DdsTransport
-
-    domain, torques, guard_states = own_domain(), [], []
-    changes = {"safety.state_timeout": 0.5, "guard.patience": 0.4, "mock.command_timeout": 1.0}  # for a busy computer
-    with (
-        closing(Processes("go2", tmp_path, domain, changes)) as processes,
-        closing(DdsTransport("listener", domain_id=domain, discovery_range="LOCALHOST")) as transport,
-    ):
-        for name, kind, qos, heard in (
-            ("/effort_controller/commands", "std_msgs/msg/Float64MultiArray", COMMAND_OUT, torques),
-            ("/guard/state", "std_msgs/msg/String", LATCHED, guard_states),
-        ):
-            topic = Endpoint("test", "", name, kind, Direction.IN, qos)
-            transport.subscribe(topic, lambda payload, kind=kind, heard=heard: heard.append(decode(payload, kind).data))
-        for name, *options in (("mock",), ("guard",), ("controller", "--activate")):
-            processes.start(name, *options)
-        until(lambda: len(torques) > 50 and np.any(torques[-1]) and guard_states[-1:] == ["watching"])
-        for name in ("controller", "guard", "mock"):
-            assert processes.stop(name, signal.SIGHUP) == 0
-            if name == "controller":
-                until(lambda: not np.any(torques[-1]))
-            assert "Traceback" not in processes.log(name)
-        assert not np.any(torques[-1])
