@@ -28,10 +28,10 @@ from wbc_controller.middleware.codec import decode, encode, message, nanoseconds
 from wbc_controller.middleware.joint_states import JointStateReader
 from wbc_controller.middleware.stamps import header_time
 from wbc_controller.middleware.states import OdometryReader
-from wbc_controller.middleware.topics import MOCK_NODE, MOCK_TOPICS, Direction, Endpoint, counterpart, endpoints
+from wbc_controller.middleware.topics import Direction, Endpoint, counterpart
 from wbc_controller.middleware.transports.memory import MemoryTransport
 from wbc_controller.nodes.lockstep import Lockstep
-from wbc_controller.nodes.wiring import controller_endpoints
+from wbc_controller.nodes.wiring import topics_of
 from wbc_controller.settings.files import find_configuration, load_settings
 
 ROBOT = "go2"
@@ -41,7 +41,7 @@ OF_THE_ROBOT = ("joint_states", "odom", "clock", "robot_description", "effort", 
 
 
 class User:
-    """Opens the peer of every topic of both nodes; stores messages with arrival times."""
+    """Opens the peer of every topic of both nodes and of the guard's state; stores messages with arrival times."""
 
     def __init__(
         self, transport: Any, advance: Callable[[], None], omits: Callable[[Endpoint], bool] = lambda topic: False
@@ -57,19 +57,16 @@ class User:
         self._joints, self._base = JointStateReader(self.model.joints), OdometryReader(self.model.base_link)
         self._data = self.model.pinocchio.createData()
         self.state_came = threading.Event()
-        mock = endpoints(MOCK_TOPICS, MOCK_NODE, self.settings)
-        for owner, topics in (("controller", controller_endpoints(self.settings, self.model)), ("mock", mock)):
-            for topic in topics:
-                if not omits(topic):
-                    self.open(owner, topic, transport)
+        for place, topic in topics_of(self.settings).items():
+            if (place[0] in ("controller", "mock") or place == ("guard", "state", "")) and not omits(topic):
+                self._open(place, topic)
 
-    def open(self, owner: str, topic: Any, transport: Any) -> None:
-        key = owner, topic.key, topic.subject
+    def _open(self, key: tuple[str, str, str], topic: Endpoint) -> None:
         self._types[key] = topic.type
         if topic.direction is Direction.IN:
             self._writable[key] = replace(counterpart(topic), qos=replace(topic.qos, reliable=True))
             if topic.key not in OF_THE_ROBOT:
-                self._publish[key] = transport.advertise(self._writable[key])
+                self._publish[key] = self.transport.advertise(self._writable[key])
             return
         kept = self.arrivals[key] = []
         deep = replace(counterpart(topic), qos=replace(topic.qos, depth=1000))
@@ -80,7 +77,7 @@ class User:
             if state:
                 self.state_came.set()
 
-        transport.subscribe(deep, receive)
+        self.transport.subscribe(deep, receive)
 
     def send(self, owner: str, key: str, content: Any, subject: str = "") -> None:
         place = owner, key, subject

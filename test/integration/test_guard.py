@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from wbc_controller.middleware.codec import decode
-from wbc_controller.middleware.topics import GUARD_NODE, GUARD_TOPICS, endpoints
 
 pytestmark = pytest.mark.live
 
@@ -15,8 +14,6 @@ pytestmark = pytest.mark.live
 def user(processes, dds_user, patient_robot):
     """A user of a mock robot, a controller and a guard, three processes; only the guard's patience is short."""
     user = dds_user
-    (state,) = endpoints([topic for topic in GUARD_TOPICS if topic.key == "state"], GUARD_NODE)
-    user.open("guard", state, user.transport)
     processes.start("mock", patient_robot)
     user.guard = processes.start("guard", patient_robot)
     user.start = lambda: processes.start("run", patient_robot, "--use-sim-time")

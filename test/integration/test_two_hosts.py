@@ -2,7 +2,6 @@
 
 import json
 import os
-import queue
 import re
 import subprocess
 import sys
@@ -37,8 +36,7 @@ class Host:
     def __init__(self, network, side, folder, robot):
         self._network, self._side, self._folder, self._robot = network, side, folder, robot
         self._started = []
-        self.heard = []
-        self._lines = queue.Queue()
+        self._heard = []  # messages of the observer
 
     def start(self, *words):
         environment = os.environ | {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "ROS_DOMAIN_ID": "7"}
@@ -56,27 +54,18 @@ class Host:
 
     def _read(self):
         for line in self._observer.stdout:
-            self._lines.put(json.loads(line))
+            self._heard.append(json.loads(line))
 
     def command(self, word):
         self._observer.stdin.write(word + "\n")
         self._observer.stdin.flush()
 
-    def listen(self):
-        while not self._lines.empty():
-            self.heard.append(self._lines.get())
-        return self.heard
-
-    def last(self, kind):
-        found = [said for said in self.listen() if said["kind"] == kind]
-        return found[-1] if found else None
+    def since(self, at, kind):
+        return [said for said in list(self._heard) if said["kind"] == kind and said["at"] >= at]
 
     def says(self, kind, start):
-        said = self.last(kind)
-        return said is not None and said["text"].startswith(start)
-
-    def since(self, at, kind):
-        return [said for said in self.listen() if said["kind"] == kind and said["at"] >= at]
+        found = self.since(0.0, kind)
+        return bool(found) and found[-1]["text"].startswith(start)
 
     def running(self):
         return all(process.poll() is None for process in self._started)
@@ -115,11 +104,11 @@ def hosts(network, tmp_path, robot_of, changed):
 
 def test_a_cut_of_five_seconds_is_survived_on_both_sides(network, hosts):
     robot, controller = hosts
-    until(lambda: controller.last("robot"), "the robot's states to cross")
+    until(lambda: controller.since(0.0, "robot"), "the robot's states to cross")
     until(lambda: controller.says("controller", "active"), "activation", again=lambda: controller.command("activate"))
     until(lambda: robot.says("guard", "watching"), "the guard to watch")
     time.sleep(0.5)  # until the torques have ramped in
-    assert robot.last("robot")["largest"] > 0.5
+    assert robot.since(0.0, "robot")[-1]["largest"] > 0.5
 
     network.cut()
     cut = time.monotonic()
@@ -160,7 +149,7 @@ def test_a_cut_of_five_seconds_is_survived_on_both_sides(network, hosts):
     resumed = time.monotonic()
     time.sleep(0.6)
     assert robot.says("guard", "watching")
-    assert robot.last("robot")["largest"] > 0.5
+    assert robot.since(0.0, "robot")[-1]["largest"] > 0.5
     assert [said["text"] for said in controller.since(resumed, "controller")] == []
     assert robot.running()
     assert controller.running()

@@ -11,6 +11,7 @@ from wbc_controller.errors import InputRefused
 from wbc_controller.inverse_dynamics.references import changes as requests
 from wbc_controller.middleware.codec import decode, encode
 from wbc_controller.middleware.decoding import READERS, Vocabulary
+from wbc_controller.validation.fuzz.strategies import hostile_text
 
 JOINTS = ("hip", "knee", "ankle")
 WORDS = Vocabulary(
@@ -255,9 +256,7 @@ class TestTrajectories:
 
     def test_values_that_are_refused(self, make):
         for names, point, said in (
-            (["hip", "knee", "ancle"], ([0, 0, 0],), "'ancle' is not a joint of this task; did you mean 'ankle'?"),
             (["hip", "knee"], ([0, 0],), "positions: 1 joints are missing: ankle"),
-            ([*JOINTS, "hip"], ([0] * 4,), "duplicate joint 'hip'"),
             (JOINTS, ([],), "positions has 0 values for 3 names"),
             (JOINTS, ([0, 0, 0], [1, 2]), "velocities has 2 values for 3 names"),
             (JOINTS, ([0, 0, 0], [], [1]), "accelerations has 1 values for 3 names"),
@@ -358,20 +357,8 @@ class TestUpdate:
             self.update(make, "{tasks: {com: {setpoint: " + bomb.splitlines()[0][6:] + "}}}")
         assert len(str(refusal.value)) < 1000
 
-    @settings(max_examples=100)
-    @given(
-        text=st.one_of(
-            st.text(max_size=80),
-            st.text("{}[]:,&*!?|>-'\"% \n#atskco1.e", max_size=60),
-            st.recursive(
-                st.one_of(st.none(), st.booleans(), st.integers(), st.floats(), st.sampled_from(["com", "weight"])),
-                lambda inner: st.one_of(
-                    st.lists(inner, max_size=3),
-                    st.dictionaries(st.sampled_from(["tasks", "contacts", "com", "weight", "setpoint"]), inner),
-                ),
-            ).map(str),
-        )
-    )
+    @settings(max_examples=200)
+    @given(text=st.text(max_size=80) | hostile_text("update"))
     def test_any_text_is_read_or_refused(self, make, text):
         try:
             changes = READERS["update"](WORDS, "", make.string(text))

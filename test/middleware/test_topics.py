@@ -81,7 +81,7 @@ def test_the_table_expands_to_one_endpoint_for_each_task_contact_and_frame():
     assert {topic.key for topic in topics.CONTROLLER_TOPICS if "{" not in topic.name} == {key for key, _ in found}
 
 
-def test_types_exist_and_endpoints_are_compatible():
+def test_types_exist():
     for topic in (*topics.CONTROLLER_TOPICS, *topics.MOCK_TOPICS):
         assert topic.type in topics.BY_TASK or topic.type in TYPES.types
         assert topic.meaning
@@ -89,14 +89,6 @@ def test_types_exist_and_endpoints_are_compatible():
         assert {"setpoint"} <= set(columns) <= {"setpoint", "trajectory"}
         assert set(columns.values()) <= set(TYPES.types)
     assert set(topics.TASK_TYPES) == set(types_of(TaskSettings))
-    mock = topics.endpoints(topics.MOCK_TOPICS, "mock_robot", SETTINGS)
-    controller = topics.endpoints(topics.CONTROLLER_TOPICS, "wbc_controller", SETTINGS)
-    both = {endpoint.name: endpoint for endpoint in controller}
-    pairs = [(endpoint, both[endpoint.name]) for endpoint in mock if endpoint.name in both]
-    for endpoint, other in pairs:
-        assert_compatible(endpoint, other)
-    met = {endpoint.key for endpoint, _ in pairs}
-    assert met == {"clock", "joint_states", "odom", "imu", "pose", "robot_description", "effort", "joint_commands"}
 
 
 def test_qualities_of_service():
@@ -113,34 +105,28 @@ def test_qualities_of_service():
             assert topic.qos.depth >= 10, topic.key
 
 
-def assert_compatible(one, other):
-    """Equal types; the reader requests no more than the writer offers."""
-    assert other.type == one.type
-    assert other.direction is not one.direction
-    writer, reader = (one, other) if one.direction is topics.Direction.OUT else (other, one)
-    assert writer.qos.reliable >= reader.qos.reliable
-    assert writer.qos.latched >= reader.qos.latched
-
-
 @pytest.mark.parametrize(
-    ("table", "node", "alone"),
+    ("node", "alone"),
     [
-        (topics.GUARD_TOPICS, "guard", ("state", "diagnostics")),
-        (topics.ESTIMATOR_TOPICS, topics.ESTIMATOR_NODE, ("holds", "measured_wrench", "tf", "diagnostics")),
+        ("mock", {"push", "hold", "grip", "fault", "tf", "contact_wrench"}),
+        ("guard", {"state", "diagnostics"}),
+        ("estimator", {"holds", "measured_wrench", "tf", "diagnostics"}),
     ],
 )
-def test_guard_and_estimator_hear_the_controller_and_the_robot(table, node, alone):
-    """Every row has its counterpart, except the topics of users and drivers."""
-    others = [
-        endpoint
-        for table, node in ((topics.CONTROLLER_TOPICS, "wbc_controller"), (topics.MOCK_TOPICS, "mock_robot"))
-        for endpoint in topics.endpoints(table, node, SETTINGS, namespace="/r")
-    ]
-    for endpoint in topics.endpoints(table, node, SETTINGS, namespace="/r"):
-        met = [other for other in others if other.name == endpoint.name and other.direction is not endpoint.direction]
-        assert met or endpoint.key in alone, endpoint.name
-        for other in met:
-            assert_compatible(endpoint, other)
+def test_mock_robot_guard_and_estimator_hear_the_controller_and_the_robot(node, alone):
+    """Every row has compatible counterparts, except the topics of users and drivers."""
+    made = {key: topics.endpoints(table, name, SETTINGS, namespace="/r") for key, (name, table) in topics.NODES.items()}
+    lonely = set()
+    for one in made[node]:
+        met = [other for key in {"controller", "mock"} - {node} for other in made[key] if other.name == one.name]
+        met = [other for other in met if other.direction is not one.direction]
+        lonely |= set() if met else {one.key}
+        for other in met:  # the reader requests no more than the writer offers
+            writer, reader = (one, other) if one.direction is topics.Direction.OUT else (other, one)
+            assert writer.type == reader.type
+            assert writer.qos.reliable >= reader.qos.reliable
+            assert writer.qos.latched >= reader.qos.latched
+    assert lonely == alone
 
 
 def test_there_is_no_dead_row(bench):

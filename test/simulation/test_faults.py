@@ -8,8 +8,7 @@ from peer import MockPeer
 from stepping import has_faults, step
 
 from wbc_controller.errors import ConfigurationError, InputRefused
-from wbc_controller.middleware.topics import MOCK_NODE, MOCK_TOPICS, counterpart, endpoints
-from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.middleware.transports.memory import MemoryBus
 from wbc_controller.simulation.faults.catalogue import read_faults
 from wbc_controller.simulation.mock_robot import MockRobot
 from wbc_controller.simulation.mock_service import run_mock
@@ -102,12 +101,11 @@ def test_a_script_acts_at_its_times_and_its_errors_have_its_path(go2, tmp_path):
     script.write_text("- {at: 0.004, kind: joint_missing, duration: 0.004}\n", encoding="utf-8")
     peer, stop = MockPeer(MemoryBus(), settings), threading.Event()
 
-    def received(payload: bytes) -> None:
+    def received(content) -> None:
         if len(peer.all("joint_states")) >= 6:
             stop.set()
 
-    (joint_states,) = (e for e in endpoints(MOCK_TOPICS, MOCK_NODE) if e.key == "joint_states")
-    MemoryTransport(peer.transport._bus).subscribe(counterpart(joint_states), received)
+    peer.reactions["joint_states"] = received
     run_mock(settings, peer.transport, stop, real_time_factor=100.0, faults=script)
     assert [len(content.name) for content in peer.all("joint_states")][:6] == [12, 12, 11, 11, 12, 12]
     for text, said in (("- {kind: kick}", "'at'"), ("- {at: 1.0, kind: payload, link: x}", "unknown link 'x'")):

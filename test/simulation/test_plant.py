@@ -51,20 +51,21 @@ def test_links_without_a_contact_that_come_down_are_named(plant):
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_standing_the_feet_carry_the_weight_and_the_release_is_smooth(load, standing, name):
+def test_standing_the_feet_carry_the_weight_and_the_release_is_smooth(load, name):
     model, settings = load(name)
-    plant = Plant(model, settings)
+    simulation = wbc.Simulation(settings)
+    plant = simulation.plant = Plant(model, settings)
     assert (plant.held, plant.fallen, plant.time) == (True, False, 0.0)
     start, _ = plant.state()
-    control = standing(model, settings, start)
     weight = model.mass * model.gravity
     forces, depth, speed = [], 0.0, 0.0
 
     def run(steps):
         nonlocal depth, speed
         forces.clear()
-        for _ in range(steps):
-            plant.apply(control(plant))
+        for step in range(steps):
+            if step % plant.steps_per_period == 0:
+                plant.apply(simulation._cycle().tau)
             plant.step()
             depth = max(depth, penetration(plant))
             speed = max(speed, float(np.abs(plant.state()[1][:6]).max()))
@@ -180,11 +181,10 @@ def test_an_imu_on_any_link_measures_what_pinocchio_computes(go2, frame):
         plant.set_state(q, v)  # restarts the mean: instantaneous force
 
 
-def test_what_an_imu_measures_adds_up_to_the_velocity(go2, standing):
+def test_what_an_imu_measures_adds_up_to_the_velocity(go2):
     (model, settings), frame = go2, "imu"
-    plant, data = Plant(model, settings), model.pinocchio.createData()
-    control, period = standing(model, settings, plant.state()[0]), 1.0 / settings.control.rate
-    plant.hold(False, ramp=0.0)
+    simulation, period = wbc.Simulation(settings), 1.0 / settings.control.rate
+    plant, data = simulation.plant, model.pinocchio.createData()
     plant.push(model.base_link, [30.0, 20.0, -80.0, 3.0, 2.0, 1.0], 0.1)
 
     def velocity():
@@ -196,7 +196,7 @@ def test_what_an_imu_measures_adds_up_to_the_velocity(go2, standing):
     plant.imu(frame)
     start, total, largest = velocity(), np.zeros(3), 0.0
     for _ in range(100):
-        plant.apply(control(plant))
+        plant.apply(simulation._cycle().tau)
         turned = pin.Quaternion(plant.imu(frame)[0]).matrix()
         simulate(plant, plant.steps_per_period)
         _, omega, force = plant.imu(frame)

@@ -12,7 +12,7 @@ from waiting import until
 from websockets.sync.client import ClientConnection, connect
 
 #: Where the camera of a page is; the server counts a page as there when it has said so.
-_CAMERA = {
+CAMERA = {
     "wxyz": (1.0, 0.0, 0.0, 0.0), "position": (2.0, 0.0, 1.0), "fov": 0.8, "near": 0.01, "far": 100.0,
     "image_height": 600, "image_width": 800, "look_at": (0.0, 0.0, 0.5), "up_direction": (0.0, 0.0, 1.0),
 }  # fmt: skip
@@ -44,7 +44,7 @@ class Browser:
         )
         self._thread = threading.Thread(target=self._read, daemon=True)
         self._thread.start()
-        self.say("ViewerCameraMessage", **_CAMERA)
+        self.say("ViewerCameraMessage", **CAMERA)
 
     def close(self) -> None:
         self._connection.close()

@@ -13,10 +13,9 @@ import time
 import numpy as np
 
 from wbc_controller.middleware.codec import decode, encode, message
-from wbc_controller.middleware.topics import CONTROLLER_TOPICS, GUARD_TOPICS, MOCK_TOPICS, counterpart, endpoints
-from wbc_controller.middleware.topics import GUARD_NODE as GUARD
+from wbc_controller.middleware.topics import counterpart
 from wbc_controller.middleware.transports.dds import DdsTransport
-from wbc_controller.settings import NODE_NAME as CONTROLLER
+from wbc_controller.nodes.wiring import topics_of
 from wbc_controller.settings.files import find_configuration, load_settings
 
 PAUSE = 0.02
@@ -48,14 +47,11 @@ def main(robot):
             power=float(content.effort @ content.velocity),
         )
 
-    def find(table, node, key):
-        (endpoint,) = endpoints([topic for topic in table if topic.key == key], node)
-        return counterpart(endpoint)
-
-    transport.subscribe(find(CONTROLLER_TOPICS, CONTROLLER, "state"), state("controller"))
-    transport.subscribe(find(GUARD_TOPICS, GUARD, "state"), state("guard"))
-    transport.subscribe(find(MOCK_TOPICS, "mock_robot", "joint_states"), joint_states)
-    publish = transport.advertise(find(CONTROLLER_TOPICS, CONTROLLER, "command"))
+    topics = {place: counterpart(topic) for place, topic in topics_of(settings).items()}
+    transport.subscribe(topics["controller", "state", ""], state("controller"))
+    transport.subscribe(topics["guard", "state", ""], state("guard"))
+    transport.subscribe(topics["mock", "joint_states", ""], joint_states)
+    publish = transport.advertise(topics["controller", "command", ""])
     with contextlib.suppress(KeyboardInterrupt):
         for line in sys.stdin:
             publish(encode(message("std_msgs/msg/String", data=line.strip())))

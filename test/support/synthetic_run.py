@@ -7,19 +7,13 @@ from wbc_controller.controller.build.contacts import contact_placement
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.recording.report.run_data import Result, RunData
-from wbc_controller.settings import Settings
-from wbc_controller.settings.files import find_configuration, load_settings
-
-
-def robot(name: str) -> tuple[Settings, RobotModel]:
-    """Load a shipped robot."""
-    settings = load_settings(find_configuration(name))
-    return settings, make_model(settings)
+from wbc_controller.settings.config import load
 
 
 def squat(name: str, duration: float, rate: float) -> tuple[RunData, RobotModel]:
     """Make up a run of a robot on flat soles: stand, squat, and a shove."""
-    settings, model = robot(name)
+    settings = load(name).settings
+    model = make_model(settings)
     rng = np.random.default_rng(1)
     data = model.pinocchio.createData()
     time = np.arange(0.0, duration, 1.0 / rate)

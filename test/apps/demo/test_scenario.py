@@ -2,9 +2,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import yaml
-from chains import joint, link
-from chains import robot as decode_urdf
 from refusals import refusal
 
 import wbc_controller as wbc
@@ -12,8 +9,6 @@ from wbc_controller.apps.demo import director, run
 from wbc_controller.apps.demo.derived_scenario import derived_scenario
 from wbc_controller.apps.demo.run import run_demo
 from wbc_controller.apps.demo.scenario import SCENARIOS, WALK_ROBOT, WALK_SCENARIO
-from wbc_controller.controller.build.robot import make_model
-from wbc_controller.settings.config import load
 from wbc_controller.settings.files import shipped_configurations
 
 
@@ -51,12 +46,6 @@ def test_demos_use_configured_tasks(robot, robot_of):
     assert np.linalg.matrix_rank(directions) == 2
 
 
-@pytest.fixture
-def settled(monkeypatch):
-    """Shorten the initialization of the base estimator, which exact sensors do not need."""
-    monkeypatch.setattr(director, "_SETTLING_TIME", 0.1)
-
-
 @pytest.mark.parametrize("robot", ["g1", "go2"])
 def test_derived_scenario_is_similar_to_the_supplied_one(robot, robot_of):
     settings, model = robot_of(robot)
@@ -71,10 +60,10 @@ def test_derived_scenario_is_similar_to_the_supplied_one(robot, robot_of):
     assert len(derived.reaches) == len(made.reaches)
 
 
-@pytest.mark.usefixtures("settled")
 def test_demo_of_walking(tmp_path, monkeypatch, capsys):
     """A short walk meets its targets and stops; the speeds of the whole one are within those of the robot."""
     short = replace(WALK_SCENARIO.walks[0], duration=3.5, acceleration=2.1)
+    monkeypatch.setattr(director, "_SETTLING_TIME", 0.1)  # exact sensors do not need more
     monkeypatch.setattr(run, "WALK_SCENARIO", replace(WALK_SCENARIO, stand=0.1, walks=(short,), stop=2.5))
     assert run_demo("walk", tmp_path, lockstep=True)
     said = capsys.readouterr().out
@@ -83,64 +72,3 @@ def test_demo_of_walking(tmp_path, monkeypatch, capsys):
     for walk in WALK_SCENARIO.walks:
         assert (np.abs(walk.velocity) <= fastest).all()
         assert walk.duration > walk.acceleration
-
-
-#: An arm of four joints on a fixed base.
-ARM = {
-    "control": {"rate": 200.0},
-    "robot": {"base": "fixed", "joints": ["turn", "lift", "bend", "roll"], "posture": [0.2, 0.8, 1.2, 0.4]},
-    "tasks": {
-        "hand": {"type": "frame_pose", "frame": "hand", "mask": [True] * 3 + [False] * 3, "weight": 5.0,
-                 "stiffness": 100.0, "enabled": False},
-        "posture": {"type": "posture", "weight": 0.1, "stiffness": 50.0},
-    },
-}  # fmt: skip
-
-
-@pytest.fixture
-def arm(tmp_path):
-    """Return the path of the robot's configuration."""
-    urdf = decode_urdf(
-        link("base"), link("column"), joint("turn", "base", "column", "0 0 1"),
-        link("upper"), joint("lift", "column", "upper"), link("lower"), joint("bend", "upper", "lower"),
-        link("hand", 0.3), joint("roll", "lower", "hand", "1 0 0"),
-    )  # fmt: skip
-    (tmp_path / "arm.urdf").write_text(urdf)
-    values = {**ARM, "robot": {**ARM["robot"], "urdf": "arm.urdf"}}
-    path = tmp_path / "arm.yaml"
-    path.write_text(yaml.safe_dump({"wbc_controller": {"ros__parameters": values}}))
-    return path
-
-
-@pytest.mark.usefixtures("settled")
-def test_arm_on_a_fixed_base_reaches_and_is_pushed_at_its_hand(arm, tmp_path, monkeypatch, capsys):
-    def short(settings, model):
-        scenario = derived_scenario(settings, model)
-        return replace(scenario, stand=0.5, shoves=scenario.shoves[:1], recovery=1.0)
-
-    monkeypatch.setattr(run, "derived_scenario", short)
-    assert run_demo(str(arm), tmp_path, lockstep=True)
-    printed = capsys.readouterr().out
-    assert "4 joints" in printed
-    assert "fixed base" in printed
-    found = [word in printed for word in ("reach: hand error", "shove left", "let go", "vertical")]
-    assert found == [True, True, False, False]
-    assert (tmp_path / "arm.html").stat().st_size > 100_000
-
-
-def test_demo_of_an_arm(arm):
-    settings = load(str(arm)).settings
-    model = make_model(settings)
-    scenario = derived_scenario(settings, model)
-    (reach,) = scenario.reaches
-    assert (reach.task, scenario.com, scenario.moves) == ("hand", "", ())
-    assert 0.01 < np.linalg.norm(reach.offset) <= 0.1 + 1e-9
-    assert {shove.frame for shove in scenario.shoves} == {"hand"}
-    impulses = [np.linalg.norm(shove.impulse) for shove in scenario.shoves]
-    assert all(0.01 < impulse < 0.3 * model.mass for impulse in impulses)
-    without = settings.model_copy(update={"tasks": {"hand": settings.tasks["hand"]}})
-    assert "a fixed base requires an enabled posture task" in refusal(derived_scenario, without, make_model(settings))
-    without = settings.model_copy(update={"tasks": {"posture": settings.tasks["posture"]}})
-    scenario = derived_scenario(without, make_model(settings))
-    assert scenario.reaches == ()
-    assert {shove.frame for shove in scenario.shoves} == {"roll"}

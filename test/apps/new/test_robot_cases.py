@@ -7,6 +7,7 @@ from robot_cases import REFUSED, SLIDING, SOLE, STANDING, UNNAMED, arm, biped
 
 import wbc_controller as wbc
 from wbc_controller.apps.demo.derived_scenario import derived_scenario
+from wbc_controller.apps.demo.run import run_demo
 from wbc_controller.apps.new.draft import TITLE
 from wbc_controller.controller.build.collision_elements import read_collision_elements
 from wbc_controller.controller.build.robot import make_model
@@ -103,21 +104,39 @@ def test_keys_and_contacts_have_valid_names(drafted, tmp_path):
     assert set(drafted(urdf).values["contacts"]) == {"a_b", "a_b_"}
 
 
-def scenario_of(draft_of, case):
-    settings = draft_of(case).settings
-    return settings, derived_scenario(settings, make_model(settings))
-
-
 def test_demo_motions_are_feasible_in_the_check(draft_of):
-    settings, scenario = scenario_of(draft_of, "ankles with a small range")
+    settings = draft_of("ankles with a small range").settings
     found = {finding.subject: finding.text for finding in wbc.check(settings)}
-    moves = {move.name: move.largest for move in scenario.moves}
+    moves = {move.name: move.largest for move in derived_scenario(settings, make_model(settings)).moves}
     assert 0.0 < 1e3 * moves["squat"] < float(found["squat"].split(" mm")[0])
     assert moves["sway"] == pytest.approx(0.03, abs=0.01)
-    settings, scenario = scenario_of(draft_of, "fingers that turn")
+
+
+def test_demo_of_an_arm(draft_of, tmp_path, shorten_demos, capsys):
+    settings = draft_of("fingers that turn").settings
+    model = make_model(settings)
+    scenario = derived_scenario(settings, model)
     (reach,) = scenario.reaches
-    assert (reach.task, settings.tasks["l3"].frame) == ("l3", "l3")
-    assert np.linalg.norm(reach.offset) > 0.01
+    assert (reach.task, settings.tasks["l3"].frame, scenario.com, scenario.moves) == ("l3", "l3", "", ())
+    assert 0.01 < np.linalg.norm(reach.offset) <= 0.1 + 1e-9
+    assert {shove.frame for shove in scenario.shoves} == {"l3"}
+    impulses = [np.linalg.norm(shove.impulse) for shove in scenario.shoves]
+    assert all(0.01 < impulse < 0.3 * model.mass for impulse in impulses)
+    without = settings.model_copy(update={"tasks": {"l3": settings.tasks["l3"]}})
+    assert "a fixed base requires an enabled posture task" in refusal(derived_scenario, without, model)
+    without = settings.model_copy(update={"tasks": {"posture": settings.tasks["posture"]}})
+    scenario = derived_scenario(without, model)
+    assert scenario.reaches == ()
+    assert {shove.frame for shove in scenario.shoves} == {"g2"}  # the last joint
+    shorten_demos("reach", "shove left")
+    path = tmp_path / "arm.yaml"
+    path.write_text(draft_of("fingers that turn").to_yaml(TITLE), encoding="utf-8")
+    assert run_demo(str(path), tmp_path, lockstep=True)
+    printed = capsys.readouterr().out
+    assert f"{model.nj} joints, {model.mass:.1f} kg; fixed base" in printed
+    found = [word in printed for word in ("reach: l3 error", "shove left", "let go", "vertical")]
+    assert found == [True, True, False, False]
+    assert (tmp_path / "arm.html").stat().st_size > 100_000
 
 
 def test_audit_without_warning_on_leaning_wheels(draft_of):

@@ -4,6 +4,7 @@ import dataclasses
 import typing
 from types import SimpleNamespace
 
+import browser
 import msgspec
 import pytest
 import viser
@@ -15,10 +16,7 @@ from viser import _messages as viser_messages
 from wbc_controller.apps.page.page_messages import COMMANDING, WATCHING, AllowList
 from wbc_controller.apps.page.server import RateLimit
 
-CAMERA = {
-    "type": "ViewerCameraMessage", "wxyz": (1, 0, 0, 0), "position": (2, 0, 1.5), "fov": 0.8, "near": 0.01, "far": 1000,
-    "image_height": 600, "image_width": 800, "look_at": (0, 0, 0.5), "up_direction": (0, 0, 1),
-}  # fmt: skip
+CAMERA = {"type": "ViewerCameraMessage", **browser.CAMERA}
 DRAG = {
     "type": "TransformControlsUpdateMessage", "name": "/handles/com", "wxyz": (1, 0, 0, 0), "position": (0, 0, 0.6),
 }  # fmt: skip

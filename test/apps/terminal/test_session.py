@@ -13,62 +13,71 @@ from wbc_controller.settings.config import load
 
 
 class TransportDouble:
-    """Transport double with a reader, which answers deliveries with given values."""
+    """Transport with a controller that acknowledges each message.
 
-    mode, domain = "", 0
+    It sends its next status after a subscription of the diagnostics and after each message; a stream takes one at a
+    time, first that of another node.
+    """
 
-    def __init__(self, *_):
-        self.delivered, self.receive = [], {}
+    domain = 0
 
-    answers = ()
-
-    def subscribe(self, topic, receive):
-        self.receive[topic.key] = receive
-        if topic.key == "state" and self.mode:
-            receive(encode(message("std_msgs/msg/String", data=self.mode)))
+    def __init__(self, mode, statuses):
+        self.delivered, self._mode, self._receive = [], mode, {}
+        self._statuses = [diagnostics(1, 0, "wbc_controller: control loop", "", "go2", values) for values in statuses]
 
     def publishers(self, topic):
         return ("/wbc_controller",)
 
+    def subscribe(self, topic, receive):
+        self._receive[topic.key] = receive
+        if topic.key == "state" and self._mode:
+            receive(encode(message("std_msgs/msg/String", data=self._mode)))
+        self._diagnose(topic)
+
+    def stream(self, topic, depth):
+        other = diagnostics(1, 0, "other", "", "", {"mode": "active", "walking/phase": "stand"})
+        left = [encode(status) for status in (other, *self._statuses)]
+        return SimpleNamespace(take=lambda: [left.pop(0)] if left else [])
+
     def advertise(self, topic):
         def publish(payload):
-            self.delivered.append(decode(payload, topic.type).data)
-            for values in self.answers[len(self.delivered) : len(self.delivered) + 1]:
-                self.diagnose(values)
+            content = decode(payload, topic.type)
+            self.delivered.append(content.linear.x if topic.key == "cmd_vel" else content.data)
+            self._diagnose(topic)
 
-        return Mock(side_effect=publish)  # with a reader that acknowledges each message
+        return Mock(side_effect=publish)
 
-    def diagnose(self, values):
-        self.receive["diagnostics"](encode(diagnostics(1, 0, "wbc_controller: control loop", "active", "go2", values)))
+    def _diagnose(self, topic):
+        if self._statuses and topic.key in ("diagnostics", "record"):
+            self._receive["diagnostics"](encode(self._statuses.pop(0)))
 
     def close(self):
         pass
 
 
+@pytest.fixture
+def join(monkeypatch):
+    """Return a function that joins a controller in a mode, which sends some statuses."""
+    monkeypatch.setattr(Session.until, "__defaults__", (0.01,))
+    monkeypatch.setattr(session, "_STATUS_PATIENCE", 0.2)
+
+    def join(settings, mode, *statuses):
+        monkeypatch.setattr(session, "DdsTransport", lambda *_: TransportDouble(mode, statuses))
+        return Session(settings, patience=0.01)
+
+    return join
+
+
 @pytest.mark.parametrize("mode", ["fault ESTOP: emergency stop by command", ""])
-def test_emergency_stop_is_sent_first(monkeypatch, mode):
-    monkeypatch.setattr(session, "DdsTransport", TransportDouble)
-    monkeypatch.setattr(TransportDouble, "mode", mode)
+def test_emergency_stop_is_sent_first(join, mode):
     stop = Request("controller", "command", "", "estop", lambda _: message("std_msgs/msg/String", data="estop"))
-    with Session(load("go2").settings, patience=0.01) as user:
+    with join(load("go2").settings, mode) as user:
         if mode:
             assert user.execute(stop).text == f"the controller is {mode}"
         else:
-            monkeypatch.setattr(Session.until, "__defaults__", (0.01,))
             with pytest.raises(NoAnswer, match="was delivered, but the controller has not confirmed it"):
                 user.execute(stop)
         assert user._transport.delivered == ["estop"]
-
-
-class RecorderDouble(TransportDouble):
-    """Controller double with the recorder's status before and after the request."""
-
-    mode, before = "active", {}
-
-    def subscribe(self, topic, receive):
-        super().subscribe(topic, receive)
-        if topic.key == "diagnostics":
-            self.diagnose(self.before)
 
 
 WRITTEN = "1", "file written"
@@ -83,45 +92,21 @@ WRITTEN = "1", "file written"
         (WRITTEN, WRITTEN, None, "no answer from the recorder; its last status: file written"),
     ],
 )
-def test_recorder_answers_a_requested_recording(monkeypatch, before, behind, done, text):
-    def values(said):
-        return {"requests_taken": "0", "recorder": said[1], **({"recorder_said": said[0]} if said[0] else {})}
-
-    monkeypatch.setattr(session, "DdsTransport", RecorderDouble)
-    monkeypatch.setattr(RecorderDouble, "before", values(before))
-    monkeypatch.setattr(RecorderDouble, "answers", ({}, values(behind)) if behind is not None else ())
-    monkeypatch.setattr(Session.until, "__defaults__", (0.01,))
-    config = load("go2")
-    with Session(config.settings, patience=0.01) as user:
+def test_recorder_answers_a_requested_recording(join, before, behind, done, text):
+    statuses = [
+        {"requests_taken": "0", "recorder": said[1], **({"recorder_said": said[0]} if said[0] else {})}
+        for said in (before, behind)
+        if said is not None
+    ]
+    settings = load("go2").settings
+    with join(settings, "active", *statuses) as user:
         if done is None:
             with pytest.raises(NoAnswer, match=text):
-                user.execute(parse_request(["record", "it"], config.settings))
+                user.execute(parse_request(["record", "it"], settings))
         else:
-            answer = user.execute(parse_request(["record", "it"], config.settings))
+            answer = user.execute(parse_request(["record", "it"], settings))
             assert (answer.done, answer.text) == (done, text)
         assert user._transport.delivered == ([] if behind is None else ["it"])
-
-
-class WalkingDouble(TransportDouble):
-    """Double of a walking robot with a mock robot; `sent` lists velocities and hoist requests."""
-
-    values = ()
-
-    def __init__(self, *_):
-        super().__init__()
-        self.sent = []
-
-    def stream(self, topic, depth):
-        texts = [encode(diagnostics(1, 0, "other", "", "", {"mode": "active", "walking/phase": "stand"}))]
-        texts += [encode(diagnostics(1, 0, "wbc_controller: control loop", "", "", each)) for each in self.values]
-        return SimpleNamespace(take=lambda: [texts.pop(0)] if texts else [])
-
-    def advertise(self, topic):
-        def publish(payload):
-            content = decode(payload, topic.type)
-            self.sent.append(content.linear.x if topic.key == "cmd_vel" else content.data)
-
-        return Mock(side_effect=publish)
 
 
 @pytest.mark.parametrize(
@@ -135,11 +120,8 @@ class WalkingDouble(TransportDouble):
         ("standing_go2", "hold", [("active", "single support")], [True]),
     ],
 )
-def test_a_walking_robot_stands_before_the_hoist_lifts_it(monkeypatch, robot, word, values, sent):
-    monkeypatch.setattr(session, "DdsTransport", WalkingDouble)
-    monkeypatch.setattr(session, "_STATUS_PATIENCE", 0.2)
-    monkeypatch.setattr(WalkingDouble, "values", [{"mode": mode, "walking/phase": phase} for mode, phase in values])
+def test_a_walking_robot_stands_before_the_hoist_lifts_it(join, robot, word, values, sent):
     settings = load("go2").replace({"walking": None}).settings if robot == "standing_go2" else load(robot).settings
-    with Session(settings, patience=0.01) as user:
+    with join(settings, "", *({"mode": mode, "walking/phase": phase} for mode, phase in values)) as user:
         user.execute(parse_request([word], settings))
-        assert user._transport.sent == sent
+        assert user._transport.delivered == sent

@@ -7,10 +7,11 @@ import pinocchio as pin
 import pytest
 import robot_cases as cases
 from scipy.spatial import ConvexHull
-from synthetic_run import robot
 from urdf_models import build_model
 
+from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.visualization.geometry import TRIANGLES, build_parts, convex_hull
+from wbc_controller.settings.config import load
 from wbc_controller.settings.resources import share_folder
 
 ROBOTS = ("g1", "go2")
@@ -44,11 +45,11 @@ def assert_closed(vertices, triangles):
 
 @functools.cache
 def parts_of(name):
-    return build_parts(robot(name)[1])
+    return build_parts(make_model(load(name).settings))
 
 
-def test_hulls_are_closed_and_small():
-    _, model = robot("go2")
+def test_hulls_are_closed_and_small(robot_of):
+    _, model = robot_of("go2")
     parts = parts_of("go2")
     assert len(parts) > model.na
     for part in parts:
@@ -58,8 +59,8 @@ def test_hulls_are_closed_and_small():
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_bounding_boxes_are_those_of_the_meshes(name):
-    _, model = robot(name)
+def test_bounding_boxes_are_those_of_the_meshes(robot_of, name):
+    _, model = robot_of(name)
     # Reference: geometry of the full model with all joints.
     full = pin.buildModelFromXML(model.urdf, pin.JointModelFreeFlyer())
     folder = str(share_folder("example-robot-data").parent)
@@ -98,8 +99,8 @@ def test_primitives_locked_joints_and_missing_meshes(caplog):
         assert_closed(part.vertices, part.triangles)
 
 
-def test_bones_reach_the_next_joints():
-    _, model = robot("g1")
+def test_bones_reach_the_next_joints(robot_of):
+    _, model = robot_of("g1")
     model = dataclasses.replace(model, urdf=model.urdf.replace(".STL", ".gone"))
     parts = build_parts(model)
     assert {part.joint for part in parts} == set(range(1, model.pinocchio.njoints))

@@ -45,14 +45,16 @@ SCHEMA = {
 def opened(settings, model, namespace="/", remappings=None):
     """Return the names of published and of subscribed topics of each running node."""
     places = {"namespace": namespace, "remappings": remappings}
-    buses = {node: MemoryBus() for node in (CONTROLLER, MOCK, GUARD, ESTIMATOR_NODE)}
-    controller, mock, guard, estimator = map(MemoryTransport, buses.values())
+    buses = {node: MemoryBus() for node in (CONTROLLER, MOCK, GUARD)}
+    controller, mock, guard = map(MemoryTransport, buses.values())
     topics = controller_endpoints(settings, model, **places)
     make_loop(Controller(settings, preflight=False, model=model), controller, ManualClock(), topics)
     for lockstep in (False, True):
         MockRobot(model, settings, mock, lockstep=lockstep, **places)
     make_guard(settings, model, guard, ManualClock(), **places)
-    make_estimator(settings, model, estimator, ManualClock(), **places)
+    if model.floating_base:
+        buses[ESTIMATOR_NODE] = MemoryBus()
+        make_estimator(settings, model, MemoryTransport(buses[ESTIMATOR_NODE]), ManualClock(), **places)
     return {
         node: tuple({name for name, ends in by_name.items() if ends} for by_name in (bus.writers, bus.readers))
         for node, bus in buses.items()
@@ -63,29 +65,28 @@ IMU = {"estimation": {"base_state": "imu", "absolute_pose": True}, "mock": {"pos
 
 
 @pytest.mark.parametrize(
-    ("name", "changes", "namespace", "remappings"),
+    ("name", "changes", "namespace", "remappings", "sensors"),
     [
-        ("g1", {}, "/", None),
-        ("go2", {}, "/r1", {"odom": "/estimator/odom", "~/state": "mode"}),
-        ("go2", IMU, "/", None),
+        ("g1", {}, "/", None, {"odom"}),
+        ("go2", {}, "/r1", {"odom": "/estimator/odom", "~/state": "mode"}, {"odom"}),
+        ("go2", IMU, "/", None, {"imu", "pose", "measured_wrench"}),
+        ("go2", {"robot": {"base": "fixed"}}, "/", None, set()),
     ],
 )
-def test_each_node_has_exactly_its_permissions(robot_of, changed, name, changes, namespace, remappings):
-    settings, model = robot_of(name)
-    settings = changed(settings, changes)
+def test_each_node_has_exactly_its_permissions(robot_of, changed, name, changes, namespace, remappings, sensors):
+    settings = changed(robot_of(name)[0], changes)
+    model = make_model(settings)
     allowed = read_policy(security_policy(settings, model, namespace, remappings))
     prefix = namespace.rstrip("/")
-    assert set(allowed) == {f"{prefix}/{node}" for node in (CONTROLLER, MOCK, GUARD, ESTIMATOR_NODE, OPERATOR)}
     nodes = opened(settings, model, namespace, remappings)
+    assert set(allowed) == {f"{prefix}/{node}" for node in (*nodes, OPERATOR)}
     heard = {each.rpartition("/")[2] for each in nodes[CONTROLLER][1]}
-    assert heard & {"imu", "odom", "pose", "measured_wrench"} == (
-        {"imu", "pose", "measured_wrench"} if changes else {"odom"}
-    )
-    sensors = {name for _, heard in nodes.values() for name in heard if name.endswith(("/measured_wrench", "/holds"))}
+    assert heard & {"imu", "odom", "pose", "measured_wrench"} == sensors
+    of_feet = {name for _, heard in nodes.values() for name in heard if name.endswith(("/measured_wrench", "/holds"))}
     for node, (published, subscribed) in nodes.items():
         rules, own = allowed[f"{prefix}/{node}"], f"{prefix}/{node}/"
         lifecycle = node == CONTROLLER
-        extra = {own + "transition_event"} if lifecycle else sensors if node == MOCK else set()
+        extra = {own + "transition_event"} if lifecycle else of_feet if node == MOCK else set()
         assert rules["publish"] == published | set(NODE_PUBLISHES) | extra
         assert rules["subscribe"] == subscribed | {CLOCK}
         serves = {*NODE_SERVES, *(LIFECYCLE_SERVES if lifecycle else ()), *((*SERVICES, RECORD) if lifecycle else ())}
@@ -108,20 +109,13 @@ def test_the_operator_may_command_and_listen_but_not_play_the_robot(robot_of):
     assert rules["request"] == set().union(*(allowed[f"/{node}"]["reply"] for node in nodes))
 
 
-def test_topics_without_use_are_not_permitted(robot_of, changed):
+def test_a_urdf_by_topic_is_permitted_and_markers_without_a_rate_are_not(robot_of, changed):
     settings, model = robot_of("go2")
-    assert "/robot_description" not in read_policy(security_policy(settings, model))["/wbc_controller"]["subscribe"]
-    assert "/odom" in read_policy(security_policy(settings, model))["/wbc_controller"]["subscribe"]
-    changes = {"robot": {"base": "fixed"}, "control": {"markers_rate": 0.0}}
-    fixed = changed(settings, changes)
-    model = make_model(fixed)
-    allowed = read_policy(security_policy(fixed, model))
-    assert "/odom" not in allowed["/wbc_controller"]["subscribe"]
-    assert not {"/odom", "/tf"} & allowed["/mock_robot"]["publish"]
-    assert "/wbc_controller/markers" not in allowed["/wbc_controller"]["publish"]
-    by_topic = changed(settings, {"robot": {"urdf": ""}})
+    by_topic = changed(settings, {"robot": {"urdf": ""}, "control": {"markers_rate": 0.0}})
+    allowed = read_policy(security_policy(by_topic, model))
     for node in ("/wbc_controller", "/guard"):
-        assert "/robot_description" in read_policy(security_policy(by_topic, model))[node]["subscribe"]
+        assert "/robot_description" in allowed[node]["subscribe"]
+    assert "/wbc_controller/markers" not in allowed["/wbc_controller"]["publish"]
 
 
 def test_it_follows_the_schema_and_has_no_wildcard(robot_of):
