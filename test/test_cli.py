@@ -19,6 +19,21 @@ def test_invalid_options_and_unknown_commands_are_refused(monkeypatch):
     assert "rnu" in wbc("rnu", status=2).output
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        *(f"fuzz {name} --count 0" for name in ("messages", "urdf", "classes", "clocks", "problems")),
+        *("fuzz floods --trials 0", "fuzz kills --trials 0", "fuzz soak --minutes 0", "fuzz setpoints --minutes -1"),
+        *("accuracy standing --jobs 0", "faults --jobs 0", "faults --jobs -2"),
+    ],
+)
+def test_runs_without_trials_or_processes_are_refused(words):
+    *_, option, number = words.split()
+    said = wbc(*words.split(), status=2).stderr
+    assert f"Invalid value for '{option}': {number}" in said
+    assert "is not in the range" in said
+
+
 def test_help_lists_all_commands_in_order_and_the_table_of_topics_is_printed():
     result = wbc("--help")
     for command in ("new", "run", "mock", "guard", "check", "demo", "fuzz", "bench", "topics"):

@@ -45,9 +45,11 @@ def controller_endpoints(
     remappings: Mapping[str, str] | None = None,
 ) -> list[Endpoint]:
     """Expand the controller's topic table for one robot."""
-    walks = settings.walking is not None
+    unused = set() if settings.walking is not None else set(WALKING_KEYS)
+    if not settings.control.markers_rate:
+        unused.add("markers")
     return endpoints(
-        [topic for topic in CONTROLLER_TOPICS if walks or topic.key not in WALKING_KEYS],
+        [topic for topic in CONTROLLER_TOPICS if topic.key not in unused],
         node,
         settings,
         frames=dict.fromkeys([model.base_link, *named_frames(settings)]),

@@ -71,6 +71,7 @@ IMU = {"estimation": {"base_state": "imu", "absolute_pose": True}, "mock": {"pos
         ("go2", {}, "/r1", {"odom": "/estimator/odom", "~/state": "mode"}, {"odom"}),
         ("go2", IMU, "/", None, {"imu", "pose", "measured_wrench"}),
         ("go2", {"robot": {"base": "fixed"}}, "/", None, set()),
+        ("go2", {"control": {"markers_rate": 0.0}}, "/", None, {"odom"}),
     ],
 )
 def test_each_node_has_exactly_its_permissions(robot_of, changed, name, changes, namespace, remappings, sensors):

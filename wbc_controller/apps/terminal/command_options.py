@@ -92,6 +92,18 @@ def with_options(*options: Callable[[F], F]) -> Callable[[F], F]:
     return decorate
 
 
+def jobs_option(what: str) -> Callable[[F], F]:
+    """Return the option `--jobs` of a command that runs something in parallel."""
+    return click.option("--jobs", default=-1, show_default=True, type=click.IntRange(-1), callback=_nonzero,
+                        help=f"Parallel {what}; -1 for one per processor.")  # fmt: skip
+
+
+def _nonzero(_context: click.Context, _option: click.Parameter, number: int) -> int:
+    if number == 0:
+        raise click.BadParameter("0 is not in the range; valid: -1, or at least 1.")
+    return number
+
+
 def load_named(config: str) -> Settings:
     """Load the settings of a supplied robot or a file; raise `ConfigurationError` if invalid."""
     return load_settings(find_configuration(config))

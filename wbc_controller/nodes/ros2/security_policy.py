@@ -98,8 +98,6 @@ def _is_used(endpoint: Endpoint, node: str, settings: Settings, model: RobotMode
         return model.floating_base
     if endpoint.key == "robot_description" and endpoint.direction is Direction.IN:
         return not settings.robot.urdf
-    if endpoint.key == "markers":
-        return settings.control.markers_rate > 0.0
     return True
 
 

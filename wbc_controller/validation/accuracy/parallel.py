@@ -5,7 +5,7 @@ from typing import Any, TypeVar, get_args
 
 import click
 
-from wbc_controller.apps.terminal.command_options import with_options
+from wbc_controller.apps.terminal.command_options import jobs_option, with_options
 from wbc_controller.nodes.processes import end_with_parent
 from wbc_controller.settings.service import SensorQuality
 
@@ -15,7 +15,7 @@ common_options = with_options(
     click.argument("robots", nargs=-1, metavar="[ROBOT]..."),
     click.option("--sensors", type=click.Choice(get_args(SensorQuality)), default="good", show_default=True,
                  help="Quality of the mock robot's sensors."),
-    click.option("--jobs", default=-1, show_default=True, help="Parallel robots; -1 for one per processor."),
+    jobs_option("robots"),
 )  # fmt: skip
 
 

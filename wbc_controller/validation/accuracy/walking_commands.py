@@ -96,7 +96,7 @@ def walking(
 def walking_grounds(
     robots: tuple[str, ...], sensors: SensorQuality, jobs: int, seeds: int, seconds: float, names: tuple[str, ...]
 ) -> None:
-    """Walk onto unknown ground, stop and stand; by default g1 and talos.
+    """Walk onto unknown ground, stop and stand; by default g1, talos and go2.
 
     Grounds: cells with random heights of ±2 cm, slopes of 5° up, down and across, friction 0.4, soft ground. Exit
     status 1: more than one of ten walks ended early.
@@ -127,7 +127,7 @@ def walking_grounds(
 @click.option("--seeds", default=10, show_default=True, type=click.IntRange(1), help="Robots of each type.")
 @click.option("--count", default=10, show_default=True, type=click.IntRange(1), help="Starts and stops of each robot.")
 def walking_starts(robots: tuple[str, ...], sensors: SensorQuality, jobs: int, seeds: int, count: int) -> None:
-    """Start and stop at random times and velocities; by default g1 and talos.
+    """Start and stop at random times and velocities; by default g1, talos and go2.
 
     Prints the number of stops by their steps. Exit status 1: a robot fell, or took more than three steps to stand.
     """
@@ -162,7 +162,7 @@ def walking_pushes(
     robots: tuple[str, ...], sensors: SensorQuality, jobs: int, directions: int, phases: int, changes: int,
     seconds: float, plot: Path | None,
 ) -> None:  # fmt: skip
-    """Push robots that step in place, compared with standing; by default g1 and talos.
+    """Push robots that step in place, compared with standing; by default g1, talos and go2.
 
     Pushes of 0.1 s at the base: prints the largest survived impulse, the smallest and the mean over the phases of the
     stride. Then the velocity changes by up to ±0.5 m/s every 1 to 3 s. Exit status 1: the smallest impulse is below 1.5

@@ -6,6 +6,8 @@ from typing import Any
 
 import click
 
+from wbc_controller.apps.terminal.command_options import jobs_option
+
 
 @click.command()
 @click.argument("robots", nargs=-1, metavar="[ROBOT]...")
@@ -13,7 +15,7 @@ import click
 @click.option("--seeds", default=25, show_default=True, type=click.IntRange(1), help="Trials per kind and robot.")
 @click.option("--seed", type=click.IntRange(0), help="Run one trial per kind and robot with this seed.")
 @click.option("--walking", is_flag=True, help="Faults during the steps of walking robots, by default g1 and talos.")
-@click.option("--jobs", default=-1, show_default=True, help="Parallel trials; -1 for one per processor.")
+@jobs_option("trials")
 @click.option("--out", "folder", type=click.Path(path_type=Path), default=Path("faults"), show_default=True,
               help="Folder of the results; only missing trials are run.")  # fmt: skip
 @click.option("--backend", default="loky", show_default=True, help="loky (this machine), dask or ray.")

@@ -44,6 +44,7 @@ def _first(kind: str) -> Callable[[F], F]:
     return click.option("--first", default=0, show_default=True, help=f"Number of the first {kind}.")
 
 
+_MINUTES = click.FloatRange(0.0, min_open=True)
 _seed = click.option("--seed", default=0, show_default=True, help="Seed of all random choices.")
 _robots = click.argument("robots", default="go2,g1,talos")
 _common = with_options(
@@ -56,7 +57,7 @@ _live = with_options(
 )
 _of_files = with_options(
     _robots,
-    click.option("--count", default=20_000, show_default=True, help="Number of files."),
+    click.option("--count", default=20_000, show_default=True, type=click.IntRange(1), help="Number of files."),
     _first("file"),
     _common,
 )
@@ -64,7 +65,7 @@ _of_files = with_options(
 
 @fuzz.command()
 @click.argument("robot", default="go2")
-@click.option("--count", default=1_000_000, show_default=True, help="Total number of messages.")
+@click.option("--count", default=1_000_000, show_default=True, type=click.IntRange(1), help="Total number of messages.")
 @click.option("--nodes", default="controller,guard,mock,urdf,estimator", show_default=True, help="Nodes under test.")
 @_first("episode of each node")
 @click.option("--replay", type=click.Path(path_type=Path), help="Only send the messages of a failure again.")
@@ -120,7 +121,7 @@ for _kind, _content in (
 
 
 @fuzz.command()
-@click.option("--count", default=5_000, show_default=True, help="Number of classes.")
+@click.option("--count", default=5_000, show_default=True, type=click.IntRange(1), help="Number of classes.")
 @_seed
 def classes(count: int, seed: int) -> None:
     """Run controllers with a user class with a hostile member: it is refused, or the robot is damped."""
@@ -131,7 +132,7 @@ def classes(count: int, seed: int) -> None:
 
 @fuzz.command()
 @click.argument("robot", default="go2")
-@click.option("--trials", default=100, show_default=True, help="Emergency stops per flood.")
+@click.option("--trials", default=100, show_default=True, type=click.IntRange(1), help="Emergency stops per flood.")
 @click.option("--kinds", help="Floods, comma-separated; by default all.")
 @_live
 def floods(robot: str, trials: int, kinds: str | None, domain: int, seed: int, folder: Path) -> None:
@@ -144,7 +145,7 @@ def floods(robot: str, trials: int, kinds: str | None, domain: int, seed: int, f
 
 @fuzz.command()
 @click.argument("robot", default="go2")
-@click.option("--trials", default=50, show_default=True, help="Trials per process and signal.")
+@click.option("--trials", default=50, show_default=True, type=click.IntRange(1), help="Trials per process and signal.")
 @_live
 def kills(robot: str, trials: int, domain: int, seed: int, folder: Path) -> None:
     """Kill, hang up and stop the controller and the mock robot at random times."""
@@ -155,7 +156,7 @@ def kills(robot: str, trials: int, domain: int, seed: int, folder: Path) -> None
 
 @fuzz.command()
 @click.argument("robot", default="go2")
-@click.option("--minutes", default=30.0, show_default=True, help="Duration.")
+@click.option("--minutes", default=30.0, show_default=True, type=_MINUTES, help="Duration.")
 @_live
 def soak(robot: str, minutes: float, domain: int, seed: int, folder: Path) -> None:
     """Run controller, mock robot and guard for a long time, and monitor memory and faults."""
@@ -180,7 +181,7 @@ def soak(robot: str, minutes: float, domain: int, seed: int, folder: Path) -> No
 
 @fuzz.command()
 @_robots
-@click.option("--count", default=1000, show_default=True, help="Trials per robot.")
+@click.option("--count", default=1000, show_default=True, type=click.IntRange(1), help="Trials per robot.")
 @_first("trial")
 @_seed
 def clocks(robots: str, count: int, first: int, seed: int) -> None:
@@ -193,7 +194,9 @@ def clocks(robots: str, count: int, first: int, seed: int) -> None:
 
 @fuzz.command()
 @_robots
-@click.option("--minutes", default=10.0, show_default=True, help="Simulated time under control per robot.")
+@click.option(
+    "--minutes", default=10.0, show_default=True, type=_MINUTES, help="Simulated time under control per robot."
+)
 @_first("trial")
 @_seed
 def setpoints(robots: str, minutes: float, first: int, seed: int) -> None:
@@ -205,7 +208,7 @@ def setpoints(robots: str, minutes: float, first: int, seed: int) -> None:
 
 @fuzz.command()
 @_robots
-@click.option("--count", default=10_000, show_default=True, help="Problems per robot.")
+@click.option("--count", default=10_000, show_default=True, type=click.IntRange(1), help="Problems per robot.")
 @_first("problem")
 @click.option("--seed", default=0, show_default=True, help="Offset of the problem numbers.")
 def problems(robots: str, count: int, first: int, seed: int) -> None:
