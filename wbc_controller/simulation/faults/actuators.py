@@ -1,7 +1,7 @@
 """Actuator faults."""
 
 from collections import deque
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from pydantic import Field
@@ -35,27 +35,27 @@ class _OneActuator(_AllActuators):
         return context.index_of(self.actuator, context.robot.actuators)
 
 
-class _ScaledActuator(_OneActuator):
-    def _change(self, tau: Array, context: FaultContext, state: int) -> Array:
-        changed: Array = tau.copy()
-        changed[state] *= getattr(self, "factor", 0.0)
-        return changed
-
-
-class ActuatorDead(_ScaledActuator):
+class ActuatorDead(_OneActuator):
     """An actuator has no torque."""
 
+    def _change(self, tau: Array, context: FaultContext, state: int) -> Array:
+        return _scaled(tau, state, 0.0)
 
-class ActuatorReversed(_ScaledActuator):
+
+class ActuatorReversed(_OneActuator):
     """The torque of an actuator has the wrong sign."""
 
-    factor: ClassVar[float] = -1.0
+    def _change(self, tau: Array, context: FaultContext, state: int) -> Array:
+        return _scaled(tau, state, -1.0)
 
 
-class ActuatorGain(_ScaledActuator):
+class ActuatorGain(_OneActuator):
     """The torque of an actuator is scaled, as by a wrong torque constant."""
 
     factor: float = number(0.8, 0.2, 2.0, "", "scale of the torque")
+
+    def _change(self, tau: Array, context: FaultContext, state: int) -> Array:
+        return _scaled(tau, state, self.factor)
 
 
 class ActuatorWeak(_AllActuators):
@@ -134,3 +134,9 @@ class JointLocked(JointFault):
     def begin(self, context: FaultContext) -> Effect:
         """Lock the joint."""
         return Effect(ended=context.plant.lock(context.robot.joints[self._start(context)]))
+
+
+def _scaled(tau: Array, actuator: int, factor: float) -> Array:
+    changed: Array = tau.copy()
+    changed[actuator] *= factor
+    return changed
