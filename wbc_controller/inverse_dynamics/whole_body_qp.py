@@ -124,14 +124,14 @@ class WholeBodyQP:
             hierarchy.recall(remembered)
 
     def _solver_of(self, layout: Layout) -> Solver:
-        """Return the solver for a set of contacts.
+        """Return the solver for another set of contacts.
 
         After a change of the set, it starts with the active set that it found at the last such change.
         """
         if layout.key not in self._solvers:
             self._solvers[layout.key] = self._make_solver(layout.problem)
         solver = self._solvers[layout.key]
-        if layout.key != self._current and solver.active_set is not None:
+        if solver.active_set is not None:
             self._change = self._current or (), layout.key
             solver.active_set.restart(self._first_sets.get(self._change))
         self._current = layout.key
@@ -214,7 +214,7 @@ class WholeBodyQP:
 
     def _solve_with_relaxation(self, layout: Layout, references: References) -> Answer:
         """Solve a problem with the least relaxation."""
-        solver = self._solver_of(layout)
+        solver = self._solvers[layout.key] if layout.key == self._current else self._solver_of(layout)
         answer = self._solve_levels(layout) if self._priorities else solver.solve(layout.problem)
         if self._change is not None and solver.active_set is not None:
             self._first_sets[self._change], self._change = solver.active_set.side.copy(), None
