@@ -183,8 +183,8 @@ class BipedWalker(Walker):
             dt = 0.0
             self._begin(dynamics, soles, orientations, decision)
         (x, y, _), (vx, vy, _) = dynamics.com.tolist(), dynamics.com_velocity.tolist()
-        dcm = complex(x + vx / self._omega, y + vy / self._omega)
-        cycle = _Cycle(time, dt, dcm, soles, touching, dynamics)
+        com, velocity = complex(x, y), complex(vx, vy)
+        cycle = _Cycle(time, dt, com + velocity / self._omega, soles, touching, dynamics)
         self.velocity = self.velocity.towards(self.command or Velocity(), self.gait, dt)
         if self.phase is Phase.STAND:
             self._enter(Phase.SHIFT, cycle)
@@ -199,11 +199,11 @@ class BipedWalker(Walker):
         self._latest = cycle, pressure
         if self.fall_prediction.is_due(time):
             self._predict_fall(cycle)
-        acceleration = self._omega**2 * (complex(x, y) - pressure)
+        acceleration = self._omega**2 * (com - pressure)
         if self.phase is Phase.SINGLE and self._step is not None:
             acceleration += self.gait.reaction * self._step.acceleration
         height, turning = soles[self._stance].height, self._turn(soles, dt)
-        self._command_body(complex(x, y), complex(vx, vy), acceleration, height, turning, dt)
+        self._command_body(com, velocity, acceleration, height, turning, dt)
         decision.references = self._references
         return decision
 
