@@ -8,6 +8,7 @@ import weakref
 import numpy as np
 import pytest
 from command_line import wbc
+from hypothesis import strategies as st
 
 from wbc_controller.controller.cycle import ControlCycle
 from wbc_controller.errors import ConfigurationError
@@ -23,6 +24,7 @@ from wbc_controller.validation.fuzz import hostile_messages
 from wbc_controller.validation.fuzz.controller_target import ControllerTarget
 from wbc_controller.validation.fuzz.hostile_messages import TARGETS, fuzz_messages, load, replay
 from wbc_controller.validation.fuzz.other_targets import UrdfTarget
+from wbc_controller.validation.fuzz.strategies import draw_by_key
 from wbc_controller.validation.fuzz.target import Target, fuzzed_robot
 
 ROBOT = "go2"
@@ -82,6 +84,7 @@ def test_seed_determines_the_messages(monkeypatch):
 @pytest.mark.parametrize("key", TARGETS)
 def test_nodes_end_with_their_episode(key, monkeypatch):
     """Memory of one robot per episode would hide a leak of the node."""
+    draw_by_key(st.integers())  # Hypothesis keeps the first strategy of the process
     nodes, original = weakref.WeakSet(), Target.__init__
 
     def init(self, *arguments):
