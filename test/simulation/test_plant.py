@@ -139,6 +139,15 @@ def test_joints_stop_at_their_limits_and_damping_saturates(go2, plant):
     assert np.abs(plant.state()[1]).max() < 0.05
 
 
+def test_the_hoist_releases_a_robot_gradually(plant):
+    start, _ = plant.state()
+    plant.hold(False)
+    simulate(plant, 150)
+    assert start[2] - plant.state()[0][2] < 0.01
+    simulate(plant, 1000)
+    assert start[2] - plant.state()[0][2] > 0.1
+
+
 def test_the_hoist_carries_a_fallen_robot_back(plant):
     start, _ = plant.state()
     plant.damp(2.0)
