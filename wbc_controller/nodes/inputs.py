@@ -156,22 +156,22 @@ class Inputs:
         self._woken = True
         self._joints.stream.wake()
 
-    def _collect(self, queue: _Input) -> None:
+    def _collect(self, source: _Input) -> None:
         """Take the messages of a topic, and drop oversized ones."""
-        taken, largest = queue.stream.take(), _MAX_BYTES[queue.topic.key]
+        taken, largest = source.stream.take(), _MAX_BYTES[source.topic.key]
         self._clock.refresh()  # after the states, because a simulator publishes the time first
         now = self._clock.now()
         for payload in taken:
             if len(payload) <= largest:
-                queue.pending.append((now, payload))
+                source.pending.append((now, payload))
             else:
-                self.requests.drop_unread(queue.topic, f"more than {largest} bytes")
+                self.requests.drop_unread(source.topic, f"more than {largest} bytes")
 
     def discard_pending(self) -> None:
         """Drop all waiting states: their ages are unknown."""
-        for queue in self._inputs.values():
-            queue.stream.take()
-            queue.pending.clear()
+        for source in self._inputs.values():
+            source.stream.take()
+            source.pending.clear()
         self._clock.refresh()
 
     def restart(self) -> None:
@@ -207,14 +207,14 @@ class Inputs:
             walking: True if the robot walks (`BaseEstimator.update`).
         """
         refused: list[str] = []
-        for queue in self._inputs.values():
-            if not queue.pending:  # otherwise just taken by `wait`
-                self._collect(queue)
+        for source in self._inputs.values():
+            if not source.pending:  # otherwise just taken by `wait`
+                self._collect(source)
         if self._joints.pending and self._clock.now() - self._joints.pending[0][0] > _PREEMPTED:
             self._collect(self._joints)
-        for queue in self._inputs.values():
-            while queue.pending:
-                self._decode(queue, refused)
+        for source in self._inputs.values():
+            while source.pending:
+                self._decode(source, refused)
         if self.estimator is not None:
             refused += self._estimate(self.estimator, holding, controlled=controlled, walking=walking)
         joints: JointStates | None = self._joints.newest
@@ -245,29 +245,29 @@ class Inputs:
         stamp = 1.0e-9 * self._inputs["odom", ""].newest.stamp
         self._agreement.update(stamp, odometry, (joints.position, joints.velocity), holding, controlled=controlled)
 
-    def _decode(self, queue: _Input, refused: list[str]) -> None:
+    def _decode(self, source: _Input, refused: list[str]) -> None:
         """Decode, check and store one message; a refused one leaves the last one in force."""
-        topic, key = queue.topic, queue.topic.key
-        arrival, payload = queue.pending.popleft()
+        topic, key = source.topic, source.topic.key
+        arrival, payload = source.pending.popleft()
         try:
-            if queue.reader is None:
+            if source.reader is None:
                 self._detector.update_switch(topic.subject, bool(decode(payload, topic.type).data))
                 return
-            newest = queue.reader.read(payload)
-            reason = queue.stamps.refusal(newest.stamp, arrival)
-            if not reason and queue.check is not None:  # it stores a plausible sample
-                reason = queue.check.check(*newest[:3])
+            newest = source.reader.read(payload)
+            reason = source.stamps.refusal(newest.stamp, arrival)
+            if not reason and source.check is not None:  # it stores a plausible sample
+                reason = source.check.check(*newest[:3])
             if reason:
                 raise InputRefused(reason)
-            queue.stamps.accept(newest.stamp, arrival)
+            source.stamps.accept(newest.stamp, arrival)
         except Exception as error:
             self._refusals[key] = refusal_reason(topic, error) + self._publishers_note(topic.name)
             refused.append(f"{topic.name}: {self._refusals[key]}")
             return
         self._refusals.pop(key, None)
-        if queue is self._joints and self._velocity_filter is not None:
+        if source is self._joints and self._velocity_filter is not None:
             newest = newest._replace(velocity=self._velocity_filter.update(newest.stamp, newest.position))
-        queue.newest = newest
+        source.newest = newest
         if key == "imu":
             self._imu.append(ImuSample(1.0e-9 * newest.stamp, newest.angular_velocity, newest.specific_force))
         elif key == "pose":
