@@ -43,6 +43,18 @@ def test_planes_of_footholds():
     assert plane_through([*on_it, *level[2:]]).slope.real > 0.055
 
 
+def test_a_swing_sole_turns_to_the_slope_of_the_ground():
+    """With a time constant of 0.05 s, and without a change in a cycle of no duration."""
+    foot = Foot("foot", "task", 0, pin.SE3.Identity(), (0.1, 0.05), 0, placement_numbers(pin.SE3.Identity()))
+    motion, landing, slope, ground = at_rest(0j, 0.0, 0.0), Landing(0j, 0.0, 0.0, 0.5), 0.2 - 0.1j, 0.05 + 0.1j
+    assert foot.swung(motion, landing, slope, ground, 0.05, 0.0, 0.0, 0.0)[2] == slope
+    for i in range(25):
+        motion, _, slope, reference = foot.swung(motion, landing, slope, ground, 0.05, 0.002 * i, 0.002, 0.0)
+    assert slope == pytest.approx(ground + (0.15 - 0.2j) * 0.96**25)
+    normal = rotation_of(reference.position[3:])[:, 2]
+    assert complex(-normal[0] / normal[2], -normal[1] / normal[2]) == pytest.approx(slope, abs=1e-12)
+
+
 @given(SLOPES, st.floats(-3.0, 3.0))
 def test_a_sole_is_parallel_to_the_ground_in_its_heading(slope, heading):
     foot = Foot("foot", "task", 0, pin.SE3.Identity(), (0.1, 0.05), 0, placement_numbers(pin.SE3.Identity()))
