@@ -7,6 +7,7 @@ from snapshots import dynamics_at
 
 from wbc_controller.errors import NoSolution
 from wbc_controller.inverse_dynamics import whole_body_qp
+from wbc_controller.inverse_dynamics.formulation.cost import LevelCost
 from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT, Answer, QuadraticProgram
 from wbc_controller.inverse_dynamics.formulation.unpacking import unpack
 from wbc_controller.inverse_dynamics.solvers import make_solver
@@ -501,3 +502,22 @@ def test_references_of_wrong_size_are_refused(robots, more, sizes):
     shifted = Reference(*(np.resize(array, 3 + count) for array, count in zip(arrays, more, strict=True)))
     with pytest.raises(ValueError, match=f"'com' has {sizes}; expected 3, 3 and 3"):
         g1.controller.solve(state, replace(references, tasks={**references.tasks, "com": shifted}), before)
+
+
+def test_a_problem_after_an_error_in_another_one_is_complete(bench, monkeypatch):
+    """Problems of the same contacts share arrays."""
+    robot = bench("g1")
+    state, references = robot.state(), robot.references()
+    expected = robot.controller.solve(state, references).tau
+
+    def fails(*_):
+        raise RuntimeError("weights")
+
+    other = replace(
+        references, weights={**references.weights, "com": 0.0}, contacts={**references.contacts, "left_foot": 0.1}
+    )
+    with monkeypatch.context() as broken:
+        broken.setattr(LevelCost, "set_parameters", fails)  # after the bounds of the contacts
+        with pytest.raises(RuntimeError, match="weights"):
+            robot.controller.solve(state, other)
+    np.testing.assert_allclose(robot.controller.solve(state, references).tau, expected, atol=1e-9)

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import closing
 
 import pytest
 from busy import patience
@@ -88,3 +89,19 @@ def test_a_process_hears_a_hang_up_also_under_nohup(tmp_path):
     finally:
         signal.signal(signal.SIGHUP, ours)
         processes.close()
+
+
+@pytest.mark.parametrize(
+    ("mode", "sent"), [("inactive", ["activate"]), ("", ["reset", "activate"]), ("fault ESTOP", ["reset", "activate"])]
+)
+def test_the_activation_resets_faults(tmp_path, mode, sent):
+    modes, words = [mode], []
+
+    def send(word):
+        words.append(word)
+        if word == "activate":
+            modes.append("active")
+
+    with closing(Processes("go2", tmp_path, 0)) as processes:
+        processes.until_active(lambda: modes[-1], send)
+    assert words == sent
