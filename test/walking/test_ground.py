@@ -249,7 +249,7 @@ def test_steps_on_rough_ground_are_slower(roughness, share):
     _, _, walker = walking("g1", 0.0, seconds=1.0)
     cycle, walker._roughness.share = walker._latest[0], roughness
     walker._swing(cycle, walker._step.begun.ground)
-    outside = cycle._replace(dcm=cycle.dcm - 0.2j * walker._step.begun.stance.side, time=walker._since + 0.002, dt=0.1)
+    outside = replace(cycle, dcm=cycle.dcm - 0.2j * walker._step.begun.stance.side, time=walker._since + 0.002, dt=0.1)
     walker._single(walker._step, outside, Decision([], {}))
     assert walker._step.landing.time == pytest.approx(share * walker.gait.single)
 
@@ -264,7 +264,7 @@ def test_the_centre_of_pressure_moves_to_the_raised_side_of_a_rolling_stance_sol
     sole, pressures = cycle.soles[walker._stance], []
     for change in (0.0, rolled):
         walker._footholds = (replace(last, slope=sole.slope - change), *earlier)
-        pressures.append(walker._single(step, cycle._replace(dt=0.0), Decision([], {})))
+        pressures.append(walker._single(step, replace(cycle, dt=0.0), Decision([], {})))
     assert pressures[1] - pressures[0] == pytest.approx(moved, abs=1e-3)
 
 
@@ -275,7 +275,7 @@ def test_at_a_touchdown_the_last_foothold_does_not_move_the_centre_of_pressure()
         _, _, walker = walking("g1", 0.0, seconds=1.0)
         last, *earlier = walker._footholds
         walker._footholds = (replace(last, slope=last.slope + change), *earlier)
-        late = walker._latest[0]._replace(dt=0.0, time=walker._since + walker._step.landing.time + 0.2)
+        late = replace(walker._latest[0], dt=0.0, time=walker._since + walker._step.landing.time + 0.2)
         pressures.append(walker._single(walker._step, late, Decision([], {})))
         assert walker.phase is Phase.DOUBLE
     assert pressures[0] == pressures[1]

@@ -4,7 +4,6 @@ import cmath
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 from wbc_controller.inverse_dynamics.references.changes import EnableContact
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
@@ -68,7 +67,8 @@ class Step:
     slope: complex  # of the swing foot, dz/dx + i dz/dy
 
 
-class _Cycle(NamedTuple):
+@dataclass(slots=True)  # not frozen, and no named tuple: faster in every cycle
+class _Cycle:
     time: float  # s
     dt: float  # time since the last cycle, s
     dcm: complex  # ξ, x + i y in m
@@ -99,6 +99,7 @@ class BipedWalker(Walker):
         self._gravity = gravity
         super().__init__(gait, tasks)
         self._omega = natural_frequency(self._com_height, gravity)  # ω, 1/s
+        self._feedback = 1.0 + _GAIN / self._omega  # of the centre of pressure on the DCM
 
     def reset(self) -> None:
         """Stand, without a command."""
@@ -402,7 +403,7 @@ class BipedWalker(Walker):
         ξ̇ = ω (ξ - p) = ξ̇* - k (ξ - ξ*) needs p = p* + (1 + k / ω) (ξ - ξ*).
         """
         foot, heading = self._feet[self._stance], cycle.soles[self._stance].heading
-        pressure += (1.0 + _GAIN / self._omega) * (cycle.dcm - self._dcm_wanted)
+        pressure += self._feedback * (cycle.dcm - self._dcm_wanted)
         length, width = foot.usable
         return nearest_in_support(pressure, first, second, heading, length, width + beyond)
 

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -17,7 +16,8 @@ from wbc_controller.walking.terrain import Ground
 _SOLE_SHARE = (0.8, 0.7)  # shares of the half length and half width of the sole that the centre of pressure may use
 
 
-class Sole(NamedTuple):
+@dataclass(slots=True)  # not frozen, and no named tuple: faster in every cycle
+class Sole:
     """Pose and speed of a sole in the world."""
 
     place: complex  # of the centre on the ground, x + i y in m
