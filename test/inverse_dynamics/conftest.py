@@ -29,10 +29,10 @@ class Bench:
         self.controller: WholeBodyQP = make_qp(self.settings, self.model, lambda: 0.0)
         self.stance = stance(self.model, self.controller, list(self.controller.contacts))
 
-    def on_soles(self, **sole: float) -> "Bench":
-        """Return the same robot with other sole sizes in the controller."""
+    def on_soles(self, **values: float) -> "Bench":
+        """Return the same robot with other values of all contacts in the controller."""
         contacts = self.settings.contacts.items()
-        return self.rebuilt(contacts={name: contact.model_copy(update=sole) for name, contact in contacts})
+        return self.rebuilt(contacts={name: contact.model_copy(update=values) for name, contact in contacts})
 
     def rebuilt(self, **sections: Any) -> "Bench":
         """Return the same robot with other sections of its settings."""
@@ -49,9 +49,8 @@ class Bench:
 
     def state(self, q: Array | None = None, v: Array | None = None) -> RobotState:
         """Return a state, by default at rest in the stance."""
-        return RobotState(
-            0, frozen(self.stance if q is None else q), frozen(np.zeros(self.model.nv) if v is None else v)
-        )
+        v = np.zeros(self.model.nv) if v is None else v
+        return RobotState(0, frozen(self.stance if q is None else q), frozen(v))
 
     def near_stance(self, rng: np.random.Generator, position: float = 0.1, velocity: float = 0.3) -> RobotState:
         """Return a random state within joint limits, near the stance."""
@@ -59,6 +58,14 @@ class Bench:
         lower, upper = self.model.position_lower + 0.05, self.model.position_upper - 0.05
         q[self.model.q_index] = np.clip(q[self.model.q_index], lower, upper)
         return self.state(q, velocity * rng.uniform(-1, 1, self.model.nv))
+
+    def rushing(self, joint: str, gap: float, speed: float) -> tuple[Array, Array]:
+        """Return q and v of the stance, with one joint moving to its upper limit from a distance."""
+        i = self.model.joints.index(joint)
+        q, v = np.array(self.stance), np.zeros(self.model.nv)
+        q[self.model.q_index[i]] = self.model.position_upper[i] - gap
+        v[self.model.v_index[i]] = speed
+        return q, v
 
     def random_problem(self, seed: int) -> tuple[RobotState, References, Array | None]:
         """Return a random state, references and present torques."""

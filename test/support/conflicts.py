@@ -19,13 +19,14 @@ def conflict_at_rest(robot, references=None):
     return explain(layout, robot.model, effort, held=("motion",)), layout, effort
 
 
-def change_motion_bounds(formulation, change):
-    """Let a function of the lower and upper bounds of x change those of every program that is built from now on."""
+def set_motion_bounds(robot, joints, lower, upper):
+    """Set bounds of joint accelerations, rad/s², in every program that is built from now on."""
+    formulation, columns = robot.controller.formulation, robot.model.v_index[joints]
     build = formulation.build
 
     def built(*arguments):
         layout = build(*arguments)
-        change(layout.problem.x_lower, layout.problem.x_upper)
+        layout.problem.x_lower[columns], layout.problem.x_upper[columns] = lower, upper
         return layout
 
     formulation.build = built

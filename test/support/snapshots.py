@@ -1,9 +1,18 @@
-"""Rigid-body dynamics at one state."""
+"""Rigid-body dynamics at one state, and differences between states."""
 
 import numpy as np
 import pinocchio as pin
 
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
+
+
+def displacement(start, end):
+    """Return the displacement between vectors, quaternions (4,) or poses (7,), with rotations in world axes."""
+    if len(start) not in (4, 7):
+        return end - start
+    turn = pin.log3(rotation_of(end[-4:]) @ rotation_of(start[-4:]).T)
+    return np.concatenate([end[:-4] - start[:-4], turn])
 
 
 def dynamics_at(model, q, v=None):
@@ -13,10 +22,10 @@ def dynamics_at(model, q, v=None):
     return dynamics
 
 
-def rate_along(value, model, q, v, step, v_dot=0.0):
+def rate_along(value, model, q, v, step, v_dot=0.0, change=lambda start, end: end - start):
     """Return the rate of `value`, a function of the dynamics, along a motion, by central differences in time, s."""
-    ends = []
+    dynamics, ends = Dynamics(model), []
     for t in (-step, step):
-        end = pin.integrate(model.pinocchio, q, t * v + 0.5 * t**2 * v_dot)
-        ends.append(np.array(value(dynamics_at(model, end, v + t * v_dot))))
-    return (ends[1] - ends[0]) / (2.0 * step)
+        dynamics.update(pin.integrate(model.pinocchio, q, t * v + 0.5 * t**2 * v_dot), v + t * v_dot)
+        ends.append(np.array(value(dynamics)))
+    return change(*ends) / (2.0 * step)

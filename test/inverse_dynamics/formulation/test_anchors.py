@@ -65,11 +65,10 @@ def test_displacement_excludes_rolling(g1, random_state, wheel, seed):
     # About any axis for a ball; about the normal for a wheel, which stays upright.
     turn = rng.uniform(-1.5, 1.5) * (n if wheel else np.array(random_place(rng).rotation[:, 0]))
     slid = 0.1 * rng.normal(size=3)
-    moved = np.array(q)
     to = centre + (0.0 if wheel else contact.radius * np.cross(turn, n)) + slid
     rotation = pin.exp3(turn)
     base = pin.SE3(rotation, to - rotation @ centre) * pin.XYZQUATToSE3(q[:7])
-    moved[:7] = pin.SE3ToXYZQUAT(base)
+    moved = np.concatenate([pin.SE3ToXYZQUAT(base), q[7:]])
     expected = -contact.axes(dynamics).T @ slid
     if wheel:
         expected[:2] = 0.0
@@ -117,9 +116,8 @@ def test_displacement_decays_with_k_and_d(standing, name):
         if i % 50 == 0:  # critically damped: D = 2 √K
             now = dynamics_at(robot.model, q)
             decayed = (1.0 + rate * i * step) * math.exp(-rate * i * step)
-            np.testing.assert_allclose(
-                contact.displacement(now, anchor), decayed * first, atol=0.02 * np.abs(first).max()
-            )
+            found = contact.displacement(now, anchor)
+            np.testing.assert_allclose(found, decayed * first, atol=0.02 * np.abs(first).max())
             for other in set(references.anchors) - {name}:
                 away = robot.controller.contacts[other].displacement(now, references.anchors[other])
                 assert np.abs(away).max() < 1e-5
@@ -132,14 +130,14 @@ def test_displacement_decays_with_k_and_d(standing, name):
             np.testing.assert_allclose(again.tau, solution.tau, atol=1e-6)
 
 
+def elsewhere(robot, by):
+    """Return the dynamics of the stance after a motion along each axis, m."""
+    return dynamics_at(robot.model, np.append(robot.stance[:3] + by, robot.stance[3:]))
+
+
 def test_anchors_are_set_at_each_activation(standing):
     robot, dynamics, board = standing()
     foot, ramp = robot.controller.contacts["left_foot"], robot.settings.contacts["left_foot"].ramp
-
-    def elsewhere(size):
-        q = np.array(robot.stance)
-        q[:3] += size
-        return dynamics_at(robot.model, q)
 
     def displacement(dynamics, time):
         return foot.displacement(dynamics, board.sample(time).anchors["left_foot"])
@@ -149,7 +147,7 @@ def test_anchors_are_set_at_each_activation(standing):
 
     early = board.sample(0.0)
     assert set(early.anchors) == {"left_foot", "right_foot"}
-    a, b, c = elsewhere(0.01), elsewhere(0.02), elsewhere(0.03)
+    a, b, c = (elsewhere(robot, by) for by in (0.01, 0.02, 0.03))
     np.testing.assert_allclose(np.linalg.norm(displacement(a, 0.0)[:3]), math.sqrt(3.0) * 0.01)
     switch(True, a, 1.0)  # active already
     switch(False, a, 2.0)
@@ -171,9 +169,7 @@ def test_anchors_are_set_at_each_activation(standing):
 
 def test_anchor_of_a_slipping_contact_moves_with_it(standing):
     robot, _, board = standing()
-    foot, q = robot.controller.contacts["left_foot"], np.array(robot.stance)
-    q[:3] += 0.01
-    moved, before = dynamics_at(robot.model, q), board.sample(0.0).anchors
+    foot, moved, before = robot.controller.contacts["left_foot"], elsewhere(robot, 0.01), board.sample(0.0).anchors
     board.anchor_slipping_contacts(moved)
     assert board.sample(0.0).anchors is before
     board.apply([SetSlippingContacts(("left_foot",))], moved, 1.0)

@@ -4,12 +4,11 @@ from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
-from conflicts import change_motion_bounds, conflict_at_rest, conflict_of
+from conflicts import conflict_at_rest, conflict_of, set_motion_bounds
 from scipy.optimize import linprog
 
 from wbc_controller.errors import NoSolution
 from wbc_controller.inverse_dynamics import whole_body_qp
-from wbc_controller.inverse_dynamics.contacts.support import friction_pyramid
 from wbc_controller.inverse_dynamics.formulation import infeasibility
 from wbc_controller.inverse_dynamics.formulation.infeasibility import MAX_PROGRAMS, named_constraints
 from wbc_controller.inverse_dynamics.formulation.problem import Answer
@@ -33,21 +32,20 @@ def weaken(robot, joint, limit):
     robot.controller.formulation.torque_limit.effort_limits = limits
 
 
-def failure(robot, references=None, state=None):
+def failure(robot):
     """Return the explanation of `NoSolution`, and the problem."""
+    references, formulation = robot.references(), robot.controller.formulation
     with pytest.raises(NoSolution) as error:
-        robot.controller.solve(state or robot.state(), references or robot.references())
-    assert error.value.infeasibility is not None
-    assert error.value.infeasibility.sentence in str(error.value)
-    references = references or robot.references()
-    layout = robot.controller.formulation.layout(tuple(references.contacts))
-    return error.value.infeasibility, layout, robot.controller.formulation.effort_bounds(references)
+        robot.controller.solve(robot.state(), references)
+    why = error.value.infeasibility
+    assert why.sentence in str(error.value)
+    return why, formulation.layout(tuple(references.contacts)), formulation.effort_bounds(references)
 
 
-def asked(robot, state=None, before=None):
+def asked(robot, before=None):
     """Return the explanation with limits that would be relaxed, and the problem."""
-    state, references = state or robot.state(), robot.references(state)
-    why, formulation = conflict_of(robot.controller, state, references, before), robot.controller.formulation
+    state, references, formulation = robot.state(), robot.references(), robot.controller.formulation
+    why = conflict_of(robot.controller, state, references, before)
     return why, formulation.build(state, references, before), formulation.effort_bounds(references)
 
 
@@ -86,12 +84,7 @@ def weak_arm(robot, name):
 
 
 def crossed(robot, name):
-    column = robot.model.v_index[robot.model.joints.index(ELBOW[name])]
-
-    def contradictory(lower, upper):
-        lower[column], upper[column] = 5.0, -5.0
-
-    change_motion_bounds(robot.controller.formulation, contradictory)
+    set_motion_bounds(robot, robot.model.joints.index(ELBOW[name]), 5.0, -5.0)
     return asked(robot), {f"motion:{ELBOW[name]}"}
 
 
@@ -105,18 +98,7 @@ def wrong_torque_before(robot, name):
 
 def slippery(robot, name):
     """Pushed sideways without sufficient friction."""
-    for contact in robot.controller.contacts.values():
-        contact.friction = 0.05
-        if contact.size == 3:
-            contact.cone = friction_pyramid(0.05)
-            continue
-        contact.cone = np.array(contact.cone)
-        normal = contact.cone[:, 2]
-        slides = (np.abs(contact.cone[:, :2]).max(axis=1) == 1.0) & (contact.cone[:, 2] < 0.0)
-        normal[slides] = -0.05 / 2.0**0.5
-    robot.controller.formulation._layouts.clear()
-    robot.controller.formulation._ready = None
-    robot.controller.forget()
+    robot = robot.on_soles(friction=0.05)
     push = np.array([0.0, 0.1 * weight(robot), 0.0, 0.0, 0.0, 0.0])
     references = replace(robot.references(), external_wrenches={robot.model.base_link: push})
     return conflict_at_rest(robot, references), {f"cone:{contact}" for contact in robot.controller.contacts}
@@ -126,13 +108,8 @@ def weak_and_braked(robot, name):
     """A hand that must brake hard, with a weak wrist."""
     wrist = "left_wrist_yaw_joint"
     weaken(robot, wrist, 0.2)
-    column = robot.model.v_index[robot.model.joints.index(wrist)]
-
-    def braked(lower, upper):
-        lower[robot.model.v_index], upper[robot.model.v_index] = -20.0, 20.0
-        lower[column], upper[column] = -500.0, -100.0
-
-    change_motion_bounds(robot.controller.formulation, braked)
+    set_motion_bounds(robot, slice(None), -20.0, 20.0)
+    set_motion_bounds(robot, robot.model.joints.index(wrist), -500.0, -100.0)
     return asked(robot), {f"motion:{wrist}", f"torque:{wrist}"}
 
 

@@ -4,7 +4,7 @@
 """
 
 import os
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pinocchio as pin
@@ -55,10 +55,6 @@ def grip(model):
     return hostile_classes.Grip(model, model.pinocchio.frames[-1].name, np.array([[1.0, 0.5, -1.0]]), 3.0)
 
 
-def ceiling(model):
-    return hostile_classes.Ceiling(model, 5.0)
-
-
 @cache
 def settings_of(robot):
     if robot == "menagerie":
@@ -92,7 +88,7 @@ def build(robot, *, levels):
     if feet:
         foot = next(iter(feet.values()))
         tasks.append(lambda model: ContactWrenchTask("wrench", foot, [True] * 6, np.full(6, 3.0)))
-    return make_qp(settings, model, tasks=tasks, contacts=[grip], limits=[ceiling])
+    return make_qp(settings, model, tasks=tasks, contacts=[grip], limits=[partial(hostile_classes.Ceiling, most=5.0)])
 
 
 def random_state(model, rng):

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from demands import demand
 from scipy.linalg import null_space
 
 from wbc_controller import Simulation
@@ -20,15 +21,14 @@ from wbc_controller.inverse_dynamics.formulation.redundancy import (
     separate_redundant_rows,
 )
 from wbc_controller.mechanics import change_coordinates
-from wbc_controller.records import RobotState, frozen
+from wbc_controller.records import RobotState
 from wbc_controller.settings.config import load
 from wbc_controller.validation.fuzz.hostile_classes import Grip
 from wbc_controller.validation.fuzz.problems import rest
 
 PANDA = "package://example-robot-data/robots/panda_description/urdf/panda.urdf"
 SOLO_8 = "package://example-robot-data/robots/solo_description/robots/solo.urdf"
-LEVELS = {"tasks.posture.level": 2, "tasks.base.level": 1}
-SOLVERS = {"daqp": {}, "osqp": {}, "levels": LEVELS}
+SOLVERS = {"daqp": {}, "osqp": {"solver.name": "osqp"}, "levels": {"tasks.posture.level": 2, "tasks.base.level": 1}}
 
 
 @cache
@@ -38,7 +38,7 @@ def drafted():
 
 def solo_8(solver="daqp"):
     """Solo 8: four point feet, legs without hip abduction."""
-    return drafted().replace(SOLVERS[solver] | {"solver.name": "daqp" if solver == "levels" else solver}).settings
+    return drafted().replace(SOLVERS[solver]).settings
 
 
 def without_ankle_roll():
@@ -132,9 +132,8 @@ def test_mimic_joints_reduce_the_mobility():
 
 def test_solution_is_continuous_as_a_direction_becomes_a_constraint(bench):
     robot = bench(solo_8())
-    com = robot.references().tasks["com"]
-    asked = replace(com, position=frozen(com.position + [0.0, 0.01, 0.0]))
-    references = replace(robot.references(), tasks={**robot.references().tasks, "com": asked})
+    references = robot.references()
+    references = demand(references, "com", position=references.tasks["com"].position + [0.0, 0.01, 0.0])
     shares, answers, held = np.linspace(0.1, 0.6, 100), [], []
     for share in shares:
         state = robot.state(leaning(robot, share), 0.1 * np.eye(robot.model.nv)[3])

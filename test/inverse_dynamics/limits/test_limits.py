@@ -1,8 +1,8 @@
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from demands import demand
 
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit, TorqueLimit, TorqueSpeedCurve
@@ -12,22 +12,7 @@ from wbc_controller.records import Tuning
 from wbc_controller.settings.limits import ActuatorTorqueSpeed, TorqueSpeedSettings
 
 PERIOD = 0.002
-
-
-def fling(bench, joint, acceleration, state=None):
-    """Return references that demand an acceleration of one arm joint with priority, and rest of the others."""
-    model = bench.model
-    references = bench.references(state, posture=1000.0)
-    posture = references.tasks["posture"]
-    wanted = np.zeros(model.na)
-    wanted[model.joints.index(joint)] = acceleration
-    tasks = {**references.tasks, "posture": replace(posture, acceleration=wanted)}
-    return replace(references, tasks=tasks)
-
-
 ELBOW = "left_elbow_joint"
-FREE = {"position": False, "velocity": False, "acceleration": 1.0e5}
-
 
 # Viability: with any demand, a joint never reaches a state without feasible bounds -----------------------------------
 
@@ -251,13 +236,16 @@ def test_curve_and_rate_never_conflict():
 
 def test_torque_speed_curve_has_an_effect(bench):
     """An elbow at half of its largest speed has a quarter of its torque; without the curve it needs more."""
-    curve, tau = TorqueSpeedSettings(enabled=True, corner=0.2, no_load=0.6), {}
-    for name, limits in (("held", {**FREE, "torque_speed": curve}), ("free", FREE)):
+    free, tau = {"position": False, "velocity": False, "acceleration": 1.0e5}, {}
+    curve = TorqueSpeedSettings(enabled=True, corner=0.2, no_load=0.6)
+    for name, limits in (("held", {**free, "torque_speed": curve}), ("free", free)):
         robot = bench("g1", limits=limits)
-        i, v = robot.model.joints.index(ELBOW), np.zeros(robot.model.nv)
-        v[robot.model.v_index[i]] = 0.5 * robot.model.velocity_limits[i]
-        solution = robot.controller.solve(robot.state(v=v), fling(robot, ELBOW, 2000.0))
-        tau[name] = solution.tau[i] / robot.model.effort_limits[i]
+        model, v = robot.model, np.zeros(robot.model.nv)
+        i = model.joints.index(ELBOW)
+        v[model.v_index[i]] = 0.5 * model.velocity_limits[i]
+        references = demand(robot.references(posture=1000.0), "posture", acceleration=2000.0 * np.eye(model.na)[i])
+        solution = robot.controller.solve(robot.state(v=v), references)
+        tau[name] = solution.tau[i] / model.effort_limits[i]
         assert f"torque:{ELBOW}:upper" in solution.binding
     assert tau == pytest.approx({"held": 0.25, "free": 1.0}, abs=1e-5)
 
@@ -291,11 +279,10 @@ def test_nan_passes_through_the_bounds():
 LIMITS = np.array([-1.0, -1.0]), np.array([1.0, 1.0])
 
 
-def stopping(limit, q, v, bounds=None):
+def stopping(limit, q, v):
     """Return the bounds of the first of two joints; the other one is at rest in the middle."""
     q, v = np.array([q, 0.0]), np.array([v, 0.0])
-    bounds = np.stack(limit.bounds(q, v, PERIOD)) if bounds is None else bounds
-    return limit.stopping_bounds(q, v, bounds, LIMITS)[:, 0]
+    return limit.stopping_bounds(q, v, np.stack(limit.bounds(q, v, PERIOD)), LIMITS)[:, 0]
 
 
 @pytest.mark.parametrize(("side", "gap", "speed"), [(1.0, 0.1, 3.0), (-1.0, 0.02, 2.0), (-1.0, 0.3, 8.0)])

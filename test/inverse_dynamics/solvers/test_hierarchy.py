@@ -5,6 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from demands import demand
 from quadratic_programs import squares_problem
 
 from wbc_controller.inverse_dynamics.formulation.problem import (
@@ -220,10 +221,10 @@ def test_active_sets_equal_null_spaces(bench, monkeypatch):
 def moving(robot, count):
     """Return a robot with growing demands on three levels, until limits bind and are free again."""
     references = robot.references(left_hand=10.0)
-    hand = references.tasks["left_hand"]
+    position = references.tasks["left_hand"].position
     for i in range(count):
-        asked = hand.position + np.array([0.6 * np.sin(0.1 * i), 0.0, 0.1 * np.cos(0.1 * i), 0.0, 0.0, 0.0, 0.0])
-        yield replace(references, tasks={**references.tasks, "left_hand": replace(hand, position=asked)})
+        moved = np.array([0.6 * np.sin(0.1 * i), 0.0, 0.1 * np.cos(0.1 * i), 0.0, 0.0, 0.0, 0.0])
+        yield demand(references, "left_hand", position=position + moved)
 
 
 def test_restored_hierarchy_is_identical(bench):
