@@ -11,27 +11,22 @@ from hand_contacts import HANDS, a_fixed, a_point, a_surface, a_wheel, random_pl
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
+from refusals import refusal
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 from snapshots import dynamics_at, rate_along
 
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.inverse_dynamics.contacts import (
-    FixedContact,
-    LoopClosure,
-    PointContact,
-    Polygon,
-    Rectangle,
-    RollingContact,
-    SurfaceContact,
-    polygon_wrench_cone,
-    wrench_cone,
-)
+from wbc_controller.inverse_dynamics import contacts
 from wbc_controller.inverse_dynamics.contacts.support import friction_pyramid
 
 FRAME = "left_ankle_roll_link"
 RADIUS = 0.03
 seeds = st.integers(0, 2**32 - 1)
+
+
+def a_sole(model, x=0.1, y=0.05, **options):
+    return contacts.SurfaceContact("foot", model, FRAME, pin.SE3.Identity(), contacts.Rectangle(x, y), **options)
 
 
 def same_rows(first, second):
@@ -42,12 +37,13 @@ def same_rows(first, second):
 @hypothesis_settings(max_examples=30, derandomize=True)
 @given(friction=st.floats(0.05, 1.5), x=st.floats(0.01, 0.3), y=st.floats(0.01, 0.3))
 def test_polygon_cone_of_a_rectangle_is_the_closed_form(friction, x, y):
-    assert same_rows(polygon_wrench_cone(friction, Rectangle(x, y).vertices), wrench_cone(friction, x, y))
+    C = contacts.polygon_wrench_cone(friction, contacts.Rectangle(x, y).vertices)
+    assert same_rows(C, contacts.wrench_cone(friction, x, y))
 
 
 def polygon(rng, size=0.1):
     points = size * rng.normal(size=(int(rng.integers(3, 9)), 2)) + 0.1 * rng.normal(size=2)
-    return Polygon(points[ConvexHull(points).vertices], "vertices")
+    return contacts.Polygon(points[ConvexHull(points).vertices], "vertices")
 
 
 def can_be_made(wrench, friction, vertices):
@@ -63,7 +59,7 @@ def can_be_made(wrench, friction, vertices):
 def test_polygon_cone_contains_exactly_the_wrenches_of_vertex_forces(seed, friction):
     rng = np.random.default_rng(seed)
     vertices = polygon(rng).vertices
-    C = polygon_wrench_cone(friction, vertices)
+    C = contacts.polygon_wrench_cone(friction, vertices)
     middle = vertices.mean(axis=0)
     upright = np.array([0.0, 0.0, 1.0, middle[1], -middle[0], 0.0])
     direction = rng.normal(size=6) * [friction, friction, 0.0, 0.1, 0.1, 0.1 * friction]
@@ -77,15 +73,13 @@ def test_polygon_cone_contains_exactly_the_wrenches_of_vertex_forces(seed, frict
 def test_vertices_in_any_order():
     corners = np.array([[0.1, 0.0], [-0.1, 0.05], [0.05, 0.06], [0.0, -0.07], [-0.1, -0.05]])
     rng = np.random.default_rng(0)
-    C = Polygon(corners, "vertices").cone(0.5)
+    C = contacts.Polygon(corners, "vertices").cone(0.5)
     for _ in range(5):
-        other = Polygon(rng.permutation(corners), "vertices")
+        other = contacts.Polygon(rng.permutation(corners), "vertices")
         assert same_rows(other.cone(0.5), C)
         edges = np.roll(other.vertices, -1, axis=0) - other.vertices
-        turns = np.cross(
-            np.column_stack([edges, np.zeros(5)]), np.column_stack([np.roll(edges, -1, axis=0), np.zeros(5)])
-        )
-        assert (turns[:, 2] > 0.0).all()  # in order around the polygon
+        turns = np.linalg.det(np.stack([edges, np.roll(edges, -1, axis=0)], axis=1))
+        assert (turns > 0.0).all()  # in order around the polygon
 
 
 @pytest.mark.parametrize(
@@ -101,7 +95,7 @@ def test_vertices_in_any_order():
 )
 def test_invalid_polygons_are_refused(vertices, said):
     with pytest.raises(ConfigurationError, match=said):
-        Polygon(np.array(vertices, dtype=float), "key")
+        contacts.Polygon(np.array(vertices, dtype=float), "key")
 
 
 def test_support_points(g1, random_state):
@@ -109,21 +103,18 @@ def test_support_points(g1, random_state):
     q, v = random_state(g1, rng)
     placement = random_place(rng)
     dynamics = dynamics_at(g1, q, v)
-    contact = SurfaceContact("foot", g1, FRAME, placement, Rectangle(0.1, 0.05))
+    contact = contacts.SurfaceContact("foot", g1, FRAME, placement, contacts.Rectangle(0.1, 0.05))
     world = dynamics.placement(g1.frame_id(FRAME, "test")) * placement
     expected = {tuple(np.round(world.act(np.array([x, y, 0.0])), 9)) for x in (0.1, -0.1) for y in (0.05, -0.05)}
     assert {tuple(np.round(point, 9)) for point in contact.points(dynamics)} == expected
-    ball = PointContact("foot", g1, FRAME, placement.translation, RADIUS)
+    ball = contacts.PointContact("foot", g1, FRAME, placement.translation, RADIUS)
     np.testing.assert_allclose(ball.points(dynamics), [world.translation - [0.0, 0.0, RADIUS]], atol=1e-12)
-
-
-def corners(x, y):
-    return [np.array([a * x, b * y, 0.0]) for a, b in itertools.product((1.0, -1.0), repeat=2)]
 
 
 def grasp(x, y):
     """Return the map from corner forces (12,) to a wrench (6,)."""
-    return np.hstack([np.vstack([np.eye(3), pin.skew(corner)]) for corner in corners(x, y)])
+    corners = [np.array([a * x, b * y, 0.0]) for a, b in itertools.product((1.0, -1.0), repeat=2)]
+    return np.hstack([np.vstack([np.eye(3), pin.skew(corner)]) for corner in corners])
 
 
 @given(friction=st.floats(0.05, 2.0), fx=st.floats(-2, 2), fy=st.floats(-2, 2), fz=st.floats(-1, 2))
@@ -143,13 +134,13 @@ def test_friction_pyramid_touches_the_friction_cone(friction):
 
 
 def test_surface_cone_keeps_corner_forces_within_coulomb_friction(g1):
-    contact = SurfaceContact("foot", g1, FRAME, pin.SE3.Identity(), Rectangle(0.1, 0.05), friction=0.8)
-    np.testing.assert_allclose(contact.cone, wrench_cone(0.8 / math.sqrt(2.0), 0.1, 0.05))
+    contact = a_sole(g1, friction=0.8)
+    np.testing.assert_allclose(contact.cone, contacts.wrench_cone(0.8 / math.sqrt(2.0), 0.1, 0.05))
 
 
 @pytest.mark.parametrize("moment", [-9.0, 4.0])
 def test_a_single_sole_has_half_of_the_yaw_moment(g1, moment):
-    contact = SurfaceContact("foot", g1, FRAME, pin.SE3.Identity(), Rectangle(0.1, 0.05))
+    contact = a_sole(g1)
     wrench, yaw = np.array([20.0, -10.0, 300.0, 3.0, 8.0, 0.0]), np.array([0.0, 0.0, 0.0, 0.0, 0.0, moment])
     alone = contact.cone_for(1.0, alone=True)
     np.testing.assert_array_equal(alone[: len(contact.cone)], contact.cone)
@@ -160,19 +151,19 @@ def test_a_single_sole_has_half_of_the_yaw_moment(g1, moment):
 @pytest.mark.parametrize("shape", ["ball", "rectangle", "polygon"])
 def test_cone_for_a_share_of_the_friction_is_that_of_a_contact_with_this_friction(g1, shape, share):
     triangle = np.array([[0.1, 0.0], [-0.05, 0.06], [-0.04, -0.03]])
-    support = Rectangle(0.1, 0.05) if shape == "rectangle" else Polygon(triangle, "sole")
+    support = contacts.Rectangle(0.1, 0.05) if shape == "rectangle" else contacts.Polygon(triangle, "sole")
 
     def contact(friction):
         if shape == "ball":
-            return PointContact("foot", g1, FRAME, np.zeros(3), RADIUS, friction=friction)
-        return SurfaceContact("foot", g1, FRAME, pin.SE3.Identity(), support, friction=friction)
+            return contacts.PointContact("foot", g1, FRAME, np.zeros(3), RADIUS, friction=friction)
+        return contacts.SurfaceContact("foot", g1, FRAME, pin.SE3.Identity(), support, friction=friction)
 
     np.testing.assert_allclose(contact(0.8).cone_for(share, alone=False), contact(0.8 * share).cone, atol=1e-12)
 
 
 @pytest.mark.parametrize(("x", "y"), [(0.1, 0.05), (0.06, 0.06), (0.092, 0.03)])
 def test_wrench_metric_equals_corner_forces(g1, x, y):
-    contact = SurfaceContact("foot", g1, FRAME, pin.SE3.Identity(), Rectangle(x, y))
+    contact = a_sole(g1, x, y)
     wrench = np.random.default_rng(7).normal(size=6)
     forces = np.linalg.lstsq(grasp(x, y), wrench, rcond=None)[0]  # least squares
     np.testing.assert_allclose(grasp(x, y) @ forces, wrench, atol=1e-12)
@@ -181,9 +172,7 @@ def test_wrench_metric_equals_corner_forces(g1, x, y):
 
 @pytest.mark.parametrize("activation", [1.0, 0.4, 1.0e-3])
 def test_activation_scales_the_largest_normal_force(g1, activation):
-    bounds = {"min_normal_force": 20.0, "max_normal_force": 500.0}
-    contact = SurfaceContact("foot", g1, FRAME, pin.SE3.Identity(), Rectangle(0.1, 0.05), **bounds)
-    lower, upper = contact.bounds(activation)
+    lower, upper = a_sole(g1, min_normal_force=20.0, max_normal_force=500.0).bounds(activation)
     assert upper[2] == pytest.approx(activation * 500.0)
     assert lower[2] == pytest.approx(min(20.0, activation * 500.0))  # never an empty interval
     others = [0, 1, 3, 4, 5]
@@ -192,11 +181,10 @@ def test_activation_scales_the_largest_normal_force(g1, activation):
 
 
 def test_bounds_of_yaw_moment_and_fixed_contact(g1):
-    place = "foot", g1, FRAME, pin.SE3.Identity(), Rectangle(0.1, 0.05)
-    lower, upper = SurfaceContact(*place, max_yaw_moment=4.0).bounds(0.25)
+    lower, upper = a_sole(g1, max_yaw_moment=4.0).bounds(0.25)
     assert (lower[5], upper[5]) == (-1.0, 1.0)
-    assert SurfaceContact(*place).bounds(0.25)[1][5] == np.inf
-    hand = FixedContact("hand", g1, HANDS[0], pin.SE3.Identity(), [1, 0, 1, 0, 1, 0], max_force=200.0, max_moment=10.0)
+    assert a_sole(g1).bounds(0.25)[1][5] == np.inf
+    hand = a_fixed([1, 0, 1, 0, 1, 0])(g1, np.random.default_rng(0), max_force=200.0, max_moment=10.0)
     lower, upper = hand.bounds(0.5)
     np.testing.assert_array_equal(upper, [100.0, 100.0, 5.0])
     np.testing.assert_array_equal(lower, -upper)
@@ -208,16 +196,18 @@ ALL = [1, 1, 1, 1, 1, 1]
 
 
 def a_loop(mask):
-    return lambda model, rng: LoopClosure("c", model, HANDS, (random_place(rng), random_place(rng)), mask)
+    return lambda model, rng: contacts.LoopClosure("c", model, HANDS, (random_place(rng), random_place(rng)), mask)
 
 
 KINDS = {
     "surface": a_surface,
-    "point": lambda model, rng: PointContact("c", model, HANDS[0], rng.normal(size=3), 0.05),
+    "point": lambda model, rng: contacts.PointContact("c", model, HANDS[0], rng.normal(size=3), 0.05),
     "surface against a link": partial(a_surface, against=HANDS[1]),
     "point on a slope": a_point,
     "point against a link": partial(a_point, against=HANDS[1]),
-    "wheel": lambda model, rng: RollingContact("c", model, HANDS[0], rng.normal(size=3), 0.1, rng.normal(size=3)),
+    "wheel": lambda model, rng: contacts.RollingContact(
+        "c", model, HANDS[0], rng.normal(size=3), 0.1, rng.normal(size=3)
+    ),
     "wheel on a slope": a_wheel,
     "wheel against a link": partial(a_wheel, against=HANDS[1]),
     "fixed": a_fixed(ALL),
@@ -276,7 +266,7 @@ def test_force_and_wrench_have_the_same_power(g1, random_state, kind):
     q, v = random_state(g1, rng)
     dynamics, force = dynamics_at(g1, q, v), rng.normal(size=contact.size)
     wrench = contact.wrench_in_world(dynamics, force)
-    feels = [HANDS[1], HANDS[0]] if isinstance(contact, LoopClosure) else [HANDS[0], HANDS[1]]
+    feels = [HANDS[1], HANDS[0]] if isinstance(contact, contacts.LoopClosure) else [HANDS[0], HANDS[1]]
     J = [dynamics.jacobian(g1.pinocchio.getFrameId(name), pin.WORLD) for name in feels]
     generalized = J[0].T @ wrench - (J[1].T @ wrench if contact.internal else 0.0)
     np.testing.assert_allclose(contact.jacobian(dynamics).T @ force, generalized, atol=1e-9)
@@ -294,7 +284,7 @@ def test_open_loop_closes_with_its_stiffness(g1, random_state, seed):
     small = pin.exp6(1.0e-4 * rng.normal(size=6))
     turned = pin.SE3(pin.exp3(np.array([2.5, 0.0, 0.0])), np.zeros(3))  # the hinge is far from its zero
     for mask, joint in ([1] * 6, pin.SE3.Identity()), ([1, 1, 1, 0, 1, 1], turned), ([1, 1, 1, 0, 0, 0], turned):
-        loop = LoopClosure("l", g1, HANDS, (place, b.actInv(a * place * joint * small)), mask, stiffness=100.0)
+        loop = contacts.LoopClosure("l", g1, HANDS, (place, b.actInv(a * place * joint * small)), mask, stiffness=100.0)
         assert np.abs(loop.error(dynamics)).max() < 1.0e-3
         J = loop.jacobian(dynamics)
         rate = rate_along(loop.error, g1, q, v, 1e-6)
@@ -306,17 +296,16 @@ def test_open_loop_closes_with_its_stiffness(g1, random_state, seed):
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (lambda model: a_fixed([False] * 6)(model, np.random.default_rng(0)), "at least one axis must be held"),
+        (partial(contacts.FixedContact, mask=[False] * 6), "at least one axis must be held"),
         (
-            lambda model: PointContact("c", model, HANDS[0], np.zeros(3), 0.1, normal=[0, 0, 0]),
-            r"contacts\.c\.normal = \[0, 0, 0\]: the length must not be 0",
+            partial(contacts.PointContact, radius=0.1, normal=[0, 0, 0]),
+            "contacts.c.normal = [0, 0, 0]: the length must not be 0",
         ),
         (
-            lambda model: RollingContact("c", model, HANDS[0], np.zeros(3), 0.1, np.full(3, np.nan)),
-            r"contacts\.c\.axis = \[nan, nan, nan\]: the length must not be 0",
+            partial(contacts.RollingContact, radius=0.1, axis=np.full(3, np.nan)),
+            "contacts.c.axis = [nan, nan, nan]: the length must not be 0",
         ),
     ],
 )
 def test_invalid_contacts_are_refused(g1, make, said):
-    with pytest.raises(ConfigurationError, match=said):
-        make(g1)
+    assert said in refusal(make, "c", g1, HANDS[0], np.zeros(3))

@@ -270,13 +270,15 @@ def test_contact_activation_ramps(board, dynamics):
 
 
 @pytest.mark.parametrize(
-    ("unloaded", "at_half"),
+    ("unloaded", "first", "at_half"),
     [
-        (["left"], {"left": 0.3 / 8, "right": 1.0}),  # the other foot can carry the weight of 400 N
-        (["left", "right"], {"left": 0.15, "right": 0.1}),  # 300 N and 100 N
+        # The other foot can carry the weight of 400 N.
+        (["left"], {"left": 0.3, "right": 1.0}, {"left": 0.3 / 8, "right": 1.0}),
+        # 300 N and 100 N.
+        (["left", "right"], {"left": 0.3, "right": 0.2}, {"left": 0.15, "right": 0.1}),
     ],
 )
-def test_contacts_are_unloaded_from_their_force_and_leave_the_weight(go2, dynamics, unloaded, at_half):
+def test_contacts_are_unloaded_from_their_force_and_leave_the_weight(go2, dynamics, unloaded, first, at_half):
     most, forces = {"left": 2000.0, "right": 1000.0}, {"left": [9.0, 0.0, 600.0], "right": [0.0, -9.0, 200.0]}
     plans = {}
     for name, largest in most.items():
@@ -287,15 +289,10 @@ def test_contacts_are_unloaded_from_their_force_and_leave_the_weight(go2, dynami
     board.reset(dynamics, START)
     board.forces = {name: np.array(force) for name, force in forces.items()}
     board.apply([EnableContact(name, False) for name in unloaded], dynamics, START)
-    first = board.sample(START).contacts
-    assert {name: first[name] for name in unloaded} == pytest.approx(
-        {name: {"left": 0.3, "right": 0.2}[name] for name in unloaded}
-    )
+    assert board.sample(START).contacts == pytest.approx(first)
     assert board.sample(START + 0.5 * CONTACT_RAMP).contacts == pytest.approx(at_half)
-    bounds = [
-        sum(board.sample(START + time).contacts[name] * most[name] for name in most)
-        for time in np.arange(0.0, CONTACT_RAMP, 0.002)
-    ]
+    samples = [board.sample(START + time).contacts for time in np.arange(0.0, CONTACT_RAMP, 0.002)]
+    bounds = [sum(sample[name] * largest for name, largest in most.items()) for sample in samples]
     assert min(bounds) >= 400.0 * (1.0 - 1e-9)
     assert {board.sample(START + CONTACT_RAMP).contacts[name] for name in unloaded} == {0.0}
 

@@ -1,33 +1,21 @@
 import numpy as np
 import pinocchio as pin
 import pytest
+from snapshots import displacement
 
 from wbc_controller.inverse_dynamics.references.trajectories import Knot, Ramp, SoftRamp, Trajectory
+from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
 
 SIZES = {"vector": 3, "joints": 9, "orientation": 3, "pose": 6}
 KINDS = tuple(SIZES)
 JUST = 1.0e-9
 
 
-def quaternion(rng):
-    return np.array(pin.Quaternion(pin.exp3(rng.normal(size=3))).coeffs())
-
-
 def knot(kind, rng, time, speed=1.0):
-    size = SIZES[kind]
-    position = {
-        "orientation": lambda: quaternion(rng),
-        "pose": lambda: np.concatenate([rng.normal(size=3), quaternion(rng)]),
-    }.get(kind, lambda: rng.normal(size=size))()
+    size, quaternion = SIZES[kind], quaternion_of(pin.exp3(rng.normal(size=3)))
+    turned = {"orientation": quaternion, "pose": np.append(rng.normal(size=3), quaternion)}
+    position = turned.get(kind, rng.normal(size=size))
     return Knot(time, position, speed * rng.normal(size=size), speed * rng.normal(size=size))
-
-
-def displacement(kind, start, end):
-    """Return the displacement between positions, with rotations as vectors in world axes."""
-    if kind in ("vector", "joints"):
-        return end - start
-    turn = [pin.Quaternion(q[-4:]).toRotationMatrix() for q in (start, end)]
-    return np.concatenate([end[:-4] - start[:-4], pin.log3(turn[1] @ turn[0].T)])
 
 
 def journey(kind, seed):
@@ -43,13 +31,13 @@ def test_trajectory_interpolates_its_knots_with_exact_derivatives(kind, seed):
     trajectory = Trajectory(knots)
     for point, time in ((0, 2.0), (1, 2.7 - JUST), (1, 2.7), (1, 2.7 + JUST), (2, 3.9 - JUST)):
         reference = trajectory.sample(time)
-        np.testing.assert_allclose(displacement(kind, reference.position, knots[point].position), 0.0, atol=1e-6)
+        np.testing.assert_allclose(displacement(reference.position, knots[point].position), 0.0, atol=1e-6)
         np.testing.assert_allclose(reference.velocity, knots[point].velocity, atol=1e-5)
         np.testing.assert_allclose(reference.acceleration, knots[point].acceleration, atol=1e-4)
     step = 1.0e-5
     for time in np.linspace(2.01, 3.89, 15):
         before, here, after = (trajectory.sample(t) for t in (time - step, time, time + step))
-        velocity = displacement(kind, before.position, after.position) / (2.0 * step)
+        velocity = displacement(before.position, after.position) / (2.0 * step)
         acceleration = (after.velocity - before.velocity) / (2.0 * step)
         if kind in ("orientation", "pose"):
             assert np.linalg.norm(here.position[-4:]) == pytest.approx(1.0, abs=1e-9)
@@ -75,16 +63,16 @@ def test_rotations_are_geodesics_of_either_sign():
     rng = np.random.default_rng(1)
     a, b = (knot("orientation", rng, time, speed=0.0) for time in (0.0, 1.0))
     trajectory = Trajectory([a, b])
-    whole = displacement("orientation", a.position, b.position)
+    whole = displacement(a.position, b.position)
     for time in np.linspace(0.0, 1.0, 11):
         share = 10 * time**3 - 15 * time**4 + 6 * time**5
-        turned = displacement("orientation", a.position, trajectory.sample(time).position)
+        turned = displacement(a.position, trajectory.sample(time).position)
         np.testing.assert_allclose(turned, share * whole, atol=1e-9)
     a, b, c = journey("orientation", 4)
     flipped = Trajectory([a, Knot(b.time, -b.position, b.velocity, b.acceleration), c])
     for time in (2.3, 3.1):
         here, there = Trajectory([a, b, c]).sample(time), flipped.sample(time)
-        np.testing.assert_allclose(displacement("orientation", here.position, there.position), 0.0, atol=1e-9)
+        np.testing.assert_allclose(displacement(here.position, there.position), 0.0, atol=1e-9)
         np.testing.assert_allclose(here.acceleration, there.acceleration, atol=1e-6)
 
 

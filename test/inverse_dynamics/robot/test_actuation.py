@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from chains import MENAGERIE, MENAGERIE_JOINTS, TENDON, joint, link, menagerie, mimic, robot
+from refusals import refusal
 from snapshots import dynamics_at
 
 from wbc_controller.controller.build.program import make_qp
@@ -142,8 +143,7 @@ def test_equations_of_motion_with_all_actuation(solver, robot_changes):
     controller, solution = solve(settings, model, RobotState(0, frozen(q), frozen(v)))
     dynamics = controller.dynamics
     left = dynamics.M @ solution.v_dot + dynamics.h - model.actuation.generalized_force(solution.tau)
-    for name, force in solution.forces.items():
-        left -= controller.contacts[name].jacobian(dynamics).T @ force
+    left -= sum(controller.contacts[name].jacobian(dynamics).T @ force for name, force in solution.forces.items())
     assert max(np.linalg.norm(force) for force in solution.forces.values()) > 1.0
     C = model.actuation.C
     coupling = np.linalg.lstsq(C.T, left, rcond=None)[0]
@@ -235,10 +235,9 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_invalid_actuation_is_refused(case):
     changes, parts = CASES[case]
-    with pytest.raises(ConfigurationError) as refusal:
-        make_model(menagerie(**changes), MENAGERIE)
+    said = refusal(lambda: make_model(menagerie(**changes), MENAGERIE))
     for part in parts:
-        assert part in str(refusal.value)
+        assert part in said
 
 
 @pytest.mark.parametrize(
