@@ -35,7 +35,8 @@ mpl.rcParams.update(
 )
 
 import matplotlib.pyplot as plt  # noqa: E402
-from test_motions import WHEEL_RADIUS, drifts, follow, four_bar, rolling_start, tumbling  # noqa: E402
+from mechanisms import WHEEL_RADIUS, box, four_bar, move  # noqa: E402
+from test_motions import drifts, rolling_start, tumbling  # noqa: E402
 from test_particles import double_pendulum, positions  # noqa: E402
 
 from wbc_controller import mechanics as wbm  # noqa: E402
@@ -115,7 +116,7 @@ def momentum_and_energy() -> None:
 def rolling() -> None:
     """Equation (30): rolling."""
     model, constraints, q, v = rolling_start()
-    _, _, _, qs, vs = follow(model, constraints, q, v, 5e-3, 30.0)
+    qs, vs = move(model, constraints, q, v, 5e-3, 6000)
     some = slice(None, None, 40)
     slip = [
         np.abs(constraints[0].terms(wbm.Kinematics(model, a, b)).velocity).max()
@@ -131,9 +132,8 @@ def rolling() -> None:
 
 def closed_loop() -> None:
     """Equation (30): closed loop."""
-    model, loop, q = four_bar()
-    free = wbm.admissible_directions(wbm.constraint_equation(loop, wbm.Kinematics(model, q, np.zeros(3))).A)[:, 0]
-    _, _, _, qs, vs = follow(model, loop, q, free * 5.0 / free[0], 5e-3, 30.0)
+    model, loop, q, v = four_bar()
+    qs, vs = move(model, loop, q, v, 5e-3, 6000)
     figure, (left, right) = plt.subplots(1, 2)
     times = 5e-3 * np.arange(len(qs))
     first = times <= 4.0
@@ -153,8 +153,6 @@ def closed_loop() -> None:
 
 def tipping_box() -> None:
     """Equation (31) with inequalities: box."""
-    from mechanisms import box
-
     model, corners = box()
     moments = np.linspace(0.0, 25.0, 51)
     answers = [

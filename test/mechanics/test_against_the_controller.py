@@ -1,7 +1,5 @@
 """Dynamics and contacts of the controller are equal to the mechanics, to rounding."""
 
-from functools import cache
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -12,22 +10,15 @@ from mechanisms import random_state
 from wbc_controller import mechanics as wbm
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.references import make_board
-from wbc_controller.controller.build.robot import make_model
 from wbc_controller.inverse_dynamics.contacts import SurfaceContact as ControllerSurface
 from wbc_controller.records import RobotState, frozen
-from wbc_controller.settings.files import find_configuration, load_settings
-
-
-@cache
-def controller_of(name):
-    configuration = load_settings(find_configuration(name))
-    return make_qp(configuration, make_model(configuration)), configuration
 
 
 @settings(max_examples=20)
 @given(st.sampled_from(["go2", "g1", "talos"]), st.integers(0, 2**32 - 1))
-def test_snapshot_contacts_and_wrenches_agree(name, seed):
-    (controller, configuration), rng = controller_of(name), np.random.default_rng(seed)
+def test_snapshot_contacts_and_wrenches_agree(robot_of, name, seed):
+    (configuration, model), rng = robot_of(name), np.random.default_rng(seed)
+    controller = make_qp(configuration, model)
     dynamics, model = controller.dynamics, controller.model.pinocchio
     q, v = random_state(model, rng)
     dynamics.update(q, v)
@@ -63,10 +54,11 @@ class Sole(wbm.SurfaceContact):
 
 @pytest.mark.parametrize("robot", ["g1", "talos"])
 @pytest.mark.parametrize("seed", range(3))
-def test_the_torques_lead_to_the_accelerations_and_contact_forces_that_were_counted_on(robot, seed):
+def test_the_torques_lead_to_the_accelerations_and_contact_forces_that_were_counted_on(robot_of, robot, seed):
     """The solution of the program is the constrained motion (S10)."""
-    controller, configured = controller_of(robot)
-    model, board = controller.model, make_board(configured, controller)
+    configured, model = robot_of(robot)
+    controller = make_qp(configured, model)
+    board = make_board(configured, controller)
     rng = np.random.default_rng(seed)
     q = pin.integrate(model.pinocchio, model.configuration(model.posture), 0.02 * rng.normal(size=model.nv))
     v = 0.1 * rng.normal(size=model.nv)

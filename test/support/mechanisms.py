@@ -111,8 +111,8 @@ def rod_inertia(mass: float, length: float) -> pin.Inertia:
     return pin.Inertia(mass, np.array([length / 2, 0.0, 0.0]), np.diag([1e-4 * mass, moment, moment]))
 
 
-def four_bar() -> tuple[pin.Model, list[mechanics.Constraint], np.ndarray]:
-    """Crank, coupler and rocker in the plane x–z, the loop closed by a pin; and a configuration that closes it."""
+def four_bar() -> tuple[pin.Model, list[mechanics.Constraint], np.ndarray, np.ndarray]:
+    """Crank, coupler and rocker in the plane x–z, the loop closed by a pin; q of the loop, and v at 5 rad/s."""
     model = pin.Model()
     crank, coupler, rocker, ground = 0.2, 0.5, 0.4, 0.5
     parent = 0
@@ -136,7 +136,9 @@ def four_bar() -> tuple[pin.Model, list[mechanics.Constraint], np.ndarray]:
         second_offset=np.array([rocker, 0.0, 0.0]),
         time_constant=0.2,
     )
-    return model, [loop], q
+    A = mechanics.constraint_equation([loop], mechanics.Kinematics(model, q, np.zeros(3))).A
+    (direction,) = mechanics.admissible_directions(A).T  # of three rows, two are independent
+    return model, [loop], q, 5.0 / direction[0] * direction
 
 
 def ball(mass: float) -> pin.Model:

@@ -162,8 +162,7 @@ class RandomRobot:
 
     def _biped(self) -> None:
         s, waist, arms = self.size, self._maybe(0.3), self._maybe(0.5)
-        trunk = [(_box(0.15 * s, 0.25 * s, 0.35 * s), (0.0, 0.0, 0.15 * s), None)]
-        self._base("torso", 0.4, trunk)
+        self._base("torso", 0.4, [(_box(0.15 * s, 0.25 * s, 0.35 * s), (0.0, 0.0, 0.15 * s), None)])
         hip = "torso"
         if waist:
             self.link("pelvis", 0.08)
@@ -184,8 +183,8 @@ class RandomRobot:
 
     def _leg(self, side, hip, y, joints, length, bend, sole) -> None:
         """Add a leg of four to six joints; with fewer, yaw and the ankle's roll are absent."""
-        names = [f"{side}_{part}" for part in ("yaw", "hip", "thigh", "shank", "ankle", "foot")]
-        yaw, hip_roll, thigh, shank, ankle, foot = names
+        parts = ("yaw", "hip", "thigh", "shank", "ankle", "foot")
+        yaw, hip_roll, thigh, shank, ankle, foot = (f"{side}_{part}" for part in parts)
         at, above, s = (0.0, y, -0.08 * self.size), hip, self.size
         if joints == 6:
             self.link(yaw, 0.01)
@@ -198,14 +197,13 @@ class RandomRobot:
         self.link(shank, 0.06, (0.0, 0.0, -0.5 * length))
         low, high = sorted((0.0, 2.3 * bend))
         self.joint(shank, thigh, shank, (0.0, 0.0, -length), lower=low, upper=high)
-        foot_shapes = sole
         if joints == 4:
-            self.link(foot, 0.03, (0.03 * s, 0.0, -0.03 * s), foot_shapes)
+            self.link(foot, 0.03, (0.03 * s, 0.0, -0.03 * s), sole)
             self.joint(foot, shank, foot, (0.0, 0.0, -length), lower=-1.0, upper=1.0)
             return
         self.link(ankle, 0.01)
         self.joint(ankle, shank, ankle, (0.0, 0.0, -length), lower=-self.rng.uniform(0.4, 1.2), upper=1.0)
-        self.link(foot, 0.03, (0.03 * s, 0.0, -0.03 * s), foot_shapes)
+        self.link(foot, 0.03, (0.03 * s, 0.0, -0.03 * s), sole)
         self.joint(foot, ankle, foot, axis=(1.0, 0.0, 0.0), lower=-0.5, upper=0.5)
 
     def _sole(self, half_length, half_width):
