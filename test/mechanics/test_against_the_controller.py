@@ -9,9 +9,9 @@ from mechanisms import random_state
 
 from wbc_controller import mechanics as wbm
 from wbc_controller.controller.build.program import make_qp
-from wbc_controller.controller.build.references import make_board
 from wbc_controller.inverse_dynamics.contacts import SurfaceContact as ControllerSurface
 from wbc_controller.records import RobotState, frozen
+from wbc_controller.validation.fuzz.problems import rest
 
 
 @settings(max_examples=20)
@@ -57,14 +57,11 @@ class Sole(wbm.SurfaceContact):
 def test_the_torques_lead_to_the_accelerations_and_contact_forces_that_were_counted_on(robot_of, robot, seed):
     """The solution of the program is the constrained motion (S10)."""
     configured, model = robot_of(robot)
-    controller = make_qp(configured, model)
-    board = make_board(configured, controller)
-    rng = np.random.default_rng(seed)
+    controller, rng = make_qp(configured, model), np.random.default_rng(seed)
     q = pin.integrate(model.pinocchio, model.configuration(model.posture), 0.02 * rng.normal(size=model.nv))
     v = 0.1 * rng.normal(size=model.nv)
-    controller.dynamics.update(q, v)
-    board.reset(controller.dynamics, 0.0)
-    solution = controller.solve(RobotState(0, frozen(q), frozen(v)), board.sample(0.0))
+    state = RobotState(0, frozen(q), frozen(v))
+    solution = controller.solve(state, rest(controller, configured, state))
 
     contacts = []
     for name, contact in configured.contacts.items():

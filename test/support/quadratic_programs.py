@@ -20,18 +20,13 @@ def squares_problem(rng, n=24, equalities=5, inequalities=12, rows=7, base=4, ou
     diagonal[base:], weights = 10.0 ** rng.uniform(-3.0, 1.0, n - base), 10.0 ** -rng.uniform(-1.0, 3.0, rows)
     target[base:] = rng.normal(size=n - base)
     squares = LeastSquares(
-        rows=problem.memory[:rows],
-        weights=weights,
-        base=base,
-        diagonal=diagonal,
-        target=target,
+        rows=problem.memory[:rows], weights=weights, base=base, diagonal=diagonal, target=target,
         constraints=problem.constraints,
-    )
+    )  # fmt: skip
     problem.cost.update(squares, 3.0)
     return problem
 
 
 def under(problem, squares):
     """Return a sum of squares under the constraints of another problem."""
-    fields = {name: getattr(squares, name) for name in ("rows", "weights", "base", "diagonal", "target")}
-    return LeastSquares(**fields, constraints=problem.constraints)
+    return LeastSquares(**vars(squares) | {"constraints": problem.constraints})

@@ -22,8 +22,8 @@ STIFFNESS, DAMPING = 100.0, 20.0
 #: A contact kind, and a twist along its free axes in the contact frame, which keeps it at its anchor.
 KINDS = {
     "surface": (a_surface, [0, 0, 0, 0, 0, 0]),
-    "point": (a_point, None),
-    "wheel": (a_wheel, None),
+    "point": (a_point, [0, 0, 0, 0, 0, 0]),
+    "wheel": (a_wheel, [0, 0, 0, 0, 0, 0]),
     "bolt": (a_fixed([1, 1, 1, 1, 1, 1]), [0, 0, 0, 0, 0, 0]),
     "rail": (a_fixed([1, 0, 1, 1, 0, 1]), [0, 0.4, 0, 0, 2.2, 0]),
     "plane": (a_fixed([0, 0, 1, 1, 1, 0]), [0.3, -0.4, 0, 0, 0, 2.2]),
@@ -40,9 +40,8 @@ def test_contact_velocity_removes_the_displacement(g1, random_state, kind, again
     make, free = KINDS[kind]
     contact = make(g1, rng, against=against, stiffness=STIFFNESS)
     q, v = random_state(g1, rng)
-    anchor = contact.anchor(dynamics_at(g1, q))
-    if free is not None:  # activated after a motion along the free axes
-        anchor = pin.SE3ToXYZQUAT(pin.XYZQUATToSE3(anchor) * pin.exp6(np.array(free)))
+    # Activated after a motion along the free axes.
+    anchor = pin.SE3ToXYZQUAT(pin.XYZQUATToSE3(contact.anchor(dynamics_at(g1, q))) * pin.exp6(np.array(free)))
     e = contact.displacement(dynamics_at(g1, q), anchor)
     assert e.shape == (contact.size,)
     np.testing.assert_allclose(e, 0.0, atol=1e-9)

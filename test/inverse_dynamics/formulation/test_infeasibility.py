@@ -165,16 +165,15 @@ def test_conflict_has_no_other_constraints_and_its_smallest_slack_is_necessary_a
     assert set(why.slack) == set(why.units) == guilty
     assert all(slack > 0.0 for slack in why.slack.values())
     constraints = {constraint.name: constraint for constraint in named_constraints(layout, robot.model, effort)}
-    given = {}
+    enough = {}
     for guilty in why.smallest:
         constraint = constraints[guilty]
         scale = min(s for s, unit in zip(constraint.scale, constraint.units, strict=True) if unit == why.units[guilty])
-        given[guilty] = why.slack[guilty] / constraint.factor / scale
+        enough[guilty] = 1.001 * why.slack[guilty] / constraint.factor / scale + 1e-6
     assert not possible(layout, robot.model, effort, {})
-    assert possible(layout, robot.model, effort, {guilty: 1.001 * give + 1e-6 for guilty, give in given.items()})
+    assert possible(layout, robot.model, effort, enough)
     for guilty in why.smallest:  # each of them is needed
-        less = {**{other: 1.001 * give + 1e-6 for other, give in given.items()}, guilty: 0.0}
-        assert not possible(layout, robot.model, effort, less)
+        assert not possible(layout, robot.model, effort, {**enough, guilty: 0.0})
 
 
 @pytest.mark.parametrize("name", ["g1", "go2"])

@@ -8,7 +8,6 @@ from refusals import refusal
 from snapshots import dynamics_at
 
 from wbc_controller.controller.build.program import make_qp
-from wbc_controller.controller.build.references import make_board
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.check.preflight import check
 from wbc_controller.errors import ConfigurationError
@@ -19,6 +18,7 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.urdf import parse_urdf
 from wbc_controller.records import RobotState, frozen
 from wbc_controller.settings import Settings
+from wbc_controller.validation.fuzz.problems import rest
 
 
 def random_state(model: RobotModel, rng: np.random.Generator) -> RobotState:
@@ -35,11 +35,10 @@ def small() -> tuple[Settings, RobotModel]:
 
 
 def solve(settings: Settings, model: RobotModel, state: RobotState):
+    """Return the program, and its solution with references of rest in the posture."""
     controller = make_qp(settings, model)
-    controller.dynamics.update(model.configuration(model.posture), np.zeros(model.nv))
-    board = make_board(settings, controller)
-    board.reset(controller.dynamics, 0.0)
-    return controller, controller.solve(state, board.sample(0.0))
+    posture = RobotState(0, model.configuration(model.posture), np.zeros(model.nv))
+    return controller, controller.solve(state, rest(controller, settings, posture))
 
 
 @pytest.mark.parametrize("base", ["fixed", "floating"])

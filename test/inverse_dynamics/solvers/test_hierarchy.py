@@ -180,18 +180,13 @@ def without_squares(level):
     return replace(level, cost=QuadraticCost(cost.H.copy(), cost.g.copy(), cost.constant))
 
 
-def on_levels(robot, rng):
-    """Return the robot with tasks on two to four random levels, mostly with the posture on the last one."""
+def both_ways(robot, rng):
+    """Return solutions on two to four random levels, with the active sets of the same problem and in null spaces."""
     count = int(rng.integers(2, 5))
     level = {name: int(rng.integers(0, count)) for name in robot.settings.tasks}
     if rng.random() < 0.7:
         level["posture"] = max(level.values())
-    return robot.on_levels(**level)
-
-
-def both_ways(robot, rng):
-    """Return solutions for a random state, with the active sets of the same problem and in null spaces."""
-    robot = on_levels(robot, rng)
+    robot = robot.on_levels(**level)
     layout = robot.controller.formulation.build(*robot.random_problem(int(rng.integers(0, 1000))))
     plain, fast = hierarchy(), hierarchy()
     expected = plain.solve(layout.problem, [without_squares(each) for each in layout.levels])
