@@ -96,17 +96,3 @@ def bench(robot_of) -> Callable[..., Bench]:
         return Bench(*(robot_of(robot) if isinstance(robot, str) else (robot, make_model(robot))), changes)
 
     return build
-
-
-@pytest.fixture(scope="session")
-def random_state() -> Callable[[RobotModel, np.random.Generator], tuple[Array, Array]]:
-    """Return a function that draws (q, v) with any base orientation and joints within limits."""
-
-    def draw(model: RobotModel, rng: np.random.Generator) -> tuple[Array, Array]:
-        joints = rng.uniform(np.maximum(model.position_lower, -3.0), np.minimum(model.position_upper, 3.0))
-        axis = rng.normal(size=3)
-        turn = axis / np.linalg.norm(axis) * rng.uniform(0.0, np.pi)
-        base = pin.SE3(pin.exp3(turn), rng.normal(size=3))
-        return model.configuration(joints, base), 2.0 * rng.normal(size=model.nv)
-
-    return draw

@@ -335,17 +335,14 @@ def test_binding_constraints_hold_with_equality(bench):
 @pytest.mark.parametrize("kind", ["torque", "motion", "normal_force", "cone"])
 def test_multipliers_are_cost_gradients(bench, kind):
     """By finite differences: relax one bound, solve again, and compare the cost."""
-    g1 = bench("g1", limits={"velocity": False})  # it would bind before the torque
+    most = {"motion": 100.0, "torque": 1.0e4}.get(kind, 200.0)
+    g1 = bench("g1", limits={"velocity": False, "acceleration": most})  # velocity would bind before the torque
     formulation, elbow = g1.controller.formulation, g1.model.joints.index("left_elbow_joint")
     references = g1.references(posture=5.0)
     wish = np.zeros(g1.model.na)
     wish[elbow] = {"torque": 2000.0, "motion": 150.0}.get(kind, 0.0)
     references = demand(references, "posture", acceleration=wish)
     references = demand(references, "com", acceleration=np.array([9.0 if kind == "cone" else 0.0, 0.0, 2.0]))
-    if kind == "motion":
-        formulation.motion_limit.acceleration = 100.0
-    if kind == "torque":
-        formulation.motion_limit.acceleration = 1.0e4
     if kind == "normal_force":
         g1.controller.contacts["left_foot"].max_normal_force = 150.0
     solution = g1.controller.solve(g1.state(), references)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from refusals import refusal
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
-from snapshots import dynamics_at, rate_along
+from snapshots import dynamics_at, random_state, rate_along
 
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics import contacts
@@ -98,7 +98,7 @@ def test_invalid_polygons_are_refused(vertices, said):
         contacts.Polygon(np.array(vertices, dtype=float), "key")
 
 
-def test_support_points(g1, random_state):
+def test_support_points(g1):
     rng = np.random.default_rng(0)
     q, v = random_state(g1, rng)
     placement = random_place(rng)
@@ -243,7 +243,7 @@ def test_a_sole_without_anchor_is_damped_more_in_rotation(g1, stiffness, rotatio
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("seed", range(4))
-def test_jacobian_and_drift_are_the_contact_velocity_and_its_rate(g1, random_state, kind, seed):
+def test_jacobian_and_drift_are_the_contact_velocity_and_its_rate(g1, kind, seed):
     """Velocities of other kinds: `test_anchors` (displacements) and `test_open_loop_closes_with_its_stiffness`."""
     rng = np.random.default_rng(seed)
     contact = KINDS[kind](g1, rng)
@@ -259,7 +259,7 @@ def test_jacobian_and_drift_are_the_contact_velocity_and_its_rate(g1, random_sta
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_force_and_wrench_have_the_same_power(g1, random_state, kind):
+def test_force_and_wrench_have_the_same_power(g1, kind):
     """Compare fᵀ J v with the power of the world wrench; between links, on the first link."""
     rng = np.random.default_rng(3)
     contact = KINDS[kind](g1, rng)
@@ -274,7 +274,7 @@ def test_force_and_wrench_have_the_same_power(g1, random_state, kind):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_open_loop_closes_with_its_stiffness(g1, random_state, seed):
+def test_open_loop_closes_with_its_stiffness(g1, seed):
     """ė = J v near closure, so γ̇ = -D γ - K e decays critically."""
     rng = np.random.default_rng(seed)
     q, v = random_state(g1, rng)

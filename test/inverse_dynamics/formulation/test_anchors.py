@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from hand_contacts import HANDS, a_fixed, a_point, a_surface, a_wheel, random_place
-from snapshots import dynamics_at, rate_along
+from snapshots import dynamics_at, random_state, rate_along
 
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.references import make_board
@@ -35,7 +35,7 @@ KINDS = {
 @pytest.mark.parametrize("against", [None, HANDS[1]])
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("seed", range(4))
-def test_contact_velocity_removes_the_displacement(g1, random_state, kind, against, seed):
+def test_contact_velocity_removes_the_displacement(g1, kind, against, seed):
     rng = np.random.default_rng(seed)
     make, free = KINDS[kind]
     contact = make(g1, rng, against=against, stiffness=STIFFNESS)
@@ -54,7 +54,7 @@ def test_contact_velocity_removes_the_displacement(g1, random_state, kind, again
 
 @pytest.mark.parametrize("wheel", [False, True])
 @pytest.mark.parametrize("seed", range(4))
-def test_displacement_excludes_rolling(g1, random_state, wheel, seed):
+def test_displacement_excludes_rolling(g1, wheel, seed):
     rng = np.random.default_rng(seed)
     contact = (a_wheel if wheel else a_point)(g1, rng, stiffness=STIFFNESS)
     q, _ = random_state(g1, rng)

@@ -26,7 +26,6 @@ from wbc_controller.settings.config import load
 from wbc_controller.validation.fuzz.hostile_classes import Grip
 from wbc_controller.validation.fuzz.problems import rest
 
-PANDA = "package://example-robot-data/robots/panda_description/urdf/panda.urdf"
 SOLO_8 = "package://example-robot-data/robots/solo_description/robots/solo.urdf"
 SOLVERS = {"daqp": {}, "osqp": {"solver.name": "osqp"}, "levels": {"tasks.posture.level": 2, "tasks.base.level": 1}}
 
@@ -158,7 +157,7 @@ def test_contacts_with_full_rank_are_unchanged(bench):
 
 def test_redundancy_in_a_motion_without_a_change_of_contacts_is_found():
     """Panda, whose held hand loses a direction while the elbow stretches."""
-    settings = new_configuration(PANDA).settings
+    settings = new_configuration("package://example-robot-data/robots/panda_description/urdf/panda.urdf").settings
     model = make_model(settings)
     qp = make_qp(settings, model, contacts=[lambda model: Grip(model, model.pinocchio.frames[-1].name, stiffness=0.0)])
     joints = np.array([-2.86, 0.78, -2.86, -0.42, -2.87, 2.54, 1.93])

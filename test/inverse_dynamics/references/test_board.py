@@ -1,7 +1,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from snapshots import dynamics_at
+from snapshots import dynamics_at, random_state
 
 from wbc_controller.errors import InputRefused
 from wbc_controller.inverse_dynamics.contacts import PointContact
@@ -25,7 +25,7 @@ JUST = 1.0e-7
 
 
 @pytest.fixture(scope="module")
-def dynamics(go2, random_state):
+def dynamics(go2):
     return dynamics_at(go2, *random_state(go2, np.random.default_rng(0)))
 
 
@@ -156,7 +156,7 @@ def test_past_trajectory_is_refused_with_all_changes(board, dynamics):
 
 
 @pytest.fixture
-def elsewhere(go2, random_state):
+def elsewhere(go2):
     """Return a snapshot after a motion of the robot."""
     return dynamics_at(go2, *random_state(go2, np.random.default_rng(1)))
 

@@ -2,7 +2,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from chains import joint, link, robot
-from snapshots import dynamics_at
+from snapshots import close, dynamics_at, random_state
 
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.controller import Controller
@@ -13,10 +13,6 @@ from wbc_controller.settings.files import parse_settings
 ROBOTS = ("g1", "go2")
 
 
-def close(a, b, tolerance=1e-9):
-    np.testing.assert_allclose(a, b, rtol=0.0, atol=tolerance * max(1.0, np.abs(b).max()))
-
-
 @pytest.fixture(scope="module")
 def snapshots(robot_of):
     """Return one snapshot per robot, reused for every state."""
@@ -25,7 +21,7 @@ def snapshots(robot_of):
 
 @pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize("seed", range(15))
-def test_snapshot_equals_pinocchio(snapshots, random_state, robot, seed):
+def test_snapshot_equals_pinocchio(snapshots, robot, seed):
     dynamics = snapshots[robot]
     model = dynamics.model.pinocchio
     q, v = random_state(dynamics.model, np.random.default_rng(seed))

@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from snapshots import dynamics_at
+from snapshots import close, dynamics_at
 
 from wbc_controller.inverse_dynamics.contacts import PointContact
 from wbc_controller.inverse_dynamics.formulation.rows import CompiledRows, RowEntry
@@ -37,10 +37,6 @@ def fill(block, dynamics, task, wanted):
     return errors
 
 
-def near(found, expected):
-    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-10 * max(1.0, float(np.abs(expected).max(initial=0))))
-
-
 def test_writable_references_are_read_in_every_cycle(g1):
     dynamics, _ = moved(g1, 5)
     task, position = ComTask("com", [True] * 3), np.zeros(3)
@@ -51,10 +47,10 @@ def test_writable_references_are_read_in_every_cycle(g1):
         before = out[:, -1].copy()
         position += 1.0
         fill(block, dynamics, task, wanted)
-        near(out[:, -1] - before, np.zeros(3) if fixed else task.stiffness * np.ones(3))
+        close(out[:, -1] - before, np.zeros(3) if fixed else task.stiffness * np.ones(3), 1e-10)
         task.stiffness = 2.0 * task.stiffness  # gains are read in every cycle
         fill(block, dynamics, task, wanted)
-        near(out[:, -1], task.equation(dynamics, wanted)[1])
+        close(out[:, -1], task.equation(dynamics, wanted)[1], 1e-10)
 
 
 @settings(max_examples=40)

@@ -182,7 +182,6 @@ def test_residuals():
     assert found.least_room == found.room.min()
     assert found.violation == max(0.0, -found.room.min(), found.equalities.max())
     for spoilt in (problem.b, problem.C, problem.bounds):
-        kept = spoilt.reshape(-1)[1]
-        spoilt[(1,) if spoilt.ndim == 1 else (0, 1)] = math.nan
+        kept, spoilt.flat[1] = spoilt.flat[1], math.nan
         assert math.isnan(problem.residuals(x).violation)
-        spoilt[(1,) if spoilt.ndim == 1 else (0, 1)] = kept
+        spoilt.flat[1] = kept

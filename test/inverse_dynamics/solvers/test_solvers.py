@@ -125,13 +125,12 @@ def test_infeasible_problem_has_no_side_effect(name, what):
         bad.A[1] = bad.A[0]
         bad.b[:2] = [0.0, 1.0]
     solver = make_solver(name, good)
-    for problem in (good, bad, bad):
-        answer = solver.solve(problem)
-        if problem is bad:
-            assert answer.x is None or not problem.residuals(answer.x).violation <= 0.01
-            if what == "rows":
-                assert answer.x is None
-            assert answer.status
+    solver.solve(good)
+    for _ in range(2):  # warm, and after the failure
+        answer = solver.solve(bad)
+        assert answer.x is None or not bad.residuals(answer.x).violation <= 0.01
+        assert answer.x is None or what != "rows"
+        assert answer.status
     for problem in (good, drift(good, rng)):
         assert_agrees(solver, problem, solver.solve(problem), reference_answer(problem))
 
