@@ -41,11 +41,6 @@ def test_polygon_cone_of_a_rectangle_is_the_closed_form(friction, x, y):
     assert same_rows(C, contacts.wrench_cone(friction, x, y))
 
 
-def polygon(rng, size=0.1):
-    points = size * rng.normal(size=(int(rng.integers(3, 9)), 2)) + 0.1 * rng.normal(size=2)
-    return contacts.Polygon(points[ConvexHull(points).vertices], "vertices")
-
-
 def can_be_made(wrench, friction, vertices):
     """Return True if forces within the pyramids at the vertices give a wrench, by a linear program."""
     edges = itertools.product((1.0, -1.0), repeat=2)
@@ -58,7 +53,8 @@ def can_be_made(wrench, friction, vertices):
 @given(seed=seeds, friction=st.floats(0.1, 1.2))
 def test_polygon_cone_contains_exactly_the_wrenches_of_vertex_forces(seed, friction):
     rng = np.random.default_rng(seed)
-    vertices = polygon(rng).vertices
+    points = 0.1 * rng.normal(size=(int(rng.integers(3, 9)), 2)) + 0.1 * rng.normal(size=2)
+    vertices = contacts.Polygon(points[ConvexHull(points).vertices], "vertices").vertices
     C = contacts.polygon_wrench_cone(friction, vertices)
     middle = vertices.mean(axis=0)
     upright = np.array([0.0, 0.0, 1.0, middle[1], -middle[0], 0.0])

@@ -49,8 +49,9 @@ def still(size, time, position):
     return Knot(time, np.asarray(position), np.zeros(size), np.zeros(size))
 
 
-def trajectory(task, *times, start=None, size=3, offset=0.0):
-    return SetTrajectory(task, start, tuple(still(size, t, np.full(size, offset + t)) for t in times))
+def trajectory(task, *times, start=None):
+    """Return a trajectory that reaches each time as its position."""
+    return SetTrajectory(task, start, tuple(still(3, t, np.full(3, t)) for t in times))
 
 
 def assert_no_jump(board, task, time, before):

@@ -7,7 +7,6 @@ from wbc_controller.inverse_dynamics.references.trajectories import Knot, Ramp, 
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
 
 SIZES = {"vector": 3, "joints": 9, "orientation": 3, "pose": 6}
-KINDS = tuple(SIZES)
 JUST = 1.0e-9
 
 
@@ -24,7 +23,7 @@ def journey(kind, seed):
     return [knot(kind, rng, time) for time in (2.0, 2.7, 3.9)]
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", SIZES)
 @pytest.mark.parametrize("seed", range(10))
 def test_trajectory_interpolates_its_knots_with_exact_derivatives(kind, seed):
     knots = journey(kind, seed)
@@ -47,7 +46,7 @@ def test_trajectory_interpolates_its_knots_with_exact_derivatives(kind, seed):
             np.testing.assert_allclose(here.acceleration, acceleration, atol=1e-4 * scale)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", SIZES)
 def test_trajectory_rests_before_and_after(kind):
     knots = journey(kind, 0)
     trajectory = Trajectory(knots)
