@@ -112,7 +112,7 @@ def rod_inertia(mass: float, length: float) -> pin.Inertia:
 
 
 def four_bar() -> tuple[pin.Model, list[mechanics.Constraint], np.ndarray, np.ndarray]:
-    """Crank, coupler and rocker in the plane x–z, the loop closed by a pin; q of the loop, and v at 5 rad/s."""
+    """Crank, coupler and rocker in the plane x–z, the loop closed by a pin; q, and v with the crank at 5 rad/s."""
     model = pin.Model()
     crank, coupler, rocker, ground = 0.2, 0.5, 0.4, 0.5
     parent = 0

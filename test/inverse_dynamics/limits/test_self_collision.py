@@ -376,9 +376,6 @@ def test_nan_states_are_refused_without_side_effects(bench, where):
     np.testing.assert_allclose(again.tau, good.tau, atol=1e-6)
 
 
-PAIR = "self_collision:l0/r0"
-
-
 def two_arms(torque):
     """Return a program, a state with closing spheres that must brake with 16 m/s², and references of rest.
 
@@ -401,7 +398,7 @@ def test_two_arms_brake_as_far_as_they_can():
     strong, *at = two_arms(20.0)
     assert conflict_of(strong, *at) is None
     solution = strong.solve(*at)
-    assert list(solution.binding) == [PAIR]
+    assert list(solution.binding) == ["self_collision:l0/r0"]
     assert solution.v_dot[0] > 10.0
     assert not solution.relaxed
     weak, *at = two_arms(0.5)

@@ -83,10 +83,10 @@ def test_link_motion_views_pinocchio_vectors(robot_of, robot):
 
 
 def test_what_is_not_compiled_and_non_contiguous_vectors(g1):
-    touching = "left_rubber_hand", np.zeros(3), 0.02
-    for kind, arguments in ((FramePositionTask, touching[:1]), (PostureTask, ()), (PointContact, touching)):
+    ball = "left_rubber_hand", np.zeros(3), 0.02
+    for kind, arguments in ((FramePositionTask, ["left_rubber_hand"]), (PostureTask, ()), (PointContact, ball)):
         assert kind("own", g1, *arguments).instruction() is not None
         assert type("Own", (kind,), {})("own", g1, *arguments).instruction() is None
-    assert PointContact("between", g1, *touching, against="left_ankle_roll_link").instruction() is None
+    assert PointContact("between", g1, *ball, against="left_ankle_roll_link").instruction() is None
     with pytest.raises(RuntimeError, match="does not store vectors of 3 numbers contiguously"):
         view_of(list(np.zeros((3, 4))[:, :3]), 3)

@@ -10,8 +10,7 @@ from wbc_controller.inverse_dynamics.solvers.daqp import solve_carefully
 from wbc_controller.inverse_dynamics.solvers.factory import require_solver
 from wbc_controller.validation.fuzz.problems import feasibility_margin
 
-IGNORED = "ignore:.*Clarabel:UserWarning", "ignore:Converted matrix"
-pytestmark = [pytest.mark.filterwarnings(text) for text in IGNORED]
+pytestmark = pytest.mark.filterwarnings("ignore:.*Clarabel:UserWarning", "ignore:Converted matrix")
 SOLVERS = available_solvers()
 FIELDS = ("H", "g", "A", "b", "C", "bounds", "lower", "upper", "x_lower", "x_upper")
 
