@@ -6,7 +6,6 @@ import pytest
 
 from wbc_controller.controller.build.contacts import make_contact
 from wbc_controller.controller.build.estimation import make_estimator
-from wbc_controller.errors import ConfigurationError
 from wbc_controller.estimation.absolute_pose import AGREEMENT_TIME, SPEED, PoseSample
 from wbc_controller.estimation.planar_transform import planar_transform
 from wbc_controller.estimation.running_estimate import ImuSample
@@ -232,8 +231,3 @@ def test_interpolation_between_estimates(standing):
     poses._past[-2] = first._replace(frame=shift * first.frame)
     p = poses.frame_at(0.25 * first.stamp + 0.75 * second.stamp).translation
     np.testing.assert_allclose(p, THERE[:3] - [0.025, 0.0, 0.0], atol=1e-6)
-
-
-def test_a_frame_that_the_robot_does_not_have_is_refused(still):
-    with pytest.raises(ConfigurationError, match=r"estimation.pose_frame = 'crown': the robot has no such frame"):
-        still(pose_frame="crown")

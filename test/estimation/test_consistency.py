@@ -3,6 +3,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
+from snapshots import dynamics_at
 
 from wbc_controller.controller.build.estimation import make_leg_kinematics
 from wbc_controller.controller.build.program import make_qp
@@ -24,21 +25,18 @@ def test_the_velocities_are_those_of_the_contact_points(robot_of, robot, frame):
     base, twist = pin.SE3ToXYZQUAT(pin.SE3.Random()), 0.1 * rng.normal(size=6)
     q, v = model.state(model.posture, 0.1 * rng.normal(size=model.nj), base, twist)
     legs.update(q[model.q_index], v[model.v_index])
-    data, names = model.pinocchio.createData(), tuple(legs.points)
-    pin.forwardKinematics(model.pinocchio, data, q, v)
-    imu = model.frame_id(frame, "test")
-    placement = pin.updateFramePlacement(model.pinocchio, data, imu)
-    moving = pin.getFrameVelocity(model.pinocchio, data, imu, pin.LOCAL_WORLD_ALIGNED)
+    dynamics, names, imu = dynamics_at(model, q, v), tuple(legs.points), model.frame_id(frame, "test")
+    placement = dynamics.placement(imu)
     R = np.ascontiguousarray(placement.rotation)
-    consistency.update(names, R, moving.linear, R.T @ moving.angular, np.inf)  # the mean is the present velocity
+    linear, angular = np.split(dynamics.velocity(imu, pin.LOCAL_WORLD_ALIGNED), 2)
+    consistency.update(names, R, linear, R.T @ angular, np.inf)  # the mean is the present velocity
     speeds, seen = [], legs.contact_points(names)
     for i, name in enumerate(names):
         link = model.frame_id(settings.contacts[name].frame, "test")
-        origin = pin.updateFramePlacement(model.pinocchio, data, link).translation
-        motion = pin.getFrameVelocity(model.pinocchio, data, link, pin.LOCAL_WORLD_ALIGNED)
+        linear, angular = np.split(dynamics.velocity(link, pin.LOCAL_WORLD_ALIGNED), 2)
         points = placement.translation + seen.positions[slice(*np.append(0, seen.ends)[i : i + 2])] @ R.T
-        touching = points - legs.rolling.get(name, np.zeros(3))
-        expected = motion.linear + np.cross(motion.angular, touching - origin)  # (points of the contact, 3)
+        lever = points - legs.rolling.get(name, np.zeros(3)) - dynamics.placement(link).translation
+        expected = linear + np.cross(angular, lever)  # (points of the contact, 3)
         speeds += np.linalg.norm(expected, axis=1).tolist()
     assert consistency.speed == pytest.approx(min(speeds), rel=1e-9)
     assert consistency.speed > 0.0

@@ -14,18 +14,12 @@ from wbc_controller.estimation.planar_transform import heading_of
 from wbc_controller.settings.estimation import EstimationSettings
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
-DENSITIES = (
-    "gyroscope_noise",
-    "accelerometer_noise",
-    "gyroscope_bias_walk",
-    "accelerometer_bias_walk",
-    "contact_noise",
-)
+FIELDS = ("gyroscope_noise", "accelerometer_noise", "gyroscope_bias_walk", "accelerometer_bias_walk", "contact_noise")
 
 
 def noise_of(*densities):
     """Settings with densities that may be 0."""
-    return EstimationSettings.model_construct(**dict(zip(DENSITIES, densities, strict=True)))
+    return EstimationSettings.model_construct(**dict(zip(FIELDS, densities, strict=True)))
 
 
 NOISE = noise_of(0.01, 0.1, 1e-3, 1e-2, 0.05)
@@ -34,11 +28,12 @@ STEPS = 300
 NAMES = "abcdefgh"
 
 
-def _start() -> tuple[np.ndarray, ...]:
+def _start() -> dict[str, np.ndarray]:
     rng = np.random.default_rng(7)
     P = np.diag(rng.uniform(1e-4, 1e-2, 15))
     turn, velocity, position, gyroscope, accelerometer = rng.normal(size=(5, 3))
-    return pin.exp3(turn), velocity, position, 0.01 * gyroscope, 0.1 * accelerometer, P
+    biases = {"gyroscope_bias": 0.01 * gyroscope, "accelerometer_bias": 0.1 * accelerometer}
+    return {"rotation": pin.exp3(turn), "velocity": velocity, "position": position, **biases, "P": P}
 
 
 #: Orientation, velocity, position, biases and covariance at the start.
@@ -51,7 +46,7 @@ def measurements() -> Iterator[tuple[np.ndarray, np.ndarray, tuple[bool, ...], n
     Angular velocity, specific force, active points, their positions (3, 3), and covariance (3, 3).
     """
     rng = np.random.default_rng(11)
-    up = -START[0].T @ GRAVITY
+    up = -START["rotation"].T @ GRAVITY
     active_contacts = ((True, True, False), (False, True, True), (True, False, True))
     for step in range(STEPS):
         positions = np.array([[0.1 * i, -0.2 + 0.2 * i, -0.9] for i in range(3)]) + 0.01 * rng.normal(size=(3, 3))
@@ -70,11 +65,8 @@ THEIRS = [
 ]  # fmt: skip
 
 
-def made(P=START[5], noise=NOISE):
-    R, v, p, bg, ba, _ = START
-    return InvariantFilter(
-        noise, GRAVITY, rotation=R, velocity=v, position=p, gyroscope_bias=bg, accelerometer_bias=ba, P=P
-    )
+def made(**changes):
+    return InvariantFilter(NOISE, GRAVITY, **{**START, **changes})
 
 
 def row(filter):
@@ -125,7 +117,7 @@ def test_adding_and_removing_points():
 
 
 def test_a_correction_of_the_world_turns_and_shifts_alone():
-    R, v, p, gyroscope, accelerometer, _ = START
+    R, v, p, gyroscope, accelerometer, _ = START.values()
     half = np.random.default_rng(3).normal(size=(15, 15)) * 0.1
     found = made(P=half @ half.T)
     found.add("a", np.array([0.1, -0.2, -0.9]), 1e-4 * np.eye(3))

@@ -36,18 +36,16 @@ def test_covariance_and_velocities_are_those_of_places_that_change_with_the_join
             positions.append(legs.contact_points(names).positions)
         J[:, joint] = (positions[0] - positions[1]).ravel() / (2.0 * step)
     legs.update(q, v)
-    expected = NOISE[0] ** 2 * J @ J.T + NOISE[1] ** 2 * np.eye(len(J))
-    np.testing.assert_allclose(legs.contact_points(names).covariance, expected, atol=1e-7)
-    np.testing.assert_allclose(legs.contact_points(names).velocities.ravel(), J @ v, atol=1e-7)
+    expected, seen = NOISE[0] ** 2 * J @ J.T + NOISE[1] ** 2 * np.eye(len(J)), legs.contact_points(names)
+    np.testing.assert_allclose(seen.covariance, expected, atol=1e-7)
+    np.testing.assert_allclose(seen.velocities.ravel(), J @ v, atol=1e-7)
     start = 0
     for name in names:  # single contacts
         alone, end = legs.contact_points((name,)), start + len(legs.points[name])
-        assert alone.names == legs.points[name] == legs.contact_points(names).names[start:end]
-        np.testing.assert_array_equal(alone.positions, legs.contact_points(names).positions[start:end])
+        assert alone.names == legs.points[name] == seen.names[start:end]
+        np.testing.assert_array_equal(alone.positions, seen.positions[start:end])
         own = slice(3 * start, 3 * end)
-        np.testing.assert_allclose(
-            alone.covariance, legs.contact_points(names).covariance[own, own], rtol=1e-12, atol=1e-12
-        )
+        np.testing.assert_allclose(alone.covariance, seen.covariance[own, own], rtol=1e-12, atol=1e-12)
         start = end
 
 
@@ -59,14 +57,12 @@ def test_the_points_are_those_of_the_contacts_and_the_imu_is_where_the_urdf_says
     rng = np.random.default_rng(4)
     q, v = model.posture + 0.2 * rng.uniform(-1, 1, model.nj), rng.normal(size=model.nj)
     base = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
-    whole, moving = model.state(q, v, base, np.zeros(6))
-    dynamics = dynamics_at(model, whole, moving)
+    dynamics, frame_id = dynamics_at(model, *model.state(q, v, base, np.zeros(6))), model.frame_id(frame, "test")
     legs.update(q, v)
-    imu = dynamics.placement(model.frame_id(frame, "test"))
+    imu = dynamics.placement(frame_id)
     np.testing.assert_allclose(legs.imu_rotation, imu.rotation, atol=1e-12)
     np.testing.assert_allclose(legs.imu_position, imu.translation, atol=1e-12)
-    twist = dynamics.velocity(model.frame_id(frame, "test"), pin.LOCAL_WORLD_ALIGNED)
-    np.testing.assert_allclose(legs.imu_motion, twist, atol=1e-12)
+    np.testing.assert_allclose(legs.imu_motion, dynamics.velocity(frame_id, pin.LOCAL_WORLD_ALIGNED), atol=1e-12)
     for name, points in legs.points.items():
         expected = contacts[name].points(dynamics)[: len(points)] + legs.rolling.get(name, 0.0)
         seen = legs.contact_points((name,)).positions @ legs.imu_rotation.T + legs.imu_position

@@ -17,9 +17,8 @@ QUARTER = pin.rpy.rpyToMatrix(0.0, 0.0, np.pi / 2.0)
 
 def motion(time):
     """Return a rotation in rad and a displacement in m along all axes, (2, 3)."""
-    return np.array([[0.03, 0.02, 0.015], [0.01, 0.03, 0.02]]) * np.sin(
-        time * np.array([[5.0, 8.0, 12.0], [6.0, 11.0, 15.0]])
-    )
+    rates = np.array([[5.0, 8.0, 12.0], [6.0, 11.0, 15.0]])
+    return np.array([[0.03, 0.02, 0.015], [0.01, 0.03, 0.02]]) * np.sin(time * rates)
 
 
 def compared(C, *, world=None, noise=3.0e-4, lever=0.0):
