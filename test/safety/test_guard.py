@@ -40,11 +40,8 @@ class Rig:
         self.hear(command_at=self.now, torques=np.asarray(torques, dtype=float), unanswered_at=math.inf, mode=mode)
 
     def state(self, velocity=SPEED):
-        self.hear(
-            velocity=None if velocity is None else np.asarray(velocity, dtype=float),
-            velocity_at=self.now,
-            unanswered_at=min(self.inputs.unanswered_at, self.now),
-        )
+        velocity = None if velocity is None else np.asarray(velocity, dtype=float)
+        self.hear(velocity=velocity, velocity_at=self.now, unanswered_at=min(self.inputs.unanswered_at, self.now))
 
     def step(self):
         self.sent.append(self.guard.step(self.now, self.inputs))
@@ -184,15 +181,9 @@ def test_the_torque_rate_is_per_second_however_often_it_is_asked(often):
 
 
 numbers = st.floats(-1e6, 1e6) | st.sampled_from([np.nan, np.inf, -np.inf])
-events = st.lists(
-    st.tuples(
-        st.sampled_from(["command", "state", "mode", "pass"]),
-        st.floats(0.0, 0.1),
-        st.lists(numbers, min_size=3, max_size=3),
-        st.sampled_from([None, *Mode]),
-    ),
-    max_size=80,
-)
+vectors = st.lists(numbers, min_size=3, max_size=3)
+kinds = st.sampled_from(["command", "state", "mode", "pass"])
+events = st.lists(st.tuples(kinds, st.floats(0.0, 0.1), vectors, st.sampled_from([None, *Mode])), max_size=80)
 
 
 @settings(max_examples=120)

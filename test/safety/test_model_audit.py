@@ -62,8 +62,10 @@ class Run(Lockstep):
     def change(self, *changes) -> None:
         self.controller.board.apply(changes, self.controller.qp.dynamics, self.time)
 
-    def audits(self, since: float):
-        return [report.audit for report in self.reports if report.audit and report.stamp * 1e-9 > since]
+    def audits(self, since: float, within: float = np.inf):
+        """Return the audits in a time span."""
+        reports = [report for report in self.reports if since < report.stamp * 1e-9 <= since + within]
+        return [report.audit for report in reports if report.audit]
 
     def until_warned(self, *names: str) -> bool:
         """Run for at most a second; return whether one of these warnings came."""
@@ -73,12 +75,7 @@ class Run(Lockstep):
 
     def warned(self, since: float, within: float) -> set[str]:
         """Return the names of warnings in a time span."""
-        return {
-            warning.partition(":")[0]
-            for report in self.reports
-            if report.audit and since < report.stamp * 1e-9 <= since + within
-            for warning in report.audit.warnings
-        }
+        return {warning.partition(":")[0] for audit in self.audits(since, within) for warning in audit.warnings}
 
 
 def test_with_the_right_model_nothing_is_left_over():

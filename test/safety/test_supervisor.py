@@ -1,13 +1,13 @@
 """Supervisor: requests, ramps, holding, damping, and bounds of commands."""
 
 import math
-import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from refusals import input_refusal
 from unchecked import UNCHECKED
 
 from wbc_controller.errors import InputRefused, NoSolution
@@ -21,13 +21,6 @@ NOTHING = NoSolution("the contacts (left, right) conflict", "infeasible", None)
 PERIOD = 0.002
 
 
-def limits(**changes):
-    values = dict(activation_ramp=0.1, hold_time=0.02, hold_window=0.0, damping_time=0.05, relax_time=math.inf)
-    safety = {**UNCHECKED, **values, **{key: changes.pop(key) for key in [*changes] if key in values}}
-    safety = SafetySettings().model_copy(update=safety)  # without validation
-    return SupervisorLimits(safety=safety, **{"torque_rate": 100.0, "period": PERIOD, **changes})
-
-
 def solution(model, tau):
     return Solution(v_dot=np.zeros(model.nv), tau=np.asarray(tau, dtype=float), iterations=1)
 
@@ -37,8 +30,11 @@ class Rig:
 
     def __init__(self, model, **changes):
         self.model = model
-        self.limits = limits(**changes)
-        self.supervisor = Supervisor(model, self.limits)
+        values = dict(activation_ramp=0.1, hold_time=0.02, hold_window=0.0, damping_time=0.05, relax_time=math.inf)
+        safety = {**UNCHECKED, **values, **{key: changes.pop(key) for key in [*changes] if key in values}}
+        safety = SafetySettings().model_copy(update=safety)  # without validation
+        limits = SupervisorLimits(safety=safety, **{"torque_rate": 100.0, "period": PERIOD, **changes})
+        self.supervisor = Supervisor(model, limits)
         self.now = 10.0
         self.state = RobotState(7, model.configuration(model.posture), np.zeros(model.nv))
         self.tau = 0.5 * model.effort_limits
@@ -69,27 +65,23 @@ class Rig:
         self.step(count=100)
         if where == "holding":
             self.step(NOTHING)
-        elif where == "damping":
+        elif where in ("damping", "stopped"):
             self.request("damp")
-        elif where == "stopped":
-            self.request("damp")
-            self.step(count=30)
-        elif where == "damping!":
-            self.step(problem=STALE)
-        elif where == "fault!":
-            self.step(problem=STALE, count=30)
+            self.step(count=30 if where == "stopped" else 0)
+        elif where in ("damping!", "fault!"):
+            self.step(problem=STALE, count=30 if where == "fault!" else 1)
         assert self.mode.value == where.rstrip("!")
         return self
 
 
 @pytest.fixture(scope="module")
-def rig_model(robot_of):
+def model(robot_of):
     return robot_of("go2")[1]
 
 
 @pytest.fixture
-def rig(rig_model):
-    return lambda **changes: Rig(rig_model, **changes)
+def rig(model):
+    return lambda **changes: Rig(model, **changes)
 
 
 RESET_FIRST = "send 'reset' first"
@@ -117,17 +109,17 @@ def test_every_request_in_every_mode(rig, where, word, result):
         assert bench.mode is result
         assert (bench.supervisor.fault is None) == (result is not Mode.FAULT and where != "holding")
         return
-    with pytest.raises(InputRefused, match=re.escape(result)) as refusal:
-        bench.request(word)
-    assert repr(word) in str(refusal.value)
+    refusal = input_refusal(bench.request, word)
+    assert result in refusal
+    assert repr(word) in refusal
     assert (bench.mode, bench.supervisor.fault) == (before, fault)
 
 
 @pytest.mark.parametrize("where", TABLE)
 def test_in_every_mode_unknown_requests_are_refused_and_the_end_leaves_no_torque(rig, where):
     bench = rig().bring(where)
-    with pytest.raises(InputRefused, match=r"'actvate' is unknown; did you mean 'activate'\? Valid: activate, damp"):
-        bench.request("actvate")
+    refusal = input_refusal(bench.request, "actvate")
+    assert "'actvate' is unknown; did you mean 'activate'? Valid: activate, damp" in refusal
     assert bench.mode.value == where.rstrip("!")
     bench = rig().bring(where)
     command = bench.supervisor.shut_down(bench.now)
@@ -146,8 +138,7 @@ def test_an_emergency_stop_takes_the_torque_away_at_once_and_is_latched(rig, whe
         assert not bench.step(velocity=1.0).tau.any()
     assert bench.mode is Mode.FAULT
     assert bench.supervisor.fault.code == "ESTOP"
-    with pytest.raises(InputRefused, match=r"\(ESTOP\)"):
-        bench.request("activate")
+    assert "(ESTOP)" in input_refusal(bench.request, "activate")
     bench.request("reset")
     assert bench.request("activate")
 
@@ -377,20 +368,12 @@ EDGES = {
     "fault": {"inactive"},
 }
 
-_torques = st.one_of(
-    st.floats(-1.01, 1.01), st.sampled_from([np.nan, np.inf, -np.inf, 1.0, -1.0, 1.011, 5.0, 1e300, -1e300])
-)
-_velocities = st.one_of(st.none(), st.floats(-50, 50), st.sampled_from([np.nan, np.inf, -np.inf, 1e300]))
-_cycles = st.lists(
-    st.tuples(
-        st.lists(st.sampled_from([*REQUESTS, "nonsense"]), max_size=2),
-        st.sampled_from(["solution"] * 5 + ["none", "nothing", "fault", "stale"]),
-        _torques,
-        _velocities,
-        st.sampled_from([0.0, PERIOD, PERIOD, PERIOD, 0.03, 0.2]),
-    ),
-    max_size=40,
-)
+_torques = st.floats(-1.01, 1.01) | st.sampled_from([np.nan, np.inf, -np.inf, 1.0, -1.0, 1.011, 5.0, 1e300, -1e300])
+_velocities = st.none() | st.floats(-50, 50) | st.sampled_from([np.nan, np.inf, -np.inf, 1e300])
+_words = st.lists(st.sampled_from([*REQUESTS, "nonsense"]), max_size=2)
+_kinds = st.sampled_from(["solution"] * 5 + ["none", "nothing", "fault", "stale"])
+_times = st.sampled_from([0.0, PERIOD, PERIOD, PERIOD, 0.03, 0.2])
+_cycles = st.lists(st.tuples(_words, _kinds, _torques, _velocities, _times), max_size=40)
 
 
 @settings(max_examples=60)
@@ -402,12 +385,10 @@ _cycles = st.lists(
     rate=st.sampled_from([1.0, 50.0, 1e5]),
     slow=st.sampled_from([0.0, 0.006]),
 )
-def test_commands_are_bounded_and_modes_follow_the_diagram(rig_model, cycles, ramp, hold, damping, rate, slow):
-    bench = Rig(
-        rig_model, activation_ramp=ramp, hold_time=hold, damping_time=damping, torque_rate=rate, torque_filter=slow
-    )
+def test_commands_are_bounded_and_modes_follow_the_diagram(model, cycles, ramp, hold, damping, rate, slow):
+    bench = Rig(model, activation_ramp=ramp, hold_time=hold, damping_time=damping, torque_rate=rate, torque_filter=slow)
     bench.request("activate")
-    model, supervisor = bench.model, bench.supervisor
+    supervisor = bench.supervisor
     last = np.zeros(model.na)
     for words, kind, share, speed, dt in cycles:
         bench.now += dt
@@ -448,9 +429,9 @@ def test_commands_are_bounded_and_modes_follow_the_diagram(rig_model, cycles, ra
     assert ended is None or not ended.tau.any()
 
 
-def test_torques_of_the_motors_at_known_and_unknown_speeds(rig_model):
-    curve = TorqueSpeedCurve(np.full(rig_model.na, 5.0), np.full(rig_model.na, 15.0))
-    rig = Rig(rig_model, torque_speed=curve, torque_rate=5.0).bring("active")
+def test_torques_of_the_motors_at_known_and_unknown_speeds(model):
+    curve = TorqueSpeedCurve(np.full(model.na, 5.0), np.full(model.na, 15.0))
+    rig = Rig(model, torque_speed=curve, torque_rate=5.0).bring("active")
     assert rig.commands[-1].tau == pytest.approx(rig.tau)
     rig.step(velocity=9.0)  # 60 % available, 50 % wanted
     assert rig.mode is Mode.ACTIVE
@@ -460,7 +441,7 @@ def test_torques_of_the_motors_at_known_and_unknown_speeds(rig_model):
     assert (rig.commands[-1].tau <= 0.3 * rig.model.effort_limits + 1e-9).all()
     rig.step(velocity=-12.0)  # braking
     assert rig.mode is Mode.ACTIVE
-    rig = Rig(rig_model, torque_speed=curve).bring("active")
+    rig = Rig(model, torque_speed=curve).bring("active")
     for velocity in (None, np.nan, np.inf):
         rig.step(velocity=velocity)
         assert rig.mode is Mode.ACTIVE
