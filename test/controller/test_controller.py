@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from refusals import input_refusal, refusal
+from snapshots import dynamics_at
 
 import wbc_controller as wbc
-from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.records import Mode
 from wbc_controller.validation.fuzz.hostile_classes import Ceiling, Height
 
@@ -74,12 +75,10 @@ def test_streamed_reference_applies_to_one_step(controller):
     q, v = controller.stance(), np.zeros(controller.model.nv)
     followed = controller.step(q, v, 0.1).references.tasks["com"]
     np.testing.assert_array_equal(followed.position, goal)
-    np.testing.assert_array_equal(followed.velocity, [0.0, 0.3, 0.0])
-    np.testing.assert_array_equal(followed.acceleration, [0.0, 0.0, 1.0])
+    np.testing.assert_array_equal([followed.velocity, followed.acceleration], [[0.0, 0.3, 0.0], [0.0, 0.0, 1.0]])
     after = controller.step(q, v, 0.102).references.tasks["com"]
     np.testing.assert_array_equal(after.position, goal)
-    assert not after.velocity.any()
-    assert not after.acceleration.any()
+    assert not np.any([after.velocity, after.acceleration])
 
 
 def test_a_trajectory_goes_through_its_points(controller):
@@ -88,9 +87,8 @@ def test_a_trajectory_goes_through_its_points(controller):
     points = start + np.array([[0.0, 0.02, 0.0], [0.0, -0.02, 0.01]])
     controller.follow("com", [0.2, 0.5], points, velocities=[[0.0, 0.1, 0.0], [0.0, 0.0, 0.0]])
     at = {round(result.time - 0.1, 6): result.references.tasks["com"] for result in run(controller, 0.6, start=0.1)}
-    np.testing.assert_allclose(at[0.2].position, points[0], atol=1e-9)
+    np.testing.assert_allclose([at[0.2].position, at[0.5].position], points, atol=1e-9)
     np.testing.assert_allclose(at[0.2].velocity, [0.0, 0.1, 0.0], atol=1e-9)
-    np.testing.assert_allclose(at[0.5].position, points[1], atol=1e-9)
     np.testing.assert_array_equal(at[0.598].position, points[1])
 
 
@@ -129,8 +127,7 @@ def test_the_anchor_of_a_contact_is_its_pose_in_the_state_of_its_cycle(by_settin
     q, still = controller.stance(), np.zeros(controller.model.nv)
     controller.reset(q, still, 0.0)
     controller.disable(foot)
-    for k in range(150):
-        controller.step(q, still, 0.002 * (k + 1))
+    run(controller, 0.3, start=PERIOD)
     moved = q.copy()
     moved[0] += 0.003
     if by_settings:  # as the service does
@@ -140,9 +137,8 @@ def test_the_anchor_of_a_contact_is_its_pose_in_the_state_of_its_cycle(by_settin
     else:
         controller.enable(foot)
     result = controller.step(moved, still, 0.304)
-    there = Dynamics(controller.model)
-    there.update(moved, still)
-    assert result.references.anchors[foot][:3] == pytest.approx(controller.contacts[foot].pose(there).translation)
+    there = controller.contacts[foot].pose(dynamics_at(controller.model, moved)).translation
+    assert result.references.anchors[foot][:3] == pytest.approx(there)
     assert result.references.contacts[foot] < 1e-3
 
 
@@ -184,36 +180,29 @@ def test_requests_end_as_on_the_topic(controller):
     result = run(controller, 0.4, start=0.3)[-1]
     assert (result.mode, result.command) == (Mode.INACTIVE, None)
     assert not result.tau.any()
-    with pytest.raises(wbc.InputRefused, match="command 'damp' has no effect: the controller is inactive"):
-        controller.request("damp")
-    with pytest.raises(wbc.InputRefused, match=r"'activate' requires a state; call reset"):
-        controller.request("activate")
-    with pytest.raises(wbc.InputRefused, match="command 'stop' is unknown; did you mean 'estop'"):
-        controller.request("stop")
+    assert "command 'damp' has no effect: the controller is inactive" in input_refusal(controller.request, "damp")
+    assert "'activate' requires a state; call reset" in input_refusal(controller.request, "activate")
+    assert "command 'stop' is unknown; did you mean 'estop'" in input_refusal(controller.request, "stop")
 
 
 def test_calls_before_the_first_state_are_refused():
     controller = wbc.Controller("go2", preflight=False)
-    for call in (
-        lambda: controller.set("com", [0.0, 0.0, 0.3]),
-        lambda: controller.set("posture", {"FL_hip_joint": 0.0}),
-        lambda: controller.disable("com"),
-        lambda: controller.step(controller.stance(), np.zeros(controller.model.nv), 0.0),
+    for call, *arguments in (
+        (controller.set, "com", [0.0, 0.0, 0.3]),
+        (controller.set, "posture", {"FL_hip_joint": 0.0}),
+        (controller.disable, "com"),
+        (controller.step, controller.stance(), np.zeros(controller.model.nv), 0.0),
     ):
-        with pytest.raises(wbc.InputRefused, match="has no state; call reset"):
-            call()
+        assert "has no state; call reset" in input_refusal(call, *arguments)
 
 
 def test_the_configuration_is_checked_as_by_the_command():
-    config = wbc.load("g1").replace(
-        {"contacts.right_foot.max_normal_force": 10.0, "contacts.left_foot": None, "walking": None}
-    )
-    with pytest.raises(wbc.ConfigurationError, match=r"g1\.yaml: the robot cannot stand still in robot\.posture"):
-        wbc.Controller(config)
+    changes = {"contacts.right_foot.max_normal_force": 10.0, "contacts.left_foot": None, "walking": None}
+    config = wbc.load("g1").replace(changes)
+    assert "g1.yaml: the robot cannot stand still in robot.posture" in refusal(wbc.Controller, config)
     assert wbc.Controller(config, preflight=False).mode is Mode.INACTIVE
-    checked, unchecked = wbc.Controller("g1"), wbc.Controller("g1", preflight=False)
     results = []
-    for controller in (checked, unchecked):
+    for controller in (wbc.Controller("g1"), wbc.Controller("g1", preflight=False)):
         controller.reset(controller.stance(), np.zeros(controller.model.nv))
         controller.set("com", controller.dynamics.com + [0.01, 0.02, -0.03])
         results.append([result.solution.v_dot for result in run(controller, 0.1)])
@@ -255,5 +244,4 @@ def test_own_tasks_and_limits_take_part():
     ],
 )
 def test_invalid_user_objects_are_refused(own, sentence):
-    with pytest.raises(wbc.ConfigurationError, match=sentence):
-        wbc.Controller("go2", **own, preflight=False)
+    assert sentence in refusal(wbc.Controller, "go2", **own, preflight=False)

@@ -1,6 +1,7 @@
 """Saved state of a controller: a restored controller continues bit for bit."""
 
 import importlib
+import itertools
 import pkgutil
 
 import numpy as np
@@ -136,9 +137,8 @@ def objects_with_state(owner: object) -> list[object]:
 
 
 def parts_with_state(controller: ControlCycle) -> list[object]:
-    walkers = [] if controller.walker is None else [controller.walker]
-    owners = (controller.board, controller.supervisor, controller.model_error, *walkers)
-    return [part for owner in owners for part in objects_with_state(owner)]
+    owners = (controller.board, controller.supervisor, controller.model_error, controller.walker)
+    return [part for owner in owners if owner is not None for part in objects_with_state(owner)]
 
 
 def shared_arrays(controller: ControlCycle) -> list[str]:
@@ -149,10 +149,8 @@ def shared_arrays(controller: ControlCycle) -> list[str]:
         for name in type(part).STATE_FIELDS
         if isinstance(getattr(part, name), np.ndarray)
     ]
-    return [
-        name for i, (name, array) in enumerate(arrays) if array.flags.writeable
-        if any(np.shares_memory(array, other) for k, (_, other) in enumerate(arrays) if k != i)
-    ]  # fmt: skip
+    pairs = itertools.permutations(arrays, 2)
+    return [name for (name, array), (_, other) in pairs if array.flags.writeable and np.shares_memory(array, other)]
 
 
 @pytest.mark.parametrize(("case", "seed"), [("plain", 5), ("imu", 3), ("friction", 3), ("levels", 3)])

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from recorded_run import by_rosbags, copied, make_run
+from refusals import refusal
 
 import wbc_controller
 from wbc_controller.controller.cycle import ControlCycle
@@ -33,9 +34,8 @@ def test_a_recording_in_another_format_is_rejected_with_both_formats(record, tmp
     run = record(tmp_path / "a.mcap")
     run.stand(5)
     run.recorder.close()
-    expected = rf"a\.mcap: format {other}; this version reads format {FORMAT}: use the version of"
-    with pytest.raises(ConfigurationError, match=expected):
-        Recording(tmp_path / "a.mcap")
+    said = refusal(Recording, run.file)
+    assert f"a.mcap: format {other}; this version reads format {FORMAT}: use the version of" in said
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,5 @@
 """Mistakes in configuration and URDF: each is refused by one sentence with location and remedy."""
 
-import copy
-
 import pytest
 from refusals import refusal
 from robot_cases import BOX, joint, link, robot
@@ -44,8 +42,8 @@ BALL = {"type": "point", "frame": "sole", "translation": [0.0, 0.0, 0.02], "radi
 
 
 def checked(changes=None, urdf=URDF):
-    config = wbc.load(copy.deepcopy(VALUES), urdf=urdf)
-    return {finding.subject: finding.text for finding in wbc.check(config.replace(changes or {}))}
+    config = wbc.load(VALUES, urdf=urdf).replace(changes or {})
+    return {finding.subject: finding.text for finding in wbc.check(config)}
 
 
 def test_findings_of_a_sole():
@@ -53,10 +51,8 @@ def test_findings_of_a_sole():
     assert found["contact shapes"] == "foot 200 × 100 mm on a sole of 200 × 100 mm"
     assert found["posture"].endswith("centre of mass at [0.000, 0.000, 0.434] m")
     assert found["tilt of soles"] == "against the floor: foot 0.0°"
-    found = checked({"contacts.foot.half_length": 0.1025})
-    assert found["contact shapes"] == (
-        "foot 205 × 100 mm on a sole of 200 × 100 mm, 2.5 mm beyond its edge: the foot may tip"
-    )
+    shapes = checked({"contacts.foot.half_length": 0.1025})["contact shapes"]
+    assert shapes == "foot 205 × 100 mm on a sole of 200 × 100 mm, 2.5 mm beyond its edge: the foot may tip"
     text = checked({"robot.posture.ankle_roll": 0.06})["tilt of soles"]
     assert text.startswith("against the floor: foot 3.4°; the robot will tilt on release")
 

@@ -9,9 +9,7 @@ import robot_cases as cases
 from scipy.spatial import ConvexHull
 from urdf_models import build_model
 
-from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.visualization.geometry import TRIANGLES, build_parts, convex_hull
-from wbc_controller.settings.config import load
 from wbc_controller.settings.resources import share_folder
 
 ROBOTS = ("g1", "go2")
@@ -43,12 +41,12 @@ def assert_closed(vertices, triangles):
     assert volume == pytest.approx(ConvexHull(vertices).volume, rel=1e-6)  # positive: triangles face outwards
 
 
-@functools.cache
-def parts_of(name):
-    return build_parts(make_model(load(name).settings))
+@pytest.fixture(scope="module")
+def parts_of(robot_of):
+    return functools.cache(lambda name: build_parts(robot_of(name)[1]))
 
 
-def test_hulls_are_closed_and_small(robot_of):
+def test_hulls_are_closed_and_small(robot_of, parts_of):
     _, model = robot_of("go2")
     parts = parts_of("go2")
     assert len(parts) > model.na
@@ -59,7 +57,7 @@ def test_hulls_are_closed_and_small(robot_of):
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_bounding_boxes_are_those_of_the_meshes(robot_of, name):
+def test_bounding_boxes_are_those_of_the_meshes(robot_of, parts_of, name):
     _, model = robot_of(name)
     # Reference: geometry of the full model with all joints.
     full = pin.buildModelFromXML(model.urdf, pin.JointModelFreeFlyer())

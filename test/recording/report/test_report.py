@@ -10,11 +10,11 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 import pytest
+from refusals import refusal
 from synthetic_run import squat
 
 from wbc_controller.controller.visualization.page_report import resource
 from wbc_controller.controller.visualization.plots import POINTS, thin_out
-from wbc_controller.errors import ConfigurationError
 from wbc_controller.recording.report.motion import MAX_FRAMES, encode_poses, frame_indices, joint_poses, make_motion
 from wbc_controller.recording.report.run_data import Result
 from wbc_controller.recording.report.run_plots import friction_use, run_plots
@@ -84,7 +84,7 @@ def test_verdict_of_missed_targets_and_of_a_bare_recording(short, tmp_path):
     assert "No targets were checked" in (tmp_path / "page.html").read_text(encoding="utf-8")
 
 
-def test_poses_of_the_page_equal_pinocchio(run, page):
+def test_poses_of_the_page_equal_pinocchio_and_forces_are_in_world_axes(run, page):
     recording, model = run
     data = embedded(page, "motion-data")
     poses = decode_poses(data["poses"])
@@ -101,6 +101,11 @@ def test_poses_of_the_page_equal_pinocchio(run, page):
         for i in range(data["joints"]):  # g1 has a visual on every joint except the world
             where = pin.XYZQUATToSE3(poses[frame, i] / np.r_[1, 1, 1, np.full(4, np.linalg.norm(poses[frame, i, 3:]))])
             assert np.linalg.norm(where.act(arm) - kinematics.oMi[i + 1].act(arm)) < 1e-3
+    forces = np.frombuffer(base64.b64decode(data["forces"]), "<f4").reshape(len(frames), 2, 2, 6)
+    # The synthetic squat keeps its soles flat, so that vertical and contact normal agree.
+    np.testing.assert_allclose(forces[0, :, 0, 5], [w[0, 2] for w in recording.contact_wrenches.values()], rtol=1e-3)
+    np.testing.assert_allclose(forces[0, :, 0, 2], 0.0, atol=2e-3)
+    assert data["weight"] == pytest.approx(model.mass * model.gravity)
 
 
 def test_packed_poses_are_exact_at_rest_and_quaternions_do_not_jump(run):
@@ -112,16 +117,6 @@ def test_packed_poses_are_exact_at_rest_and_quaternions_do_not_jump(run):
     assert np.abs(np.diff(poses[:, :, 3:], axis=0)).max() < 0.1
     poses = np.tile(np.array([1.5, -2.0, 0.3, 0.0, 0.0, 0.0, 1.0]), (4, 2, 1))
     np.testing.assert_allclose(decode_poses(encode_poses(poses)), poses, atol=1e-12)
-
-
-def test_forces_stand_in_the_page_in_world_axes(run, page):
-    recording, model = run
-    data = embedded(page, "motion-data")
-    forces = np.frombuffer(base64.b64decode(data["forces"]), "<f4").reshape(len(frame_indices(recording.time)), 2, 2, 6)
-    # The synthetic squat keeps its soles flat, so that vertical and contact normal agree.
-    np.testing.assert_allclose(forces[0, :, 0, 5], [w[0, 2] for w in recording.contact_wrenches.values()], rtol=1e-3)
-    np.testing.assert_allclose(forces[0, :, 0, 2], 0.0, atol=2e-3)
-    assert data["weight"] == pytest.approx(model.mass * model.gravity)
 
 
 def test_long_runs_stay_small_and_keep_peaks_and_gaps():
@@ -162,8 +157,8 @@ def test_an_invalid_run_is_refused(short, tmp_path):
     with pytest.raises(ValueError, match="20 columns"):
         write_run_report(wide, model, tmp_path / "x", kind="a run")
     lost = {name: contact.model_copy(update={"frame": "foo"}) for name, contact in recording.contacts.items()}
-    with pytest.raises(ConfigurationError, match=r"contacts.front_left_foot.frame = 'foo'"):
-        write_run_report(dataclasses.replace(recording, contacts=lost), model, tmp_path / "x", kind="a run")
+    said = refusal(write_run_report, dataclasses.replace(recording, contacts=lost), model, tmp_path / "x", kind="a run")
+    assert "contacts.front_left_foot.frame = 'foo'" in said
     assert not (tmp_path / "x").exists()
 
 
