@@ -10,7 +10,7 @@ from wbc_controller.estimation import invariant_filter_kernels as invariant_filt
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit
 from wbc_controller.records import RobotState
 from wbc_controller.walking import feet_kernels as feet
-from wbc_controller.walking.references_kernels import body_references
+from wbc_controller.walking import references_kernels as references
 
 N = 3
 
@@ -41,40 +41,32 @@ def moved_sole(rows, mount, written, size):
     feet.move_sole(of(rows, 4), *numbers, PLACEMENT[:mount], of(written, 4), of(size))
 
 
+def motion_of_points(links, on, points, out):
+    feet.motion_of_points(of(2, 12), of(links, 6), np.array([on]), of(points, 3), of(out, 6))
+
+
+def motion_of_sole(links, i, mount):
+    feet.motion_of_sole(np.array(2 * [PLACEMENT]), of(links, 6), i, PLACEMENT[:mount])
+
+
+def body_references(size, out):
+    references.body_references(0j, 0j, 0j, 0.8, 0.8, 0.0, 0.0, 0.002, of(1, size), of(out))
+
+
 def bounds(q, v):
     JointMotionLimit((-np.ones(N), np.ones(N)), None, acceleration=10.0).bounds(of(q), of(v), 0.002)
 
 
 #: A call with consistent sizes, and calls with inconsistent ones.
 CALLS = {
-    "propagate": (
-        propagated,
-        (3, 3, 3, 4, 1),
-        [(2, 3, 3, 4, 1), (3, 2, 3, 4, 1), (3, 3, 2, 4, 1), (3, 3, 3, 5, 1), (3, 3, 3, 4, 2)],
-    ),
-    "correct": (
-        lambda point, places, end: corrected([point], of(places, 3), end),
-        (0, 1, 1),
-        [(1, 1, 1), (-1, 1, 1), (0, 0, 1), (0, 1, 2)],
-    ),
-    "motion_of_points": (
-        lambda links, on, points, out: feet.motion_of_points(
-            of(2, 12), of(links, 6), np.array([on]), of(points, 3), of(out, 6)
-        ),
-        (2, 1, 1, 1),
-        [(3, 1, 1, 1), (2, 2, 1, 1), (2, 1, 2, 1), (2, 1, 1, 2)],
-    ),
-    "motion_of_sole": (
-        lambda links, i, mount: feet.motion_of_sole(np.array(2 * [PLACEMENT]), of(links, 6), i, PLACEMENT[:mount]),
-        (2, 1, 12),
-        [(3, 1, 12), (2, 2, 12), (2, -1, 12), (2, 1, 7)],
-    ),
+    "propagate": (propagated, (3, 3, 3, 4, 1),
+        [(2, 3, 3, 4, 1), (3, 2, 3, 4, 1), (3, 3, 2, 4, 1), (3, 3, 3, 5, 1), (3, 3, 3, 4, 2)]),
+    "correct": (lambda point, places, end: corrected([point], of(places, 3), end), (0, 1, 1),
+        [(1, 1, 1), (-1, 1, 1), (0, 0, 1), (0, 1, 2)]),
+    "motion_of_points": (motion_of_points, (2, 1, 1, 1), [(3, 1, 1, 1), (2, 2, 1, 1), (2, 1, 2, 1), (2, 1, 1, 2)]),
+    "motion_of_sole": (motion_of_sole, (2, 1, 12), [(3, 1, 12), (2, 2, 12), (2, -1, 12), (2, 1, 7)]),
     "move_sole": (moved_sole, (3, 12, 3, 19), [(2, 12, 3, 19), (3, 7, 3, 19), (3, 12, 2, 19), (3, 12, 3, 18)]),
-    "body_references": (
-        lambda size, out: body_references(0j, 0j, 0j, 0.8, 0.8, 0.0, 0.0, 0.002, of(1, size), of(out)),
-        (4, 16),
-        [(3, 16), (4, 15)],
-    ),
+    "body_references": (body_references, (4, 16), [(3, 16), (4, 15)]),
     "acceleration_bounds": (bounds, (N, N), [(N, N - 1), (N - 1, N), (N + 1, N + 1), (N - 1, N - 1)]),
 }  # fmt: skip
 

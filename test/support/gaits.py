@@ -1,6 +1,11 @@
 """A biped's gait, and walks of simulated robots."""
 
+import math
+
+import numpy as np
+
 import wbc_controller as wbc
+from wbc_controller.recording.report.run_data import heading, mean_velocity
 from wbc_controller.walking.gait import Gait
 
 GAIT = Gait(
@@ -22,6 +27,12 @@ def walking(robot, *velocity, seconds, changes=None):
     controller.walk(*velocity)
     simulation.run(seconds)
     return simulation, controller, walker
+
+
+def velocity_of(results):
+    """Return the mean velocity forward, sideways and turning in a part of a walk, (3,) in m/s and rad/s."""
+    way = np.array([[result.time, *result.state.q[:2], heading(result.state.q)] for result in results])
+    return mean_velocity(way, 0.0, math.inf)
 
 
 def run_to(simulation, phase, step=0.002):

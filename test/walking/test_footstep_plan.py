@@ -1,13 +1,12 @@
 """Planned footsteps: sides, refusals, offsets of the DCM, and a robot that steps on them."""
 
 import cmath
-import re
 
 import numpy as np
 import pytest
 from gaits import GAIT, run_to, simulated
+from refusals import input_refusal
 
-from wbc_controller.errors import InputRefused
 from wbc_controller.walking.footstep_plan import planned, step_towards
 from wbc_controller.walking.footsteps import Stance, Velocity, nominal_step
 from wbc_controller.walking.gait import Phase
@@ -52,8 +51,7 @@ def test_sides_alternate_from_the_nearer_foot(y, sides):
     ],
 )
 def test_refused_steps(poses, first, message):
-    with pytest.raises(InputRefused, match=re.escape(message)):
-        planned(np.array(poses), FEET, first, GAIT)
+    assert message in input_refusal(planned, np.array(poses), FEET, first, GAIT)
 
 
 def test_reach_is_measured_in_the_axes_of_the_other_foot():
@@ -69,7 +67,7 @@ def test_a_robot_steps_on_the_plan_and_stops():
     feet = {foot.contact: foot for foot in walker._feet.values()}
     poses = [[0.15, 0.1, 0.0], [0.35, -0.12, 0.1], [0.35, 0.1, 0.2], [0.5, -0.12, 0.2]]
     middle = 0.5 * sum(foot.pose(controller.dynamics).translation for foot in feet.values())
-    poses = np.array(poses) + [middle[0], middle[1], 0.0]
+    poses = np.array(poses) + [*middle[:2], 0.0]
     controller.walk_footsteps(poses)
     landed, left = [], set()
 
@@ -94,8 +92,8 @@ def test_a_velocity_replaces_the_plan_in_the_air():
     run_to(simulation, Phase.SINGLE, 0.01)
     simulation.run(0.1)
     assert (walker.phase, walker.footsteps_left) == (Phase.SINGLE, 3)
-    with pytest.raises(InputRefused, match=r"step 1 of 1 \(right foot\)"):
-        walker.follow(np.array([[0.2, 0.1, 0.0]]), controller.dynamics)  # the left foot is in the air
+    refusal = input_refusal(walker.follow, np.array([[0.2, 0.1, 0.0]]), controller.dynamics)
+    assert "step 1 of 1 (right foot)" in refusal  # the left foot is in the air
     assert walker.footsteps_left == 3
     controller.walk(0.2)
     simulation.run(1.0)

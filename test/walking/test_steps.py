@@ -1,7 +1,6 @@
 """Nominal steps, their adaptation to the measured state, and the motion of the swing foot."""
 
 import cmath
-import itertools
 import math
 from dataclasses import replace
 
@@ -14,32 +13,12 @@ from hypothesis import strategies as st
 
 from wbc_controller.inverse_dynamics.robot.instruction import placement_numbers
 from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
-from wbc_controller.walking.adaptation_kernels import (
-    FOOT_ACCELERATION,
-    FOOT_BRAKING,
-    FOOT_SPEED,
-    LONGEST,
-    SHORTENING,
-    SHORTEST,
-    TIME_RATE,
-    adapt,
-    dcm_towards,
-    descent_time,
-    steps_again,
-    stopping_time,
-)
+from wbc_controller.walking import adaptation_kernels as kernels
+from wbc_controller.walking import swing_kernels
 from wbc_controller.walking.feet import Foot, Sole, about_z
-from wbc_controller.walking.footsteps import Stance, Velocity, nominal_step
+from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity, nominal_step
 from wbc_controller.walking.pendulum_kernels import before, later
-from wbc_controller.walking.swing_kernels import (
-    LATE_SPEED,
-    TOUCHDOWN_SPEED,
-    Landing,
-    at_rest,
-    integrate_foot,
-    move_axis,
-    moved,
-)
+from wbc_controller.walking.swing_kernels import Landing, at_rest, integrate_foot, moved
 from wbc_controller.walking.touchdown import LATEST, SoleTouchdown, lands, rebounds, tips
 
 GAIT = replace(GAIT, braking=4.0)
@@ -96,6 +75,16 @@ def test_a_turning_robot_turns_its_feet_and_walks_on_a_circle():
     assert abs(middle - 0.6j) == pytest.approx(0.6, rel=0.02)  # radius v / ω
 
 
+def adapted(at, nominal, swing, dcm, elapsed, *, planned=False, velocity=0.2, last=None, ground=LEVEL):
+    """Return place, height, heading and time of a landing; `last` is that of the last cycle, by default nominal."""
+    place, time = (last.place, last.time) if last else (nominal.place, GAIT.single)
+    *_, place, height, heading, time, _ = kernels.adapt(
+        planned, nominal.place, nominal.heading, nominal.offset, velocity, 0.0, place, time, at.place, at.heading,
+        at.side, at.omega, GAIT.sizes, dcm, swing, *ground, elapsed, DT, kernels.SHORTEST * GAIT.single,
+    )  # fmt: skip
+    return place, height, heading, time
+
+
 def walked(disturbance, *, elapsed=0.1, cycles=150, planned=True):
     """Adapt a step after a change of the DCM, for as long as the swing lasts.
 
@@ -110,10 +99,7 @@ def walked(disturbance, *, elapsed=0.1, cycles=150, planned=True):
 
     dcm = before(nominal.place + nominal.offset, at.place, at.omega, GAIT.single - elapsed, push()) + disturbance
     for _ in range(cycles):
-        *_, place, _, _, time, _ = adapt(
-            planned, nominal.place, nominal.heading, nominal.offset, 0.2, 0.0, landing.place, landing.time, at.place,
-            at.heading, at.side, at.omega, GAIT.sizes, dcm, swing, *LEVEL, elapsed, DT, SHORTEST * GAIT.single,
-        )  # fmt: skip
+        place, _, _, time = adapted(at, nominal, swing, dcm, elapsed, planned=planned, last=landing)
         landing = Landing(place, 0.0, 0.0, time)
         landings.append((landing, swing, elapsed))
         swing = moved(swing, landing, GAIT.clearance, elapsed, DT)
@@ -160,29 +146,27 @@ def test_steps_stay_within_reach_and_time(push):
     time = GAIT.single
     for target, foot, elapsed in targets:
         local = target.place - stance().place
-        assert abs(target.time - time) <= SHORTENING * DT + 1e-12
-        assert SHORTEST * GAIT.single <= target.time <= LONGEST * GAIT.single
+        assert abs(target.time - time) <= kernels.SHORTENING * DT + 1e-12
+        assert kernels.SHORTEST * GAIT.single <= target.time <= kernels.LONGEST * GAIT.single
         time = target.time
         present = complex(*foot[0, :2])
-        reached = abs(target.place - present) <= FOOT_SPEED * (target.time - elapsed) + 1e-9
+        reached = abs(target.place - present) <= kernels.FOOT_SPEED * (target.time - elapsed) + 1e-9
         aside = max(local.imag - GAIT.width, 0.0) / (GAIT.greatest_width - GAIT.width)
         assert reached
         assert math.hypot(local.real / GAIT.length, aside) <= 1.0 + 1e-9
         assert local.imag >= -1e-9
-        assert target.time - elapsed >= stopping_time(math.hypot(*foot[1, :2])) - 1e-9
+        assert target.time - elapsed >= kernels.stopping_time(math.hypot(*foot[1, :2])) - 1e-9
 
 
 @pytest.mark.parametrize(
-    ("beside", "ahead", "rate"), [(0.6, 0.0, TIME_RATE), (0.8, 0.0, SHORTENING), (0.6, 0.8, SHORTENING)]
+    ("beside", "ahead", "rate"),
+    [(0.6, 0.0, kernels.TIME_RATE), (0.8, 0.0, kernels.SHORTENING), (0.6, 0.8, kernels.SHORTENING)],
 )
 def test_a_step_is_hurried_only_if_the_dcm_is_not_above_the_sole(beside, ahead, rate):
     at = stance()
     dcm = at.place + 0.5 * complex(ahead * GAIT.sole_length, -at.side * beside * GAIT.sole_width)
     nominal, swing = nominal_step(Velocity(), at, GAIT, GAIT.single), at_rest(at.place + 1j * GAIT.width, 0.0, 0.0)
-    *_, time, _ = adapt(
-        False, nominal.place, 0.0, nominal.offset, 0j, 0.0, nominal.place, GAIT.single, at.place, at.heading, at.side,
-        at.omega, GAIT.sizes, dcm, swing, *LEVEL, 0.05, DT, SHORTEST * GAIT.single,
-    )  # fmt: skip
+    *_, time = adapted(at, nominal, swing, dcm, 0.05, velocity=0j)
     assert time == pytest.approx(GAIT.single - rate * DT)
 
 
@@ -190,22 +174,16 @@ def test_a_planned_step_ends_at_its_place():
     """Longest and widest at once, which is too far for a step that answers a push."""
     at, corner = stance(), stance().place + complex(GAIT.length, GAIT.greatest_width)
     swing = at_rest(corner - 0.1, 0.0, 0.0)
-    dcm = dcm_towards(corner, -0.1j, at.place, at.omega, GAIT.reaction, swing, 0.3)
-    *_, place, _, _, _, _ = adapt(
-        True, corner, 0.0, -0.1j, 0j, 0.0, corner, GAIT.single, at.place, at.heading, at.side, at.omega, GAIT.sizes,
-        dcm, swing, *LEVEL, GAIT.single - 0.3, DT, SHORTEST * GAIT.single,
-    )  # fmt: skip
+    dcm = kernels.dcm_towards(corner, -0.1j, at.place, at.omega, GAIT.reaction, swing, 0.3)
+    place, *_ = adapted(at, NominalStep(corner, 0.0, -0.1j), swing, dcm, GAIT.single - 0.3, planned=True)
     assert place == pytest.approx(corner)
 
 
 def test_a_touchdown_is_on_the_ground_with_the_nearest_heading():
     """The foot has turned by more than one turn, and the ground rises by 0.1 m per metre to the left."""
     at = stance(heading=0.3)
-    nominal, turned = nominal_step(Velocity(0.2), at, GAIT, GAIT.single), 0.2 + 2.0 * math.tau
-    *_, place, height, heading, _, _ = adapt(
-        False, nominal.place, 0.0, nominal.offset, 0.2, 0.0, nominal.place, GAIT.single, at.place, at.heading, at.side,
-        at.omega, GAIT.sizes, at.place, at_rest(at.place, 0.0, turned), 1j, 0.5, 0.1j, 0.1, DT, SHORTEST * GAIT.single,
-    )  # fmt: skip
+    nominal, foot = nominal_step(Velocity(0.2), at, GAIT, GAIT.single), at_rest(at.place, 0.0, 0.2 + 2.0 * math.tau)
+    place, height, heading, _ = adapted(at, nominal, foot, at.place, 0.1, ground=(1j, 0.5, 0.1j))
     assert height == pytest.approx(0.5 + 0.1 * (place.imag - 1.0))
     assert heading == pytest.approx(at.heading + 2.0 * math.tau)
 
@@ -220,82 +198,77 @@ def test_a_foot_steps_again_if_the_dcm_has_passed_it_and_is_within_its_reach(sid
         (0.19 + half, False), (0.21 + half, True), (farthest - 0.01, True), (farthest + 0.01, False)
     ):  # fmt: skip
         dcm = place + (0.1 + 1j * side * aside) * axes
-        assert steps_again(dcm, place, heading, landed, heading, side, omega, GAIT.sizes, shortest) is again
+        assert kernels.steps_again(dcm, place, heading, landed, heading, side, omega, GAIT.sizes, shortest) is again
 
 
 def test_the_shortest_stop_brakes_at_the_largest_deceleration():
-    time = stopping_time(3.0)
-    moves = [move_axis(0.0, 3.0, 0.0, 1.5 * time, 0.0, time, t) for t in np.linspace(0.0, time, 101)]
+    time = kernels.stopping_time(3.0)
+    moves = [swing_kernels.move_axis(0.0, 3.0, 0.0, 1.5 * time, 0.0, time, t) for t in np.linspace(0.0, time, 101)]
     assert moves[-1] == pytest.approx((1.5 * time, 0.0, 0.0), abs=1e-9)
-    assert min(a for _, _, a in moves) == pytest.approx(-FOOT_BRAKING)
+    assert min(a for _, _, a in moves) == pytest.approx(-kernels.FOOT_BRAKING)
 
 
 @pytest.mark.parametrize(("height", "speed"), [(0.0, 0.0), (0.05, 0.0), (0.01, 0.4), (0.04, -0.3)])
 def test_the_shortest_descent_brakes_as_fast_as_it_accelerates(height, speed):
-    time = descent_time(height, speed)
-    falls = 0.5 * (time + speed / FOOT_ACCELERATION)  # until the speed a (t - t_falls) of the rest is reached
+    time = kernels.descent_time(height, speed)
+    falls = 0.5 * (time + speed / kernels.FOOT_ACCELERATION)  # until the speed a (t - t_falls) of the rest is reached
     z, v = height, speed
-    for begin, end, a in ((0.0, falls, -FOOT_ACCELERATION), (falls, time, FOOT_ACCELERATION)):
+    for begin, end, a in ((0.0, falls, -kernels.FOOT_ACCELERATION), (falls, time, kernels.FOOT_ACCELERATION)):
         z, v = z + v * (end - begin) + 0.5 * a * (end - begin) ** 2, v + a * (end - begin)
     assert (z, v) == (pytest.approx(0.0, abs=1e-12), pytest.approx(0.0, abs=1e-12))
 
 
-def swung(duration, cycles, change=0j):
+LANDING = Landing(0.3 + 0.12j, 0.01, 0.2, 0.5)
+
+
+def swung(landing, cycles, change=0j, clearance=GAIT.clearance, dt=DT):
+    """Return the motions of a foot that starts at rest, (cycles, 3, 4), and its landing, changed in the middle."""
     foot, feet = at_rest(0.1j, 0.0, 0.0), []
-    landing = Landing(0.3 + 0.12j, 0.01, 0.2, duration)
     for i in range(cycles):
         if i == cycles // 2:
             landing = replace(landing, place=landing.place + change)
-        foot = moved(foot, landing, GAIT.clearance, i * DT, DT)
+        foot = moved(foot, landing, clearance, i * dt, dt)
         feet.append(foot)
-    return feet, landing
+    return np.array(feet), landing
 
 
 @pytest.mark.parametrize("change", [0j, 0.05 - 0.03j])
 def test_a_foot_lands_at_its_target_at_rest(change):
-    feet, landing = swung(0.5, 250, change)
+    feet, landing = swung(LANDING, 250, change)
     place = landing.place
-    assert feet[-1][0] == pytest.approx([place.real, place.imag, landing.height, landing.heading], abs=1e-6)
-    assert feet[-1][1, :3] == pytest.approx([0.0, 0.0, -TOUCHDOWN_SPEED], abs=1e-3)
-    heights = [foot[0, 2] for foot in feet]
-    assert max(heights) == pytest.approx(landing.height + GAIT.clearance, abs=2e-3)
+    assert feet[-1, 0] == pytest.approx([place.real, place.imag, landing.height, landing.heading], abs=1e-6)
+    assert feet[-1, 1, :3] == pytest.approx([0.0, 0.0, -swing_kernels.TOUCHDOWN_SPEED], abs=1e-3)
+    assert feet[:, 0, 2].max() == pytest.approx(landing.height + GAIT.clearance, abs=2e-3)
 
 
 def test_a_foot_rises_and_descends_beside_stones_on_rough_ground():
-    foot, landing, dt = at_rest(0.1j, 0.0, 0.0), Landing(0.3 + 0.12j, 0.01, 0.2, 0.5, 0.3, roughness=1.0), 0.001
-    feet = []
-    for i in range(500):
-        foot = moved(foot, landing, GAIT.rough_clearance, i * dt, dt)
-        feet.append(foot)
-    rising = feet[99][0]
+    rough = replace(LANDING, speed=0.3, roughness=1.0)
+    feet, _ = swung(rough, 500, clearance=GAIT.rough_clearance, dt=0.001)
+    rising = feet[99, 0]
     assert rising[[0, 1, 3]].tolist() == [0.0, 0.1, 0.0]
     assert rising[2] > 0.5 * GAIT.clearance
-    assert max(foot[0, 2] for foot in feet) == pytest.approx(landing.height + GAIT.rough_clearance, abs=3e-3)
-    descending = next(foot for foot in feet[225:] if foot[0, 2] < landing.height + 0.04)
+    assert feet[:, 0, 2].max() == pytest.approx(rough.height + GAIT.rough_clearance, abs=3e-3)
+    descending = next(foot for foot in feet[225:] if foot[0, 2] < rough.height + 0.04)
     assert descending[0, :2] == pytest.approx([0.3, 0.12], abs=0.01)
-    assert feet[-1][0] == pytest.approx([0.3, 0.12, 0.01, 0.2], abs=1e-3)
-    assert feet[-1][1, 2] == pytest.approx(-0.3, abs=2e-3)
+    assert feet[-1, 0] == pytest.approx([0.3, 0.12, 0.01, 0.2], abs=1e-3)
+    assert feet[-1, 1, 2] == pytest.approx(-0.3, abs=2e-3)
 
 
 def test_the_push_of_a_swing_is_the_integral_of_its_acceleration():
     """A foot that starts at rest pushes the DCM forward: its acceleration grows longer than its deceleration."""
-    omega, feet = 3.8, [at_rest(0.1j, 0.0, 0.0)]
-    goal, cycles = 0.3 + 0.12j, 500
-    for i in range(cycles):
-        feet.append(moved(feet[-1], Landing(goal, 0.0, 0.0, 0.5), GAIT.clearance, i * 0.001, 0.001))
+    omega, goal, dt = 3.8, LANDING.place, 0.001
+    feet = np.array([at_rest(0.1j, 0.0, 0.0), *swung(LANDING, 500, dt=dt)[0]])
+    accelerations = 0.5 * (feet[:-1, 2, :2] + feet[1:, 2, :2]) @ [1.0, 1.0j]
+    pushes = np.exp(omega * (0.5 - dt * (np.arange(500) + 0.5))) * accelerations * dt
     for begin in (0, 200):
-        summed = sum(
-            math.exp(omega * (0.5 - (i + 0.5) * 0.001)) * 0.5 * complex(*(feet[i][2] + feet[i + 1][2])[:2]) * 0.001
-            for i in range(begin, cycles)
-        )
-        assert integrate_foot(feet[begin], goal, 0.5 - begin * 0.001, omega) == pytest.approx(summed, rel=1e-3)
+        found = integrate_foot(feet[begin], goal, 0.5 - begin * dt, omega)
+        assert found == pytest.approx(pushes[begin:].sum(), rel=1e-3)
     assert integrate_foot(feet[0], goal, 0.5, omega).real > 0.0
 
 
 def test_a_swing_is_continuous_when_its_target_changes():
-    feet, _ = swung(0.5, 250, 0.05)
-    for old, new in itertools.pairwise(feet):
-        assert new[0] - old[0] == pytest.approx(0.5 * DT * (old[1] + new[1]), abs=1e-5)
+    feet, _ = swung(LANDING, 250, 0.05)
+    assert np.diff(feet[:, 0], axis=0) == pytest.approx(0.5 * DT * (feet[:-1, 1] + feet[1:, 1]), abs=1e-5)
 
 
 def test_the_reference_of_the_frame_moves_with_the_sole():
@@ -336,14 +309,14 @@ def test_noise_of_ground_and_step_time_needs_no_large_acceleration(seed):
 
 
 def test_a_late_foot_moves_further_down():
-    feet, landing = swung(0.1, 100)
-    height, speed, acceleration = np.array([foot[:, 2] for foot in feet[50:]]).T
-    assert speed[-1] == -LATE_SPEED
+    feet, landing = swung(replace(LANDING, time=0.1), 100)
+    height, speed, acceleration = feet[50:, :, 2].T
+    assert speed[-1] == -swing_kernels.LATE_SPEED
     assert height[-1] < landing.height - 0.02
     assert all(np.diff(speed) <= 0.0)
     assert height[-1] - height[0] == pytest.approx(DT * sum(speed[1:]), abs=1e-9)
-    assert acceleration[1:] == pytest.approx([-10.0 if after > -LATE_SPEED else 0.0 for after in speed[1:]])
-    assert feet[-1][1, 0] == 0.0
+    assert acceleration[1:] == pytest.approx(np.where(speed[1:] > -swing_kernels.LATE_SPEED, -10.0, 0.0))
+    assert feet[-1, 1, 0] == 0.0
 
 
 @pytest.mark.parametrize(
@@ -366,7 +339,7 @@ def test_a_late_foot_moves_further_down():
 )
 def test_a_touchdown_is_told_by_sensor_or_motion(late, wanted, velocity, touching, landed):
     speed = math.hypot(*velocity)
-    assert lands(late, wanted, TOUCHDOWN_SPEED, velocity[2], speed, touching) is landed
+    assert lands(late, wanted, swing_kernels.TOUCHDOWN_SPEED, velocity[2], speed, touching) is landed
 
 
 @pytest.mark.parametrize(

@@ -9,15 +9,14 @@ from wbc_controller.walking.pendulum_kernels import later, leading
 from wbc_controller.walking.weight_transfer import WeightTransfer
 
 OMEGA, OLD, NEW, GOAL, DOUBLE = 3.7, 0j, 0.1 + 0.2j, 0.12 + 0.15j, 0.05
+GAIT = SimpleNamespace(double=DOUBLE)
 EXPECTED = leading(GOAL, OLD, NEW, DOUBLE, OMEGA)  # DCM after a touchdown on time
 
 
 def transfer(late, error=0j, heading=0.0, roughness=0.0, wait=0.0):
     """Return the transfer of a DCM that passes `EXPECTED` a time `wait` after the touchdown, apart from an error."""
     dcm = later(EXPECTED, OLD, OMEGA, -wait) + error
-    return WeightTransfer.after_touchdown(
-        late, dcm, GOAL, OLD, NEW, heading, OMEGA, SimpleNamespace(double=DOUBLE), roughness
-    )
+    return WeightTransfer.after_touchdown(late, dcm, GOAL, OLD, NEW, heading, OMEGA, GAIT, roughness)
 
 
 @pytest.mark.parametrize(
