@@ -215,9 +215,8 @@ class Heavy(Height):
 
 
 def test_own_tasks_and_limits_take_part():
-    controller = wbc.Controller(
-        wbc.load("go2").replace({"tasks.com": None}), tasks=[Heavy], limits=[lambda model: Ceiling(model, 0.05)]
-    )
+    config = wbc.load("go2").replace({"tasks.com": None})
+    controller = wbc.Controller(config, tasks=[Heavy], limits=[lambda model: Ceiling(model, 0.05)])
     controller.reset(controller.stance(), np.zeros(controller.model.nv))
     run(controller, 0.3)
     assert controller.board.plans["height"].weight == 7.0

@@ -110,18 +110,16 @@ def broken(kind, method, instead):
     return make
 
 
-@cache
-def config():
-    return wbc.load("go2").replace({"safety.damping_time": 0.1})
+CONFIG = wbc.load("go2").replace({"safety.damping_time": 0.1})
 
 
 @cache
 def go2():
-    return make_model(config().settings)
+    return make_model(CONFIG.settings)
 
 
 def made(**own):
-    return wbc.Controller(config(), **own, preflight=False, model=go2())
+    return wbc.Controller(CONFIG, **own, preflight=False, model=go2())
 
 
 @cache

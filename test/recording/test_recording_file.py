@@ -22,6 +22,8 @@ from wbc_controller.recording.replay.cycle_replay import Replay
 from wbc_controller.recording.report.run_from_recording import PHASES, make_run_data, truth_topics
 from wbc_controller.validation.fuzz.hostile_recordings import read_recording
 
+STRING = "std_msgs/msg/String"
+
 
 def write(path, file, messages):
     """Write changed messages of a file."""
@@ -120,16 +122,13 @@ def test_a_cycle_with_numbers_out_of_their_ranges_is_refused(finished, name, val
         Recording(path)
 
 
-def phase(name: str) -> bytes:
-    return encode(message("std_msgs/msg/String", data=name))
-
-
 def added(recording: Recording) -> dict[tuple[str, str], list[tuple[int, bytes]]]:
     stamps = [cycle.stamp for cycle in recording.cycles()]
     topics = [topic for topic in truth_topics(recording.config.settings) if topic.key == "contact_wrench"]
     wrenches = [(at, encode(wrench_stamped(np.full(6, float(i)), "foot", at))) for i, at in enumerate(stamps)]
     truth = {(topic.name, topic.type): wrenches for topic in topics}
-    return {**truth, (PHASES, "std_msgs/msg/String"): [(0, phase("start")), (stamps[30], phase("stand"))]}
+    phases = [(at, encode(message(STRING, data=name))) for at, name in ((0, "start"), (stamps[30], "stand"))]
+    return {**truth, (PHASES, STRING): phases}
 
 
 def test_added_messages_stand_at_their_cycles_and_all_others_stay(finished):

@@ -44,10 +44,6 @@ class Body:
     def mode(self):
         return self.supervisor.mode
 
-    @property
-    def fault(self):
-        return self.supervisor.fault
-
     def solution(self):
         return Solution(v_dot=np.zeros(self.model.nv), tau=self.tau, relaxed=self.relaxed, iterations=1)
 
@@ -65,9 +61,9 @@ class Body:
 
     def says(self, *words, code="IMPLAUSIBLE_STATE"):
         assert self.mode is Mode.DAMPING
-        assert self.fault.code == code
+        assert self.supervisor.fault.code == code
         for word in words:
-            assert word in self.fault.sentence
+            assert word in self.supervisor.fault.sentence
 
 
 @pytest.fixture
@@ -161,7 +157,7 @@ def test_a_base_that_sinks_between_its_limbs_has_fallen(body):
         if robot.mode is not Mode.ACTIVE:
             break
     robot.says("above the lowest limb (limit 0.4 of the ", "safety.min_height", code="FALLEN")
-    height, at_first = map(float, re.findall(r"(\d\.\d+) m ", robot.fault.sentence))
+    height, at_first = map(float, re.findall(r"(\d\.\d+) m ", robot.supervisor.fault.sentence))
     assert 0.36 < height / at_first < 0.4  # detected within 10 ms
 
 
@@ -446,7 +442,7 @@ def test_a_fault_of_the_inputs_counts_before_one_of_the_state(body):
         q = robot.q + absurd
         state = RobotState(robot.stamp + 2_000_000, q, robot.v)
         robot.supervisor.step(robot.now + PERIOD, state, robot.v[robot.model.v_index], late, None)
-        assert (robot.mode, robot.fault) == (Mode.DAMPING, late)
+        assert (robot.mode, robot.supervisor.fault) == (Mode.DAMPING, late)
 
 
 @pytest.mark.parametrize(

@@ -55,10 +55,8 @@ COMMANDED = {
         ("pose", ([0.0, 0.4, 0.0], [0.0, 0.0, 0.0, 1.0], "right_rubber_hand")),
         [0.0, 0.4, 0.02, 0.0, 0.0, 0.0, 1.0], "right_rubber_hand",
     ),
-    "axis_alignment": (
-        {"frame": "left_rubber_hand", "axis": [1, 0, 0]},
-        ("vector", ([0.0, 0.0, -2.0],)), [HALF, 0.0, -HALF, 0, 0, 0, 1], "world",
-    ),
+    "axis_alignment": ({"frame": "left_rubber_hand", "axis": [1, 0, 0]}, ("vector", ([0.0, 0.0, -2.0],)),
+        [HALF, 0.0, -HALF, 0, 0, 0, 1], "world"),
     "gaze": ({"frame": "torso_link", "axis": [1, 0, 0]}, ("point", ([1, 0.1, 1],)), [1, 0.2, 1, 0, 0, 0, 1], "world"),
     "linear_momentum": ({}, ("vector", ([0.0, 0.5, 0.0],)), [0.0, 0.2, 0.0, 0, 0, 0, 1], "world"),
     "angular_momentum": ({}, ("vector", ([0.0, 0.0, 0.1],)), [0.0, 0.0, 0.2, 0, 0, 0, 1], "world"),

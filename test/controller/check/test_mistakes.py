@@ -27,16 +27,10 @@ URDF = robot(
 )  # fmt: skip
 VALUES = {
     "robot": {"joints": ["hip", "knee", "ankle_pitch", "ankle_roll"], "posture": [0.0, 0.0, 0.0, 0.0]},
-    "contacts": {
-        "foot": {
-            "type": "surface", "frame": "sole", "half_length": 0.1, "half_width": 0.05,
-            "friction": 0.7, "max_normal_force": 300.0,
-        }
-    },
-    "tasks": {
-        "com": {"type": "com", "weight": 50.0, "stiffness": 100.0},
-        "posture": {"type": "posture", "weight": 0.01, "stiffness": 50.0},
-    },
+    "contacts": {"foot": {"type": "surface", "frame": "sole", "half_length": 0.1, "half_width": 0.05, "friction": 0.7,
+                          "max_normal_force": 300.0}},
+    "tasks": {"com": {"type": "com", "weight": 50.0, "stiffness": 100.0},
+              "posture": {"type": "posture", "weight": 0.01, "stiffness": 50.0}},
 }  # fmt: skip
 BALL = {"type": "point", "frame": "sole", "translation": [0.0, 0.0, 0.02], "radius": 0.02, "max_normal_force": 300.0}
 
