@@ -19,17 +19,15 @@ from wbc_controller.records import ChangeSettings, Fault, Mode, RobotState, froz
 CYCLES, LENGTH, EVERY = 300, 25, 20
 
 ESTIMATED = {"base_state": "imu"}  # with torque filter, disturbance observer and contact forces
+FRICTION = {
+    "estimation": {"disturbance": "always", "torque_filter": "always"},
+    "robot": {"friction": {"FL_calf_joint": {"dry": 0.5, "viscous": 0.1}}},
+    "limits": {"torque_speed": {"enabled": True}},
+}
 CASES = {
     "plain": ("go2", {}),
     "imu": ("go2", {"estimation": ESTIMATED}),
-    "friction": (
-        "go2",
-        {
-            "estimation": {"disturbance": "always", "torque_filter": "always"},
-            "robot": {"friction": {"FL_calf_joint": {"dry": 0.5, "viscous": 0.1}}},
-            "limits": {"torque_speed": {"enabled": True}},
-        },
-    ),
+    "friction": ("go2", FRICTION),
     "levels": ("g1", {"estimation": ESTIMATED, "tasks": {"posture": {"level": 1}}}),
 }
 
