@@ -74,10 +74,6 @@ def row(filter):
     return np.concatenate([filter.rotation.ravel(), filter.velocity, filter.position, *biases, [np.trace(filter.P)]])
 
 
-def correct(filter, names, positions, covariance):
-    filter.correct(names, positions, np.kron(np.eye(len(names)), covariance))
-
-
 def test_equal_to_the_authors_implementation():
     """The authors' code adds a point with the orientation before the correction of that step."""
     filter = made()
@@ -86,7 +82,7 @@ def test_equal_to_the_authors_implementation():
         before = filter.rotation
         held = [i for i in range(3) if active_contacts[i] and str(i) in filter.names]
         if held:
-            correct(filter, [str(i) for i in held], positions[held], covariance)
+            filter.correct([str(i) for i in held], positions[held], np.kron(np.eye(len(held)), covariance))
         back = filter.rotation.T @ before
         for i in range(3):
             if str(i) in filter.names and not active_contacts[i]:

@@ -44,9 +44,6 @@ class Body:
     def mode(self):
         return self.supervisor.mode
 
-    def solution(self):
-        return Solution(v_dot=np.zeros(self.model.nv), tau=self.tau, relaxed=self.relaxed, iterations=1)
-
     def step(self, count=1, *, outcome=None, sensed=lambda q, v: (q, v), dt=PERIOD, velocity=None):
         for _ in range(count):
             self.now += dt
@@ -55,7 +52,8 @@ class Body:
             q, v = sensed(self.q.copy(), self.v.copy())
             state = RobotState(self.stamp, q, v)
             speeds = v[self.model.v_index] if velocity is None else velocity
-            made = (outcome or self.solution()) if self.supervisor.solving else None
+            solution = Solution(v_dot=np.zeros(self.model.nv), tau=self.tau, relaxed=self.relaxed, iterations=1)
+            made = (outcome or solution) if self.supervisor.solving else None
             self.commands.append(self.supervisor.step(self.now, state, speeds, None, made))
         return self.commands[-1]
 

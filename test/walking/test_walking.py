@@ -29,23 +29,19 @@ from wbc_controller.walking.touchdown import LATEST
 COMMANDS = [("g1", (-0.15, 0.1, 0.3)), ("talos", (0.3, 0.0, 0.0)), ("go2", (0.4, 0.2, 0.4))]
 
 
-def far_from_the_origin(config):
-    """Return a simulation whose setpoints must be near the robot, also in components that a task does not use."""
-    simulation = wbc.Simulation(config)
-    q, v = simulation.plant.state()
-    simulation.plant.set_state([q[0] + 300.0, q[1] - 200.0, *q[2:]], v)
-    simulation.controller.reset(*simulation.plant.state(), simulation.time)
-    for _ in range(100):  # torque ramp
-        simulation._cycle()
-    return simulation
-
-
 @pytest.mark.parametrize(("robot", "command"), COMMANDS)
 def test_a_robot_walks_far_from_the_origin_as_commanded_and_stops(robot, command):
-    """The programs of the gait are prepared before the first step."""
-    config = wbc.load(robot).replace({"walking.max_speed": 2.0 * abs(command[0])})
-    simulation = far_from_the_origin(config)
-    controller, qp = simulation.controller, simulation.controller.qp
+    """The programs of the gait are prepared before the first step.
+
+    Far from the origin, setpoints must be near the robot, also in components that a task does not use.
+    """
+    simulation, controller, _ = simulated(robot, {"walking.max_speed": 2.0 * abs(command[0])})
+    q, v = simulation.plant.state()
+    simulation.plant.set_state([q[0] + 300.0, q[1] - 200.0, *q[2:]], v)
+    controller.reset(*simulation.plant.state(), simulation.time)
+    for _ in range(100):  # torque ramp
+        simulation._cycle()
+    qp = controller.qp
     prepared = set(qp.formulation._structures), set(qp._solvers)
     controller.walk(*command)
     results = simulation.run(2.7)
