@@ -83,8 +83,7 @@ def test_streamed_reference_applies_to_one_step(controller):
 
 def test_a_trajectory_goes_through_its_points(controller):
     run(controller, 0.1)
-    start = np.array(controller.dynamics.com)
-    points = start + np.array([[0.0, 0.02, 0.0], [0.0, -0.02, 0.01]])
+    points = controller.dynamics.com + np.array([[0.0, 0.02, 0.0], [0.0, -0.02, 0.01]])
     controller.follow("com", [0.2, 0.5], points, velocities=[[0.0, 0.1, 0.0], [0.0, 0.0, 0.0]])
     at = {round(result.time - 0.1, 6): result.references.tasks["com"] for result in run(controller, 0.6, start=0.1)}
     np.testing.assert_allclose([at[0.2].position, at[0.5].position], points, atol=1e-9)

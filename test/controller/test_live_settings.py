@@ -172,8 +172,7 @@ def test_the_torque_speed_curve_outlives_a_change_of_the_limits(bench):
     knee = next(i for i, joint in enumerate(robot.model.joints) if "calf" in joint)
     speed[knee] = 0.1 * robot.model.velocity_limits[knee]
     for acceleration in (robot.settings.limits.acceleration, 50.0):
-        limit = robot.loop.controller.qp.formulation.torque_limit
-        _, upper = limit.available(speed)
+        _, upper = robot.loop.controller.qp.formulation.torque_limit.available(speed)
         assert upper[knee] < 0.95 * robot.model.effort_limits[knee]
         assert robot.loop.controller.qp.formulation.motion_limit.acceleration == acceleration
         robot.say("update", "{limits: {acceleration: 50.0}, control: {weight_ramp: 0.0}}")
@@ -205,8 +204,7 @@ def test_the_ends_of_the_live_ranges_are_safe(robot, key, end):
     controller, model = simulation.controller, simulation.controller.model
     value = controller.config.settings.limits.live_ranges[key][end]
     controller.update({"limits": {key: value}, "control": {"weight_ramp": 0.1}})
-    start = controller.dynamics.com.copy()
-    controller.set("com", start + [0.01, 0.02, -0.03], duration=0.3)
+    controller.set("com", controller.dynamics.com + [0.01, 0.02, -0.03], duration=0.3)
     results = simulation.run(0.5)
     q = simulation.plant.state()[0][model.q_index]
     assert not any(result.solution.relaxed for result in results)

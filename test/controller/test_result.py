@@ -73,8 +73,7 @@ def test_the_picture_of_a_cycle_is_of_its_own_state(binding):
     shapes = {shape.group: shape.points for shape in binding.shapes}
     assert {"contact_forces", "friction_cones", "support", "com", "capture_point"} <= set(shapes)
     figure = binding.plot()
-    drawn = {trace.name: trace for trace in figure.data if trace.name}
-    com = drawn["com"]
+    com = next(trace for trace in figure.data if trace.name == "com")
     dynamics = wbc.Dynamics(binding.qp.model)
     dynamics.update(binding.state.q, binding.state.v)
     np.testing.assert_allclose([com.x[0], com.y[0], com.z[0]], dynamics.com)
@@ -87,8 +86,7 @@ def test_the_picture_of_a_cycle_is_of_its_own_state(binding):
 def test_the_plot_of_a_run_has_every_cycle(results):
     figure = wbc.plot(results)
     traces = {(trace.legendgroup, trace.name): trace for trace in figure.data}
-    times = [each.time for each in results]
-    np.testing.assert_array_equal(traces["task errors", "com"].x, times)
+    np.testing.assert_array_equal(traces["task errors", "com"].x, [each.time for each in results])
     np.testing.assert_array_equal(traces["task errors", "com"].y, [each.task_errors["com"] for each in results])
     forces = [each.forces["left_foot"][2] for each in results]
     np.testing.assert_array_equal(traces["normal forces, N", "left_foot"].y, forces)

@@ -99,8 +99,7 @@ def test_innovation_jacobian(still):
     """z = -H ξ for X = exp(-ξ) X̂, by finite differences, far from the origin and rotated."""
     robot = still(pose_frame="FL_calf").run(0.2)
     poses, found, estimator = robot.estimator.poses, robot.estimator.filter, robot.estimator
-    turned = pin.exp3(np.array([0.0, 0.0, 2.0]))
-    found.move(pin.SE3(turned, np.array([3.0, -2.0, 0.5])), np.zeros(3), np.zeros((4, 4)))
+    found.move(pin.XYZQUATToSE3(THERE), np.zeros(3), np.zeros((4, 4)))
     robot.run(PERIOD)
     frame = estimator._kinematics.from_imu(*poses._frame)
     truth, step = (found.rotation.copy(), found.position.copy()), 1e-7

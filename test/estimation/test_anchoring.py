@@ -65,8 +65,7 @@ def test_nothing_jumps_when_contacts_begin_end_and_slip():
 def test_neither_a_single_point_nor_a_step_is_an_anchor():
     anchoring = Anchoring()
     for i in range(200):
-        point = drifting(np.array([[0.1, 0.2, 0.0]]), i * PERIOD)
-        anchoring.update(i * PERIOD, {"foot": point})
+        anchoring.update(i * PERIOD, {"foot": drifting(np.array([[0.1, 0.2, 0.0]]), i * PERIOD)})
     assert heading_of(anchoring.transform) == 0.0
     assert np.linalg.norm(anchoring.transform.translation) > 0.05
     anchoring = Anchoring()

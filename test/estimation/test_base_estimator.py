@@ -94,8 +94,7 @@ def test_feet_that_roll_are_not_taken_for_fixed_points():
             for name in scene.estimator._kinematics.rolling:
                 scene.estimator._kinematics.rolling[name] = np.zeros(3)
         scene.run(0.6)
-        com = scene.controller.dynamics.com.copy()
-        scene.controller.follow("com", [0.6], [com + [0.05, 0.0, -0.06]])
+        scene.controller.follow("com", [0.6], [scene.controller.dynamics.com + [0.05, 0.0, -0.06]])
         errors[rolling] = scene.run(0.65)[0]
     assert errors[True] < 0.5 * errors[False]
     assert errors[False] > 0.0005

@@ -36,8 +36,7 @@ def test_the_velocities_are_those_of_the_contact_points(robot_of, robot, frame):
         linear, angular = np.split(dynamics.velocity(link, pin.LOCAL_WORLD_ALIGNED), 2)
         points = placement.translation + seen.positions[slice(*np.append(0, seen.ends)[i : i + 2])] @ R.T
         lever = points - legs.rolling.get(name, np.zeros(3)) - dynamics.placement(link).translation
-        expected = linear + np.cross(angular, lever)  # (points of the contact, 3)
-        speeds += np.linalg.norm(expected, axis=1).tolist()
+        speeds += np.linalg.norm(linear + np.cross(angular, lever), axis=1).tolist()
     assert consistency.speed == pytest.approx(min(speeds), rel=1e-9)
     assert consistency.speed > 0.0
 

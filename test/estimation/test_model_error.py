@@ -82,8 +82,7 @@ def test_anti_windup(model):
     lacking = split_force(M, J, rng.normal(size=nv))[0]
     lacking *= 1.2 * np.min(most / np.abs(lacking))  # one joint above its bound
     for _ in range(5000):
-        seen = split_force(M, J, lacking - observer.forces)[0]
-        observer.update(M, J, ("feet",), gap, gap * seen)
+        observer.update(M, J, ("feet",), gap, gap * split_force(M, J, lacking - observer.forces)[0])
     (joint,) = observer.at_bound
     expected = 25.0 / 26.0 * lacking  # the leak takes the rest
     expected[model.v_index[model.joints.index(joint)]] *= 26.0 / 25.0 / 1.2

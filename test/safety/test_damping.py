@@ -76,7 +76,6 @@ def test_rotors_behind_a_transmission_can_be_damped_too():
 def test_actuators_that_drive_several_joints_take_energy():
     """With different damping of two joints that one actuator moves."""
     ratios = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 2.0]])
-    drive = Drive(["both", "one"], np.ones(2), ratios)
-    K = damping_matrix(drive, np.array([0.1, 2.0, 1.0]))
+    K = damping_matrix(Drive(["both", "one"], np.ones(2), ratios), np.array([0.1, 2.0, 1.0]))
     assert np.linalg.eigvalsh(ratios.T @ K).min() > -1e-12
     np.testing.assert_allclose(ratios.T @ K @ [0.0, 0.0, 1.0], [0.0, 0.0, 1.0])

@@ -99,8 +99,7 @@ def test_it_damps_in_time_then_sends_zero_then_nothing(config):
 
 
 def test_a_triggered_controller_owes_nothing_without_joint_states_until_these_are_stale(rig):
-    silent = rig.run(0.05 + PATIENCE, states=False)
-    assert set(silent) == {None}
+    assert set(rig.run(0.05 + PATIENCE, states=False)) == {None}
     assert rig.run(0.01, states=False)[-1] is not None
 
 
@@ -208,8 +207,7 @@ def test_whatever_happens(history, config):
             if before is not None:
                 assert (np.abs(tau - before) <= 0.2 * EFFORT + 1e-9).all()
         before = tau
-    end = rig.run(0.5 + ZERO_TIME + 0.2, states=False)
-    assert end[-1] is None
+    assert rig.run(0.5 + ZERO_TIME + 0.2, states=False)[-1] is None
     sent = [tau for tau in rig.sent if tau is not None]
     if sent and rig.guard.mode is GuardMode.RELEASED:
         assert not sent[-1].any()

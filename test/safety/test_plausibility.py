@@ -178,8 +178,7 @@ def test_where_the_limbs_are_hardly_below_the_base_its_height_does_not_count(bod
         robot.q[joint(robot.model, 3 * leg + 1)[0]] = 1.57
         robot.q[joint(robot.model, 3 * leg + 2)[0]] = -0.25
     robot.step()
-    watch = robot.supervisor._fall
-    assert 0.0 < watch._height < LEAST_HEIGHT
+    assert 0.0 < robot.supervisor._fall._height < LEAST_HEIGHT
     fold(robot, 0.5, 0.0)
     robot.step(300)
     assert robot.mode is Mode.ACTIVE
@@ -437,8 +436,7 @@ def test_a_fault_of_the_inputs_counts_before_one_of_the_state(body):
     late = Fault("STALE_INPUT", "odom is 60 ms old (limit 50 ms)")
     for absurd in (0.0, 1e7):
         robot = body(steps=10)
-        q = robot.q + absurd
-        state = RobotState(robot.stamp + 2_000_000, q, robot.v)
+        state = RobotState(robot.stamp + 2_000_000, robot.q + absurd, robot.v)
         robot.supervisor.step(robot.now + PERIOD, state, robot.v[robot.model.v_index], late, None)
         assert (robot.mode, robot.supervisor.fault) == (Mode.DAMPING, late)
 

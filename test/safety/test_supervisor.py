@@ -345,8 +345,7 @@ def test_torques_that_are_not_usable_never_leave(rig, bad):
 def test_torques_a_solvers_tolerance_over_the_limit_are_cut_to_it(rig):
     bench = rig().bring("active")
     bench.tau = 1.005 * bench.model.effort_limits
-    command = bench.step(count=20)
-    np.testing.assert_array_equal(command.tau, bench.model.effort_limits)
+    np.testing.assert_array_equal(bench.step(count=20).tau, bench.model.effort_limits)
 
 
 #: Modes that may follow each mode.

@@ -68,8 +68,7 @@ def test_node_names_the_invalid_file(command, monkeypatch):
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("ROS_DOMAIN_ID", "77")
     path = FOLDER / "unknown_joint.yaml"
-    result = wbc(command, path, status=2)
-    assert result.stderr.startswith(f"error: {path}: robot.joints: 'RR_claf_joint'")
+    assert wbc(command, path, status=2).stderr.startswith(f"error: {path}: robot.joints: 'RR_claf_joint'")
 
 
 def _with(key, value):

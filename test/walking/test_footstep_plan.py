@@ -34,8 +34,7 @@ def test_offsets_of_equal_steps_are_those_of_a_velocity_and_a_periodic_gait():
 
 @pytest.mark.parametrize(("y", "sides"), [(0.1, [1, -1, 1]), (-0.1, [-1, 1, -1])])
 def test_sides_alternate_from_the_nearer_foot(y, sides):
-    poses = np.array([[0.2, y, 0.0], [0.4, -y, 0.1], [0.4, y, 0.1]])
-    steps = planned(poses, FEET, None, GAIT)
+    steps = planned(np.array([[0.2, y, 0.0], [0.4, -y, 0.1], [0.4, y, 0.1]]), FEET, None, GAIT)
     assert [step.side for step in steps] == sides
     assert (steps[1].place, steps[1].heading) == (0.4 - 1j * y, 0.1)
 

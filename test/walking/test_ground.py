@@ -36,8 +36,7 @@ def test_planes_of_footholds():
     plane = Ground(1.0 + 2.0j, 0.3, 0.1 - 0.05j)
     assert plane.height_at(2.0 + 4.0j) == pytest.approx(0.3 + 0.1 * 1.0 - 0.05 * 2.0)
     level = [Ground(place, 0.0, 0j) for place in PLACES]
-    tilted = plane_through([Ground(PLACES[0], 0.01, 0.12 + 0j), *level[1:]])
-    assert abs(tilted.slope) < 0.06
+    assert abs(plane_through([Ground(PLACES[0], 0.01, 0.12 + 0j), *level[1:]]).slope) < 0.06
     hill = Ground(0.15 + 0j, 0.0, 0.09 + 0j)
     on_it = [Ground(place, hill.height_at(place), hill.slope) for place in PLACES[:2]]
     assert plane_through([*on_it, *level[2:]]).slope.real > 0.055

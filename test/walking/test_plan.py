@@ -54,8 +54,7 @@ def test_plan_of_a_step():
     assert 0.0 < plan.remaining < walker.gait.single
     assert abs(plan.dcm - plan.wanted_dcm) < 0.03
     sole = next(each for each in walker._feet.values() if each.contact == foot)
-    dynamics = controller.dynamics
-    np.testing.assert_allclose(plan.swings[foot][0], sole.pose(dynamics).translation, atol=0.03)
+    np.testing.assert_allclose(plan.swings[foot][0], sole.pose(controller.dynamics).translation, atol=0.03)
     np.testing.assert_allclose(plan.swings[foot][-1], plan.landings[foot], atol=2e-3)
     run_to(simulation, Phase.DOUBLE, 0.01)
     assert walker.plan().phase == "double support"

@@ -90,8 +90,7 @@ def test_the_supervisor_damps_the_joints_through_the_transmission():
     robot = Robot()
     model, limits = robot.model, robot.loop.controller.supervisor.limits
     velocity = np.random.default_rng(0).normal(size=model.nj)
-    tau = Supervisor(model, limits)._damping_torques(velocity)
-    at_joints = model.actuation.at_joints(tau)
+    at_joints = model.actuation.at_joints(Supervisor(model, limits)._damping_torques(velocity))
     expected = np.where(model.actuation.driven, -limits.safety.damping * velocity, 0.0)
     np.testing.assert_allclose(at_joints, expected, atol=1e-12)
 

@@ -146,8 +146,7 @@ def test_a_mesh_without_a_usable_hull_does_not_end_all(tmp_path, points, boxed):
 def test_links_without_pairs_have_no_shape(tmp_path, monkeypatch):
     made = []
     monkeypatch.setattr(collision_model, "_hull", lambda points: made.append(len(points)))
-    odd = mesh(tmp_path, "odd.obj", 0.1 * RIM)
-    model = star(a=(odd,), b=(BALL,), c=(BALL,))
+    model = star(a=(mesh(tmp_path, "odd.obj", 0.1 * RIM),), b=(BALL,), c=(BALL,))
     collision = build_collision_model(model, margin=0.01, pairs=["b/c"])
     assert [shape.name for shape in collision.geometry.geometryObjects] == ["b", "c"]
     assert made == []

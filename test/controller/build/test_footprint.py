@@ -43,8 +43,7 @@ def test_footprint_of_a_sole_in_the_axes_of_the_plane():
 
 @pytest.mark.parametrize("angle", [0.02, 0.1, -0.3])
 def test_the_tilt_is_that_of_the_sole_against_the_plane(angle):
-    found = on_plane(-0.5, (0.0, angle, 0.0), shank=(LEG,), foot=(SOLE,))
-    assert found.tilt == pytest.approx(abs(angle))
+    assert on_plane(-0.5, (0.0, angle, 0.0), shank=(LEG,), foot=(SOLE,)).tilt == pytest.approx(abs(angle))
 
 
 def test_balls_at_the_corners_of_a_sole_touch_at_their_lowest_points():

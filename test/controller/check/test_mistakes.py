@@ -168,8 +168,7 @@ def test_implausible_limits_are_reported_and_can_be_replaced():
                         if finding.subject == "implausible"]  # fmt: skip
     assert effort.startswith("effort limits of hip 10000 N·m: weight times size of the robot is ")
     assert velocity.startswith("velocity limits of hip 2000 rad/s: ")
-    own = {"robot.joint_limits.hip": {"effort": 40.0, "velocity": 12.0}}
-    found = checked(own, wild)
+    found = checked({"robot.joint_limits.hip": {"effort": 40.0, "velocity": 12.0}}, wild)
     assert "implausible" not in found
     assert found["joint limits"] == "of the configuration: hip effort 40, velocity 12"
     assert found["effort limits"] == "40 to 60 N·m"
@@ -177,8 +176,7 @@ def test_implausible_limits_are_reported_and_can_be_replaced():
 
 def test_uncontrolled_locked_and_floating_joints_are_reported():
     assert "uncontrolled" not in checked()
-    found = checked({"tasks.posture": None})
-    assert found["uncontrolled"].startswith("hip, knee, ankle_pitch")
+    assert checked({"tasks.posture": None})["uncontrolled"].startswith("hip, knee, ankle_pitch")
     changes = {"robot.joints": ["hip", "knee", "ankle_pitch"], "robot.posture": [0.0, 0.0, 0.0]}
     assert checked(changes)["locked joints"] == "ankle_roll (at 0 by default)"
     aside = '<joint name="ball" type="floating"><parent link="PARENT"/><child link="load"/></joint></robot>'

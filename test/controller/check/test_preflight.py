@@ -53,8 +53,7 @@ def test_findings_of_shipped_robots(robot_of, name, joints, contacts, slow, fast
     share = float(found["standing"].split(", ")[-1].split(" %")[0])
     assert 0.0 < share < 100.0
     pattern = r"feasible: (\d\.\d\d) m/s forward \((velocity of \w+_joint|friction and size of \w+)\), "
-    speed = re.match(pattern, found["walking"])
-    assert slow < float(speed[1]) < fast
+    assert slow < float(re.match(pattern, found["walking"])[1]) < fast
     shares = [int(share) for share in re.findall(r"(\d+) %", found.get("single support", ""))]
     assert len(shares) == (2 if flat else 0)
     assert max(shares, default=0) < 70
@@ -79,8 +78,7 @@ SOLO_8 = "package://example-robot-data/robots/solo_description/robots/solo.urdf"
 @pytest.mark.parametrize(("leans", "sideways"), [(False, range(3)), (True, range(10, 40))])
 def test_redundant_contacts_are_named_and_limit_the_sway(changed, leans, sideways):
     """Solo 8 has no hip abduction: it sways sideways only with a leaning base."""
-    settings = new_configuration(SOLO_8).settings
-    found = findings(changed(settings, {"tasks": {"base": {"enabled": not leans}}}))
+    found = findings(changed(new_configuration(SOLO_8).settings, {"tasks": {"base": {"enabled": not leans}}}))
     feet = "FL_FOOT, FR_FOOT, HL_FOOT, HR_FOOT"
     assert found["redundant contacts"].startswith(f"2 of 12 constrained directions, at {feet}: no joint moves")
     sway = {side: int(mm) for mm, side in re.findall(r"(\d+) mm (\w+)", found["sway"])}

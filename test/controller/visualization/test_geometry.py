@@ -82,8 +82,7 @@ def test_bounding_boxes_are_those_of_the_meshes(robot_of, parts_of, name):
 
 
 def test_primitives_locked_joints_and_missing_meshes(caplog):
-    model = build_model(PRIMITIVES, ["move"], [0.0])
-    box, ball, rod, *bones = build_parts(model)
+    box, ball, rod, *bones = build_parts(build_model(PRIMITIVES, ["move"], [0.0]))
     np.testing.assert_allclose([box.vertices.min(0), box.vertices.max(0)], [[0.9, -0.2, -0.3], [1.1, 0.2, 0.3]])
     assert box.color == (1.0, 0.0, 0.0)
     np.testing.assert_allclose(np.ptp(ball.vertices, axis=0), 0.2, atol=1e-6)

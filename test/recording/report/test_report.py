@@ -93,8 +93,7 @@ def test_poses_of_the_page_equal_pinocchio_and_forces_are_in_world_axes(run, pag
     np.testing.assert_allclose(time, recording.time[frames], atol=1e-6)
     assert np.diff(time).max() < 1.0 / 25.0
     kinematics = model.pinocchio.createData()
-    index = {part["joint"] for part in data["parts"]}
-    assert index == set(range(data["joints"]))
+    assert {part["joint"] for part in data["parts"]} == set(range(data["joints"]))
     arm = np.array([0.1, 0.1, 0.1])
     for frame in (0, len(frames) // 3, len(frames) - 1):
         pin.forwardKinematics(model.pinocchio, kinematics, recording.q[frames[frame]])
