@@ -100,8 +100,7 @@ def test_torques_before_of_another_size_are_refused(program, size):
 
 @pytest.mark.parametrize("frame", [-1, 10**6])
 def test_a_frame_that_the_model_does_not_have_is_refused(program, frame):
-    dynamics = program[0].dynamics
     axes = {"placement": (), "velocity": (pin.LOCAL,), "jacobian": (pin.LOCAL,), "drift_local": (), "drift_world": ()}
     for name, arguments in axes.items():
         with pytest.raises(IndexError, match=f"invalid frame id {frame}: the model has"):
-            getattr(dynamics, name)(frame, *arguments)
+            getattr(program[0].dynamics, name)(frame, *arguments)

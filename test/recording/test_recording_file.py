@@ -126,9 +126,8 @@ def added(recording: Recording) -> dict[tuple[str, str], list[tuple[int, bytes]]
     stamps = [cycle.stamp for cycle in recording.cycles()]
     topics = [topic for topic in truth_topics(recording.config.settings) if topic.key == "contact_wrench"]
     wrenches = [(at, encode(wrench_stamped(np.full(6, float(i)), "foot", at))) for i, at in enumerate(stamps)]
-    truth = {(topic.name, topic.type): wrenches for topic in topics}
     phases = [(at, encode(message(STRING, data=name))) for at, name in ((0, "start"), (stamps[30], "stand"))]
-    return {**truth, (PHASES, STRING): phases}
+    return {(topic.name, topic.type): wrenches for topic in topics} | {(PHASES, STRING): phases}
 
 
 def test_added_messages_stand_at_their_cycles_and_all_others_stay(finished):

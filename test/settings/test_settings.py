@@ -199,9 +199,8 @@ def test_the_parameters_stand_below_the_node_or_all_nodes(tmp_path, node):
 
 
 def test_settings_are_described_and_cannot_be_changed():
-    settings = parse_settings(MINIMAL, "x")
     with pytest.raises(ValueError, match="frozen"):
-        settings.control.rate = 1.0
+        parse_settings(MINIMAL, "x").control.rate = 1.0
     for section, schema in Settings.model_json_schema()["$defs"].items():
         undescribed = {name for name, key in schema["properties"].items() if "description" not in key}
         assert undescribed <= {"type"}, section

@@ -150,9 +150,8 @@ def test_steps_stay_within_reach_and_time(push):
         assert kernels.SHORTEST * GAIT.single <= target.time <= kernels.LONGEST * GAIT.single
         time = target.time
         present = complex(*foot[0, :2])
-        reached = abs(target.place - present) <= kernels.FOOT_SPEED * (target.time - elapsed) + 1e-9
         aside = max(local.imag - GAIT.width, 0.0) / (GAIT.greatest_width - GAIT.width)
-        assert reached
+        assert abs(target.place - present) <= kernels.FOOT_SPEED * (target.time - elapsed) + 1e-9
         assert math.hypot(local.real / GAIT.length, aside) <= 1.0 + 1e-9
         assert local.imag >= -1e-9
         assert target.time - elapsed >= kernels.stopping_time(math.hypot(*foot[1, :2])) - 1e-9

@@ -78,9 +78,8 @@ def test_cylinders_and_capsules():
 
 
 def test_how_far_points_are_outside():
-    found = on_plane(-0.5, foot=(SOLE,))
     points = np.array([[0.02, 0.0], [0.12, 0.05], [0.15, 0.0], [0.15, 0.09], [-0.18, 0.0]])
-    assert found.outside(points) == pytest.approx([0.0, 0.0, 0.03, 0.05, 0.1], abs=1e-12)
+    assert on_plane(-0.5, foot=(SOLE,)).outside(points) == pytest.approx([0.0, 0.0, 0.03, 0.05, 0.1], abs=1e-12)
     ball = on_plane(-0.5, foot=(BALL,), layer=1e-6)
     assert ball.outside(np.array([[0.03, 0.04]])) == pytest.approx([0.05], abs=1e-5)
     line = on_plane(-0.5, foot=(LYING,), layer=1e-6)

@@ -101,10 +101,9 @@ def test_bones_reach_the_next_joints(robot_of):
     model = dataclasses.replace(model, urdf=model.urdf.replace(".STL", ".gone"))
     parts = build_parts(model)
     assert {part.joint for part in parts} == set(range(1, model.pinocchio.njoints))
-    knee = model.pinocchio.getJointId("left_knee_joint")
     (shin,) = [part for part in parts if part.name == "left_knee_joint_to_left_ankle_pitch_joint"]
     ankle = model.pinocchio.jointPlacements[model.pinocchio.getJointId("left_ankle_pitch_joint")].translation
-    assert shin.joint == knee
+    assert shin.joint == model.pinocchio.getJointId("left_knee_joint")
     assert np.linalg.norm(shin.vertices - ankle, axis=1).min() < 0.03
 
 
