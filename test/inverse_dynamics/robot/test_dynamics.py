@@ -44,6 +44,16 @@ def test_snapshot_equals_pinocchio(snapshots, robot, seed):
     close(dynamics.com_jacobian, pin.jacobianCenterOfMass(model, model.createData(), q))
 
 
+@pytest.mark.parametrize("name", ["M", "h", "com", "com_jacobian", "centroidal_matrix", "joint_jacobians", "joints"])
+def test_an_array_remains_valid_without_the_dynamics(g1, name):
+    dynamics = dynamics_at(g1, g1.configuration(g1.posture))
+    array, before = getattr(dynamics, name), np.array(getattr(dynamics, name))
+    del dynamics
+    others = [dynamics_at(g1, g1.configuration(g1.posture + 0.1)) for _ in range(5)]  # in the freed memory
+    assert not np.array_equal(getattr(others[0], name), before)
+    np.testing.assert_array_equal(array, before)
+
+
 def test_matrices_of_a_robot_with_one_joint():
     """Pinocchio returns (6,) instead of (6, nv) for nv = 1."""
     urdf = robot(link("base"), link("arm"), joint("shoulder", "base", "arm"))

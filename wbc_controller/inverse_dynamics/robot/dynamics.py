@@ -17,7 +17,7 @@ _crba, _bias_forces = pin.crba, pin.nonLinearEffects
 class Dynamics:
     """Terms of M(q) v̇ + h(q, v) = Sᵀτ + Σ Jᵢᵀfᵢ at one state (equations (7), (22), (34) of the note; S1).
 
-    The arrays belong to Pinocchio and are overwritten by the next `update`. Drifts are accelerations at v̇ = 0.
+    The arrays are overwritten by the next `update`. Drifts are accelerations at v̇ = 0.
 
     Attributes:
         h: bias forces: Coriolis, centrifugal and gravity terms minus passive joint forces, (nv,).
@@ -47,7 +47,8 @@ class Dynamics:
         self.M: Array = data.M if self._rotors is None else np.zeros_like(data.M)
         self.M_rows: Array = self.M.T  # for compiled code: Pinocchio stores the symmetric M by columns
         self.h: Array = data.nle
-        self.com: Array = data.com[0]
+        self._com = data.com[0]  # the only array that does not keep Pinocchio's data alive
+        self.com: Array = np.zeros(3)
         self.com_velocity, self.com_drift, self.centroidal_drift = np.zeros(3), np.zeros(3), np.zeros(6)
         self._per_mass = np.zeros((6, model.nv), order="F")
         self.com_jacobian: Array = self._per_mass[:3]
@@ -88,6 +89,7 @@ class Dynamics:
         self.q, self.v = q, v
         # Also centre of mass, joint Jacobians and centroidal matrix.
         _crba(model, data, q, _WORLD)
+        self.com[:] = self._com
         # At v̇ = 0, its link accelerations contain all drifts.
         _bias_forces(model, data, q, v)
         if self._rotors is not None:
