@@ -3,18 +3,15 @@
 import numpy as np
 import pinocchio as pin
 import pytest
+from audits import audited
 from chains import MENAGERIE, TENDON, menagerie
 from snapshots import dynamics_at
-from stepping import simulate
 
-from wbc_controller.controller.build.program import make_qp
-from wbc_controller.controller.build.references import make_board
+import wbc_controller as wbc
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.inverse_dynamics.references.changes import SetSetpoint
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
-from wbc_controller.records import JointCommand, RobotState, frozen
-from wbc_controller.safety.model_audit import ModelAudit, joint_efforts
+from wbc_controller.safety.model_audit import joint_efforts
 from wbc_controller.simulation.plant import Plant
 
 #: Tolerance of accelerations for MuJoCo's soft coupling of a follower.
@@ -86,8 +83,7 @@ def test_actuators_saturate_and_followers_stay():
     tau[1] = 1000.0  # both: 70 N·m at most, twice that at the hip and at the knee
     plant.apply(tau)
     plant.forward()
-    torques = plant.data.qfrc_applied[plant._dof]
-    np.testing.assert_allclose(torques, [140.0, 0.0, 0.0, 140.0, 0.0, 0.0])
+    np.testing.assert_allclose(plant.data.qfrc_applied[plant._dof], [140.0, 0.0, 0.0, 140.0, 0.0, 0.0])
 
 
 def test_a_rotor_between_two_branches_is_refused():
@@ -125,31 +121,16 @@ def test_damping_never_drives_a_joint():
 
 def test_the_audit_accounts_for_springs_transmissions_and_followers():
     """Controlled motion of 1 s: power and torques equal the model."""
-    settings, model, plant = made()
-    controller = make_qp(settings, model)
-    controller.dynamics.update(*plant.state())
-    board = make_board(settings, controller)
-    board.reset(controller.dynamics, 0.0)
-    board.apply([SetSetpoint("posture", np.array([-0.3, 0.5, -0.6, 0.4, -0.2]))], controller.dynamics, 0.0)
-    audit = ModelAudit(model, settings.audit, 1.0 / settings.control.rate)
-    limits = settings.audit.torque * joint_efforts(model)
-    nothing = frozen(np.full(model.nj, np.nan))
-    energies, torques = [], []
-    for _ in range(500):
-        q, v = plant.state()
-        state = RobotState(plant.stamp, frozen(q), frozen(v))
-        solution = controller.solve(state, board.sample(plant.time))
-        plant.apply(solution.tau)
-        command = JointCommand(state.stamp, solution.tau, nothing, nothing)
-        report = audit.check(state, controller.dynamics, solution, command)
-        if report is not None and report.throughput > 1.0:
-            energies.append(abs(report.energy) / report.throughput)
-            torques.append(np.max(np.abs(report.joint_torques) / limits))
-        simulate(plant, plant.steps_per_period)
-    print(f"energy residual: {max(energies):.2%} of the power; torques {max(torques):.2f} of their limits")
-    assert len(energies) > 200
-    assert max(energies) < 0.015
-    assert max(torques) < 0.5
-    efforts = joint_efforts(make_model(menagerie(), MENAGERIE))
+    settings = menagerie()
+    simulation = wbc.Simulation(wbc.load(settings, urdf=MENAGERIE))
+    simulation.controller.set("posture", [-0.3, 0.5, -0.6, 0.4, -0.2])
+    moving = [report for report in audited(simulation, 1.0) if report is not None and report.throughput > 1.0]
+    efforts = joint_efforts(simulation.controller.model)
+    energy = max(abs(report.energy) / report.throughput for report in moving)
+    torque = max(np.max(np.abs(report.joint_torques) / efforts) for report in moving) / settings.audit.torque
+    print(f"energy residual: {energy:.2%} of the power; torques {torque:.2f} of their limits")
+    assert len(moving) > 200
+    assert energy < 0.015
+    assert torque < 0.5
     # Hip: 2 · 70; shoulder, elbow and rail: 60; knee: 2 · 70 + 3 · 50; the passive ankle: the median of them.
     np.testing.assert_allclose(efforts, [140.0, 60.0, 60.0, 290.0, 60.0, 60.0])

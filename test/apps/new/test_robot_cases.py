@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from audits import audited
 from refusals import refusal
 from robot_cases import REFUSED, SLIDING, SOLE, STANDING, UNNAMED, arm, biped
 
@@ -11,8 +12,6 @@ from wbc_controller.apps.demo.run import run_demo
 from wbc_controller.apps.new.draft import TITLE
 from wbc_controller.controller.build.collision_elements import read_collision_elements
 from wbc_controller.controller.build.robot import make_model
-from wbc_controller.records import RobotState, frozen
-from wbc_controller.safety.model_audit import ModelAudit
 from wbc_controller.settings.config import load
 
 
@@ -53,15 +52,12 @@ def test_virtual_joints_of_a_floating_base_are_refused_as_motors(drafted):
     draft.values["robot"]["posture"].append(0.0)
     for base in ("floating", "fixed"):
         draft.values["robot"]["base"] = base
-        said = refusal(make_model, draft.settings)
-        assert "robot.joints: pitch are virtual joints of a floating base" in said
+        assert "robot.joints: pitch are virtual joints of a floating base" in refusal(make_model, draft.settings)
 
 
 def test_feet_corners_and_margins_of_unusual_robots(draft_of, drafted):
-    contacts = draft_of("legs below a waist").settings.contacts
-    assert {name: contact.type for name, contact in contacts.items()} == {
-        "left_foot": "surface", "right_foot": "surface",
-    }  # fmt: skip
+    types = {name: contact.type for name, contact in draft_of("legs below a waist").settings.contacts.items()}
+    assert types == {"left_foot": "surface", "right_foot": "surface"}
     draft = draft_of("a sole with a corner on an edge")
     corners = np.array(draft.values["contacts"]["left_foot"]["vertices"])
     assert sorted(corners.tolist()) == [[-0.1, -0.045], [-0.1, 0.045], [0.068, 0.045], [0.1, -0.045]]
@@ -83,8 +79,7 @@ def test_joints_without_effort_beside_motors_are_reported(drafted):
     """A spring in the shank with an effort of 0, as in URDFs of robots with series springs."""
     effort = 'effort="100" velocity="10"'
     start = biped().index('name="left_ankle_pitch"')
-    spring = biped()[:start] + biped()[start:].replace(effort, effort.replace("100", "0"), 1)
-    draft = drafted(spring)
+    draft = drafted(biped()[:start] + biped()[start:].replace(effort, effort.replace("100", "0"), 1))
     assert any("left_ankle_pitch have no effort in the URDF, unlike" in line for line in draft.open_points)
     found = {finding.subject: finding.text for finding in wbc.check(draft.settings)}
     assert found["no motor?"].startswith("left_ankle_pitch: effort 0 in the URDF")
@@ -120,8 +115,7 @@ def test_demo_of_an_arm(draft_of, tmp_path, shorten_demos, capsys):
     assert (reach.task, settings.tasks["l3"].frame, scenario.com, scenario.moves) == ("l3", "l3", "", ())
     assert 0.01 < np.linalg.norm(reach.offset) <= 0.1 + 1e-9
     assert {shove.frame for shove in scenario.shoves} == {"l3"}
-    impulses = [np.linalg.norm(shove.impulse) for shove in scenario.shoves]
-    assert all(0.01 < impulse < 0.3 * model.mass for impulse in impulses)
+    assert all(0.01 < np.linalg.norm(shove.impulse) < 0.3 * model.mass for shove in scenario.shoves)
     without = settings.model_copy(update={"tasks": {"l3": settings.tasks["l3"]}})
     assert "a fixed base requires an enabled posture task" in refusal(derived_scenario, without, model)
     without = settings.model_copy(update={"tasks": {"posture": settings.tasks["posture"]}})
@@ -145,18 +139,10 @@ def test_audit_without_warning_on_leaning_wheels(draft_of):
     wbc.check(settings)
     assert {contact.type for contact in settings.contacts.values()} == {"rolling"}
     simulation = wbc.Simulation(settings)
-    controller, plant = simulation.controller, simulation.plant
-    audit, reports = ModelAudit(controller.model, settings.audit, controller.period), []
-
-    def check(simulation):
-        state = RobotState(round(1.0e9 * simulation.time), *map(frozen, plant.state()))
-        result = simulation.result
-        reports.append(audit.check(state, controller.dynamics, result.solution, result.command))
-
+    controller = simulation.controller
     controller.set("com", np.array(controller.dynamics.com) + [0.0, 0.03, 0.0], duration=0.5)
-    simulation.run(1.0, check)
+    reports = [report for report in audited(simulation, 1.0) if report is not None]
     assert not simulation.plant.fallen
-    reports = [report for report in reports if report is not None]
     assert len(reports) > 400
     assert not [warning for report in reports for warning in report.warnings]
     weight = controller.model.mass * controller.model.gravity
