@@ -10,14 +10,7 @@ from outcomes import outcome
 from rich.console import Console
 from scipy import stats
 
-from wbc_controller.validation.campaign.campaign_report import (
-    repeat_command,
-    rows_of,
-    summary,
-    terminal_table,
-    worst_trial,
-    write_report,
-)
+from wbc_controller.validation.campaign import campaign_report as report
 
 DETECTED = {"deadline": 0.054, "result": "damped", "code": "STALE_INPUT"}
 OUTCOMES = [
@@ -31,7 +24,7 @@ OUTCOMES = [
 
 
 def test_rows_summary_and_table_count_the_trials():
-    dropout_g1, dropout, kick = rows_of(OUTCOMES)
+    dropout_g1, dropout, kick = report.rows_of(OUTCOMES)
     assert (dropout_g1.robot, dropout.robot, kick.kind) == ("g1", "go2", "kick")
     assert (kick.trials, kick.survived, kick.reasons, kick.must_be_detected) == (10, 7, {"FALLEN": 3}, 0)
     assert kick.detected_median_s is kick.detected_max_s is kick.deadline_max_s is None
@@ -40,24 +33,24 @@ def test_rows_summary_and_table_count_the_trials():
     assert (dropout.must_be_detected, dropout.detected_median_s, dropout.detected_max_s) == (4, 0.02, 0.05)
     assert dropout.deadline_max_s == 0.054
     assert dropout.violations == {"undetected": 1}
-    assert summary(OUTCOMES).startswith(
+    assert report.summary(OUTCOMES).startswith(
         "15 trials, 2 kinds of fault, 2 robots: 8 survived, 7 damped; 3 of 5 faults with a deadline were detected "
         "in time; 2 trials with violations"
     )
-    assert worst_trial(OUTCOMES) is OUTCOMES[-1]
-    assert worst_trial(OUTCOMES[:-2]) is None
-    assert repeat_command(OUTCOMES[-1]) == "wbc faults g1 --kinds message_dropout --seed 7 --out repeated"
+    assert report.worst_trial(OUTCOMES) is OUTCOMES[-1]
+    assert report.worst_trial(OUTCOMES[:-2]) is None
+    assert report.repeat_command(OUTCOMES[-1]) == "wbc faults g1 --kinds message_dropout --seed 7 --out repeated"
     console = Console(width=150, file=io.StringIO())
-    console.print(terminal_table(OUTCOMES))
+    console.print(report.terminal_table(OUTCOMES))
     text = console.file.getvalue()
     for part in ("kick", "0.70 (0.40–0.89)", "FALLEN 3", "20 (max 50)", "54", "undetected 1", "over_rate 1"):
         assert part in text
 
 
 def test_files_agree_also_of_one_trial(tmp_path):
-    write_report(OUTCOMES, tmp_path)
+    report.write_report(OUTCOMES, tmp_path)
     page = (tmp_path / "faults.md").read_text(encoding="utf-8")
-    assert summary(OUTCOMES) in page
+    assert report.summary(OUTCOMES) in page
     assert "| kick | go2 | 10 | 7 | 0.70 (0.40–0.89) | FALLEN 3 |" in page
     assert "- `wbc faults go2 --kinds message_dropout --seed 6 --out repeated`: undetected: not" in page
     assert page.index("## World and model") > page.index("## Delivery")
@@ -70,6 +63,6 @@ def test_files_agree_also_of_one_trial(tmp_path):
     assert float(rows[1]["detected_max_s"]) == pytest.approx(0.05)
     headings = re.findall("<h2[^>]*>([^<]*)<", (tmp_path / "faults.html").read_text(encoding="utf-8"))
     assert headings == ["Trials", "Outcomes of the trials", "Time until detection", "Motion of the robot"]
-    write_report([outcome()], tmp_path)
-    write_report([outcome("message_dropout", after=0.05, **DETECTED)], tmp_path)
+    report.write_report([outcome()], tmp_path)
+    report.write_report([outcome("message_dropout", after=0.05, **DETECTED)], tmp_path)
     assert "Time until detection" in (tmp_path / "faults.html").read_text(encoding="utf-8")

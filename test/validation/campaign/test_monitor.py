@@ -21,8 +21,7 @@ class Cycles:
     """A controller with given outputs."""
 
     def __init__(self, **changes) -> None:
-        settings = CONFIG.replace(changes).settings
-        self.monitor = OutputMonitor(MODEL, settings, NAMES)
+        self.monitor = OutputMonitor(MODEL, CONFIG.replace(changes).settings, NAMES)
         self.monitor.now = 1.0
 
     def state(self, **taken) -> None:
