@@ -36,10 +36,9 @@ def corners(robot, meshes):
     pin.forwardKinematics(model, data, robot.dynamics.q)
     placed = ((mesh.vertices, data.oMi[mesh.joint]) for mesh in meshes)
     points = np.vstack([vertices @ place.rotation.T + place.translation for vertices, place in placed])
-    low, high = points.min(axis=0), points.max(axis=0)
     if robot.model.floating_base:
-        low[2], high[2] = 0.0, high[2] - low[2]
-    return np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+        points[:, 2] -= points[:, 2].min()
+    return np.array(list(itertools.product(*zip(points.min(axis=0), points.max(axis=0), strict=True))))
 
 
 @pytest.mark.parametrize("size", [(1440, 820), (1920, 1080), (1280, 720), (1100, 700), (1024, 768)])

@@ -18,8 +18,6 @@ from wbc_controller.apps.page.page_messages import MAX_MESSAGE_SIZE
 from wbc_controller.apps.page.server import MAX_PAGES
 
 pytestmark = pytest.mark.live
-NAN = float("nan")
-COM = (0.02, 0.0, 0.6)
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +64,7 @@ def check_pages(rig, pages):
 
 
 def drag(**fields):
-    place = {"name": "/handles/com", "wxyz": (1.0, 0.0, 0.0, 0.0), "position": COM}
+    place = {"name": "/handles/com", "wxyz": (1.0, 0.0, 0.0, 0.0), "position": (0.02, 0.0, 0.6)}
     return {"type": "TransformControlsUpdateMessage", **place, **fields}
 
 
@@ -122,7 +120,7 @@ def test_flood_delays_no_other_page(rig, pages):
     def flood():
         with suppress(ConnectionClosed):  # disconnected without an answer to the pings
             while not ended.is_set():
-                hostile.drag("com", "update", (NAN, 0.0, 0.0))
+                hostile.drag("com", "update", (np.nan, 0.0, 0.0))
 
     thread = threading.Thread(target=flood)
     thread.start()
@@ -137,10 +135,9 @@ def test_flood_delays_no_other_page(rig, pages):
 
 
 def test_first_dropped_message_of_a_page_is_logged(rig, pages, caplog):
-    hostile = pages[1]
     with caplog.at_level(logging.WARNING, "wbc_controller.apps.page.server"):
         for _ in range(3):
-            hostile.send(msgspec.msgpack.encode(drag(position=(0.25, 0.5))))
+            pages[1].send(msgspec.msgpack.encode(drag(position=(0.25, 0.5))))
         check_pages(rig, pages)
     (record,) = caplog.records
     assert "message dropped: Expected `array` of length 3, got 2 - at `$.position`: " in record.getMessage()
@@ -175,8 +172,7 @@ def test_read_only_page_has_no_controls_and_changes_nothing():
     with Rig(commands=False) as rig, closing(Browser(rig.gate.port)) as page, closing(Browser(rig.gate.port)) as other:
         rig.server.request_share_url = lambda: shared.append(1)
         page.until(lambda: len(rig.server.get_clients()) == 2 and rig.page.shown > 5 and other.controls)
-        labels = {props.get("label") for props in page.controls.values()}
-        assert not labels & {"STOP", "Activate", "Hold", "weight"}
+        assert not {props.get("label") for props in page.controls.values()} & {"STOP", "Activate", "Hold", "weight"}
         assert not any(name.startswith("/handles") for name in page.positions)
         page.pull("/robot/1/m1", "end", (0.0, 0.0, 0.8), (0.5, 0.0, 0.8))
         page.say("GuiUpdateMessage", uuid="none", updates={"value": True})

@@ -43,8 +43,7 @@ def test_drawing_rate_is_independent_of_the_topics(rig, browser):
     browser.until(lambda: rig.page.shown - before >= 20)
     rate = (rig.page.shown - before) / (time.monotonic() - began)
     assert rate <= 1.2 * RATE  # not faster, although every snapshot is new
-    pelvis = browser.positions["/robot/1"]
-    assert pelvis == pytest.approx((0.0, 0.0, 0.76), abs=1e-3)
+    assert browser.positions["/robot/1"] == pytest.approx((0.0, 0.0, 0.76), abs=1e-3)
 
 
 def placement(browser, name):
@@ -73,20 +72,18 @@ def pose(rig):
 
 def test_placement_of_every_link(rig, browser, pose):
     model = rig.robot.model.pinocchio
-    names = rig.page.drawing.links
     q = pin.integrate(model, rig.story.now.q, 0.3 * np.cos(np.arange(model.nv)))
     pose(q)
     before = rig.page.shown
     browser.until(lambda: rig.page.shown - before >= 5)
     data = model.createData()
     pin.forwardKinematics(model, data, q)
-    for handle, joint in names:
+    for handle, joint in rig.page.drawing.links:
         browser.until(
             lambda joint=joint, name=handle.name: np.allclose(placement(browser, name), data.oMi[joint], atol=2e-3)
         )
     moved = browser.moved.copy()
-    turned = pin.integrate(model, q, np.r_[np.zeros(6), 0.2, np.zeros(model.nv - 7)])
-    pose(turned)
+    pose(pin.integrate(model, q, np.r_[np.zeros(6), 0.2, np.zeros(model.nv - 7)]))
     browser.until(lambda: browser.moved != moved)
     before = rig.page.shown
     browser.until(lambda: rig.page.shown - before >= 5)
@@ -169,8 +166,7 @@ def test_drag_of_a_handle_sends_setpoints_until_its_end(rig, browser):
     browser.drag("com", "end")
     said = settled(rig)
     assert said[-1] == "com goes to 0.02000 0.00000 0.54100 in world, in 1 s"
-    times = np.array([at for at, _ in rig.sent])
-    assert np.diff(times).min() >= 0.04
+    assert np.diff([at for at, _ in rig.sent]).min() >= 0.04
     assert settled(rig, 0.5) == said
 
 

@@ -25,17 +25,21 @@ PULL = {
     "start_position": (0, 0, 1), "start_screen_pos": (0.5, -0.1), "end_position": (0.1, 0, 1),
     "end_screen_pos": (1.2, 0.5), "button": "left", "modifier": "shift", "owner": "",
 }  # fmt: skip
+WATCHERS, COMMANDERS = ({each.__name__ for each in typing.get_args(union)} for union in (WATCHING, COMMANDING))
 
 
-def fault(message, *, commands=True):
-    return AllowList(commands=commands).fault(msgspec.msgpack.encode(message))
+def fault(message, *, commands=True, gui=None):
+    """Return the fault of a message to a page with the controls of `gui`."""
+    allowed = AllowList(commands=commands)
+    allowed.gui = gui
+    return allowed.fault(msgspec.msgpack.encode(message))
 
 
 @pytest.fixture(scope="module")
 def gui():
     """Yield a control of each kind on the page, and a text field, on a server of viser."""
     server = viser.ViserServer("127.0.0.1", 0, verbose=False)
-    made = SimpleNamespace(
+    yield SimpleNamespace(
         api=server.gui,
         button=server.gui.add_button("STOP"),
         switch=server.gui.add_checkbox("left_foot", True),
@@ -43,16 +47,13 @@ def gui():
         choice=server.gui.add_dropdown("Speed", ("1 ×", "4 ×")),
         text=server.gui.add_text("name", ""),
     )
-    yield made
     server.stop()
 
 
 def test_allowed_types():
-    watching = {each.__name__ for each in typing.get_args(WATCHING)}
-    assert watching == {"ViewerCameraMessage", "GuiUpdateMessage"}
+    assert {"ViewerCameraMessage", "GuiUpdateMessage"} == WATCHERS
     drags = {f"TransformControls{part}Message" for part in ("DragStart", "Update", "DragEnd")}
-    commanding = {each.__name__ for each in typing.get_args(COMMANDING)}
-    assert commanding - watching == drags | {"SceneNodeDragMessage", "GuiButtonHoldMessage"}
+    assert drags | {"SceneNodeDragMessage", "GuiButtonHoldMessage"} == COMMANDERS - WATCHERS
 
 
 @pytest.mark.parametrize("allowed", typing.get_args(COMMANDING))
@@ -61,13 +62,11 @@ def test_fields_agree_with_viser(allowed):
     assert [field.name for field in theirs] == list(allowed.__struct_fields__)
 
 
-@pytest.mark.parametrize("commands", [False, True])
-def test_all_other_messages_of_viser_are_refused(commands):
-    names = {each.__name__ for each in viser_messages.Message.get_subclasses()}
-    allowed = {each.__name__ for each in typing.get_args(COMMANDING if commands else WATCHING)}
-    hostile = {"ShareUrlRequest", "ShareUrlDisconnect", "FileTransferStartUpload", "GuiFormDirtyMessage"}
-    assert hostile <= names - allowed
-    for name in names - allowed:
+@pytest.mark.parametrize(("commands", "allowed"), [(False, WATCHERS), (True, COMMANDERS)])
+def test_all_other_messages_of_viser_are_refused(commands, allowed):
+    others = {each.__name__ for each in viser_messages.Message.get_subclasses()} - allowed
+    assert {"ShareUrlRequest", "ShareUrlDisconnect", "FileTransferStartUpload", "GuiFormDirtyMessage"} <= others
+    for name in others:
         assert fault({"type": name}, commands=commands) == f"Invalid value '{name}' - at `$.type`: {{'type': '{name}'}}"
 
 
@@ -138,16 +137,13 @@ def test_invalid_payloads(payload):
     )
 )
 def test_any_payload_is_checked_without_an_exception(payload):
-    allowed = AllowList(commands=True)
-    if not allowed.fault(payload):
-        assert msgspec.msgpack.decode(payload)["type"] in {each.__name__ for each in typing.get_args(COMMANDING)}
+    if not AllowList(commands=True).fault(payload):
+        assert msgspec.msgpack.decode(payload)["type"] in COMMANDERS
 
 
 def value_fault(gui, control, updates):
-    allowed = AllowList(commands=False)
-    allowed.gui = gui.api
     message = {"type": "GuiUpdateMessage", "uuid": getattr(control, "_impl", control).uuid, "updates": updates}
-    return allowed.fault(msgspec.msgpack.encode(message))
+    return fault(message, commands=False, gui=gui.api)
 
 
 @pytest.mark.parametrize(
@@ -173,21 +169,19 @@ def test_only_values_of_controls_can_change(gui, update):
 
 
 def test_held_buttons_and_refused_values(gui):
-    allowed, held = AllowList(commands=True), gui.api.add_button("Walk")
+    held = gui.api.add_button("Walk")
     held.on_hold(lambda event: None, callback_hz=10.0)
-    allowed.gui = gui.api
 
     def hold_fault(control, frequency):
         message = {"type": "GuiButtonHoldMessage", "uuid": control._impl.uuid, "frequency": frequency}
-        return allowed.fault(msgspec.msgpack.encode(message))
+        return fault(message, gui=gui.api)
 
     assert hold_fault(held, 10.0) == ""
     for control, frequency in ((held, 50.0), (held, NAN), (held, 1.0e3), (gui.button, 10.0), (gui.slider, 10.0)):
         assert "GuiButtonHoldMessage" in hold_fault(control, frequency)
     said = value_fault(gui, gui.slider, {"value": 7.5})
     assert said == "GuiUpdateMessage: updates.value of 'weight': 7.5; valid: 0 to 4"
-    said = value_fault(gui, SimpleNamespace(uuid="none"), {"value": True})
-    assert said == "GuiUpdateMessage: unknown control 'none'"
+    assert value_fault(gui, SimpleNamespace(uuid="none"), {"value": True}) == "GuiUpdateMessage: unknown control 'none'"
 
 
 def test_burst_and_rate_limit():

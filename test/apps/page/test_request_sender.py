@@ -1,9 +1,9 @@
 """Requests of the pages are sent at a bounded rate, in order, and never repeated."""
 
-import threading
 from unittest.mock import Mock
 
 import pytest
+from waiting import until
 
 from wbc_controller.apps.page.request_sender import MAX_AGE, PERIOD, RequestSender
 from wbc_controller.apps.terminal.session import NoAnswer
@@ -72,12 +72,9 @@ def test_emergency_stop_overtakes_requests_and_drops_drags(rig):
 
 def test_requests_are_sent_in_order_and_invalid_ones_reported(rig):
     rig.sender.start()
-    done = threading.Event()
-    for words in (("weight", "com", "30"), ("task", "left_hand", "on"), ("left_hand", "nowhere")):
-        rig.sender.send_words(*words)
-    rig.sender._report = lambda words, error: done.set()
-    rig.sender.send_words("contact", "left_foot", "off")
-    assert done.wait(5.0)
+    for words in ("weight com 30", "task left_hand on", "left_hand nowhere", "contact left_foot off"):
+        rig.sender.send_words(*words.split())
+    until(lambda: len(rig.told) == 4, patience=10.0)
     rig.sender.close()
     assert [key for key, _, _ in rig.sent] == ["weight", "task_enable", "contact_enable"]
     assert [words for words, error in rig.told if error] == ["left_hand nowhere"]
@@ -85,20 +82,17 @@ def test_requests_are_sent_in_order_and_invalid_ones_reported(rig):
 
 def test_error_does_not_end_the_sender(rig, monkeypatch, caplog):
     rig.sender.start()
-    done = threading.Event()
     with monkeypatch.context() as patch:
         fails = Mock(side_effect=ValueError("cannot read"))
         patch.setattr("wbc_controller.apps.page.request_sender.parse_request", fails)
-        rig.sender._report = lambda *told: (rig.told.append(told), done.set())
         rig.drag(0.1)
-        assert done.wait(10.0)
+        until(lambda: rig.told, patience=10.0)
         rig.sender.send_words("activate")
     assert [words for words, _ in rig.told] == ["com to 0.1 0 0.6", "activate"]
     assert all("parsing failed: cannot read" in error for _, error in rig.told)
     assert caplog.text.count("parsing of the request") == 2
-    done.clear()
     rig.sender.send_words("deactivate")
-    assert done.wait(10.0)
+    until(lambda: len(rig.told) == 3, patience=10.0)
     rig.sender.close()
     assert [said for _, _, said in rig.sent] == ["deactivate"]
 

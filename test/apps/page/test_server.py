@@ -34,8 +34,7 @@ def local():
 
 def get(gate, path="/", **headers):
     """Return status, headers and content of the answer."""
-    place = f"http://127.0.0.1:{gate.port}{path}"
-    request = urllib.request.Request(place, headers=headers)
+    request = urllib.request.Request(f"http://127.0.0.1:{gate.port}{path}", headers=headers)
     try:
         with urllib.request.urlopen(request) as answer:  # noqa: S310 - our own address
             return answer.status, answer.headers, answer.read()
@@ -65,8 +64,7 @@ def test_connection_requires_the_token(locked, headers):
 
 
 def test_printed_address_opens_page_and_connection(locked):
-    where = address(locked, "0.0.0.0")  # noqa: S104 - as above
-    assert where.endswith(f":{locked.port}/?token={locked.token}")
+    assert address(locked, "0.0.0.0").endswith(f":{locked.port}/?token={locked.token}")  # noqa: S104 - as above
     assert len(locked.token) >= 32
     status, headers, text = get(locked, f"/?token={locked.token}")
     assert (status, b"<html" in text.lower()) == (200, True)
@@ -120,8 +118,7 @@ def test_token_in_another_encoding_is_refused(locked):
              "//etc/passwd", "/%2fetc%2fpasswd", "/index.html%00", "/build/../../src/App.tsx"]
 )  # fmt: skip
 def test_only_files_of_the_page_are_served(local, path):
-    answer = raw(local, b"GET " + path.encode() + b" HTTP/1.1\r\nHost: localhost\r\n")
-    assert answer.startswith(b"HTTP/1.1 404 ")
+    assert raw(local, b"GET " + path.encode() + b" HTTP/1.1\r\nHost: localhost\r\n").startswith(b"HTTP/1.1 404 ")
 
 
 def test_page_loads_only_from_its_own_server(local):

@@ -52,8 +52,7 @@ def test_page_has_findings_soles_and_forces(page):
 def test_failed_check_writes_a_page_with_its_error(tmp_path):
     path = tmp_path / "wide.yaml"
     path.write_text(load("talos").replace(WIDE).to_yaml(), encoding="utf-8")
-    result = wbc("check", path, "--html", tmp_path / "page.html", status=2)
-    assert "reach 54 mm beyond the sole" in result.stderr
+    assert "reach 54 mm beyond the sole" in wbc("check", path, "--html", tmp_path / "page.html", status=2).stderr
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "reach 54 mm beyond the sole" in page
     assumed, true = polygons(page, "assumed"), polygons(page, "true")

@@ -7,7 +7,6 @@ import pytest
 
 from wbc_controller.apps.terminal.request_parser import parse_request
 from wbc_controller.errors import InputRefused
-from wbc_controller.middleware.codec import header, message
 from wbc_controller.settings.files import find_configuration, load_settings
 
 G1 = load_settings(find_configuration("g1"))
@@ -68,8 +67,7 @@ def test_setpoints_of_poses_and_in_frames():
     content = made("com to 0.01 -0.02 0.6")
     assert (content.header.frame_id, content.point.y, content.point.z) == ("world", -0.02, 0.6)
     assert made("com to 0 0 0 in pelvis").header.frame_id == "pelvis"
-    reference = made("left_hand to 0 0 0 0 0 0.7071 0.7071")
-    known = {("controller", "task_reference", "left_hand"): reference}
+    known = {("controller", "task_reference", "left_hand"): made("left_hand to 0 0 0 0 0 0.7071 0.7071")}
     content = made("left_hand to 0.3 0.2 0.9", lambda *place: known[place])
     assert (content.pose.position.x, content.pose.orientation.z) == (0.3, 0.7071)
 
@@ -83,12 +81,11 @@ def test_turning_and_leaning(text, axis):
     np.testing.assert_allclose([turned.x, turned.y, turned.z, turned.w], [*(HALF * np.array(axis)), HALF], atol=1e-12)
 
 
-def test_joints_by_and_to():
+def test_joints_by_and_to(make):
     step = made("posture left_knee_joint by 0.1 right_knee_joint by -10deg")
     assert (step.header.frame_id, step.name) == ("posture/reference", ["left_knee_joint", "right_knee_joint"])
     np.testing.assert_allclose(step.position, [0.1, -np.pi / 18.0])
-    before = message("sensor_msgs/msg/JointState", header=header(0), name=["a", "b"], position=np.array([1.0, 2.0]),
-                     velocity=np.zeros(0), effort=np.zeros(0))  # fmt: skip
+    before = make.joint_state(["a", "b"], [1.0, 2.0])
     content = made("posture b to 0.6", lambda *place: before)
     assert (content.header.frame_id, content.name) == ("", ["a", "b"])
     np.testing.assert_array_equal(content.position, [1.0, 0.6])
@@ -100,8 +97,7 @@ def test_push_has_heading_axes(make):
     request = read("push 60 forward for 0.1 at torso")
     assert (request.node, request.key, request.frame) == ("mock", "push", "torso_link")
     odometry = make.odom([0, 0, 1, 0, 0, HALF, HALF], child="pelvis")
-    content = request.make(lambda *place: {("mock", "odom", ""): odometry}[place])
-    force = content.wrench.force
+    force = request.make(lambda *place: {("mock", "odom", ""): odometry}[place]).wrench.force
     np.testing.assert_allclose([force.x, force.y, force.z], [0.0, 60.0, 0.0], atol=1e-9)
     assert made("push 5N up 3 x").wrench.force.z == 5.0
 

@@ -39,8 +39,7 @@ def test_topics_and_messages():
     assert (found.direction, found.qos.latched) == (Direction.OUT, True)
     with pytest.raises(InputRefused, match=re.escape("unknown topic '/wbc_controller/stat'; did you mean")):
         find_topic("/wbc_controller/stat", topics_of(G1))
-    result = wbc("send", "g1", "com", "0.02", "forwards", status=2)
-    assert "did you mean 'forward'?" in result.stderr
+    assert "did you mean 'forward'?" in wbc("send", "g1", "com", "0.02", "forwards", status=2).stderr
     text = as_text(diagnostics(1_500_000_000, 1, "wbc: loop", "active", "g1", {"mode": "active"}))
     assert text.splitlines()[:4] == ["header:", "  stamp:", "    sec: 1", "    nanosec: 500000000"]
     assert "    mode: active" in text
@@ -67,11 +66,11 @@ def test_next_word(words, among):
     assert among <= set(next_words(words, G1))
 
 
-def test_shell_completes_robots_and_tasks():
-    runner = CliRunner()
-    completed = {"wbc send g": "go2", "wbc send g1 left_h": "left_hand", "wbc echo g1 /guard/s": "/guard/state"}
-    for line, expected in completed.items():
-        *_, last = line.split()
-        environment = {"_WBC_COMPLETE": "bash_complete", "COMP_WORDS": line, "COMP_CWORD": str(len(line.split()) - 1)}
-        result = runner.invoke(main, prog_name="wbc", env=environment)
-        assert expected in [item.partition(",")[2] for item in result.output.splitlines()], (last, result.output)
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [("wbc send g", "go2"), ("wbc send g1 left_h", "left_hand"), ("wbc echo g1 /guard/s", "/guard/state")],
+)
+def test_shell_completes_robots_tasks_and_topics(line, expected):
+    environment = {"_WBC_COMPLETE": "bash_complete", "COMP_WORDS": line, "COMP_CWORD": str(len(line.split()) - 1)}
+    result = CliRunner().invoke(main, prog_name="wbc", env=environment)
+    assert expected in [item.partition(",")[2] for item in result.output.splitlines()]
