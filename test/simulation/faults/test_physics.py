@@ -43,9 +43,8 @@ def test_every_kind_has_a_test_here():
     [("actuator_dead", {}, 0.0), ("actuator_reversed", {}, -1.0), ("actuator_gain", {"factor": 0.5}, 0.5)],
 )
 def test_the_torque_of_one_actuator_is_scaled(bench, kind, given, factor):
-    at = bench.model.actuators.index(ACTUATOR)
     expected = TAU.copy()
-    expected[at] *= factor
+    expected[bench.model.actuators.index(ACTUATOR)] *= factor
     assert torques(bench, kind, actuator=ACTUATOR, **given)[0] == pytest.approx(expected)
 
 
@@ -61,10 +60,8 @@ def test_saturation_bias_and_noise_are_shares_of_the_effort_limits(bench):
     assert added[at] == pytest.approx(-0.25 * limits[at])
     assert np.count_nonzero(added) == 1
     bench.faults.clear()
-    bench.plan("actuator_noise", share=0.02, duration=1.0)
-    bench.faults.update()
-    noise = np.array([bench.faults.torques(TAU) - TAU for _ in range(300)]) / limits
-    assert np.std(noise) == pytest.approx(0.02, rel=0.05)
+    noise = torques(bench, "actuator_noise", periods=300, share=0.02) - np.outer(np.arange(1, 301), TAU)
+    assert np.std(noise / limits) == pytest.approx(0.02, rel=0.05)
 
 
 def test_lagging_and_delayed_actuators(bench):
