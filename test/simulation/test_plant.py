@@ -3,11 +3,12 @@ import math
 import numpy as np
 import pinocchio as pin
 import pytest
+from refusals import refusal
 from stepping import simulate
 from urdf_models import build_model
 
 import wbc_controller as wbc
-from wbc_controller.errors import ConfigurationError, InputRefused
+from wbc_controller.errors import InputRefused
 from wbc_controller.settings.files import parse_settings
 from wbc_controller.simulation.plant import Plant
 
@@ -58,17 +59,16 @@ def test_standing_the_feet_carry_the_weight_and_the_release_is_smooth(load, name
     assert (plant.held, plant.fallen, plant.time) == (True, False, 0.0)
     start, _ = plant.state()
     weight = model.mass * model.gravity
-    forces, depth, speed = [], 0.0, 0.0
+    forces, depths, speeds = [], [], []
 
     def run(steps):
-        nonlocal depth, speed
         forces.clear()
         for step in range(steps):
             if step % plant.steps_per_period == 0:
                 plant.apply(simulation._cycle().tau)
             plant.step()
-            depth = max(depth, penetration(plant))
-            speed = max(speed, float(np.abs(plant.state()[1][:6]).max()))
+            depths.append(penetration(plant))
+            speeds.append(np.abs(plant.state()[1][:6]).max())
             forces.append(sum(wrench[2] for wrench in plant.contact_wrenches().values()))
 
     run(20)
@@ -83,8 +83,8 @@ def test_standing_the_feet_carry_the_weight_and_the_release_is_smooth(load, name
     assert max(abs(force - weight) for force in forces) < 0.02 * weight  # no drop
     assert np.ptp(forces[-100:]) < 1e-3 * weight  # no chatter
     assert abs(forces[-1] - weight) < 1e-3 * weight
-    assert depth < 1e-3
-    assert speed < 0.02
+    assert max(depths) < 1e-3
+    assert max(speeds) < 0.02
     assert not plant.fallen
     assert np.linalg.norm(plant.state()[0][:3] - start[:3]) < 1e-3
 
@@ -139,20 +139,15 @@ def test_joints_stop_at_their_limits_and_damping_saturates(go2, plant):
     assert np.abs(plant.state()[1]).max() < 0.05
 
 
-def test_the_hoist_releases_a_robot_gradually(plant):
+def test_the_hoist_releases_a_robot_gradually_and_carries_it_back(plant):
     start, _ = plant.state()
+    plant.damp(2.0)
     plant.hold(False)
     simulate(plant, 150)
     assert start[2] - plant.state()[0][2] < 0.01
     simulate(plant, 1000)
     assert start[2] - plant.state()[0][2] > 0.1
-
-
-def test_the_hoist_carries_a_fallen_robot_back(plant):
-    start, _ = plant.state()
-    plant.damp(2.0)
-    plant.hold(False)
-    simulate(plant, 2000)
+    simulate(plant, 850)
     assert plant.fallen
     plant.hold(True)
     assert plant.held
@@ -344,16 +339,14 @@ def test_a_base_that_drives_in_a_plane(urdf, base):
     tau = np.array([3.0, -2.0, 1.0, 4.0, 5.0])
     plant.apply(tau)
     plant.set_state(q, v)
-    expected = free_acceleration(model, q, v, tau)
     # The simulator's own links without mass have a millionth of the robot's.
-    np.testing.assert_allclose(plant.acceleration(), expected, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(plant.acceleration(), free_acceleration(model, q, v, tau), rtol=1e-4, atol=1e-5)
 
 
 @pytest.mark.parametrize("axis", ["0 0 1", "1 2 -3"])
 def test_a_planar_joint_moves_in_its_plane_and_turns_about_its_axis(axis):
     urdf, normal = carriage(PLANAR.replace("AXIS", axis)), np.array([float(part) for part in axis.split()])
-    joints = ["drive/x", "drive/y", "drive/theta"]
-    model = build_model(urdf, joints, [0.0] * 3, floating_base=False).pinocchio
+    model = build_model(urdf, ["drive/x", "drive/y", "drive/theta"], [0.0] * 3, floating_base=False).pinocchio
     data, origin = model.createData(), pin.SE3(pin.rpy.rpyToMatrix(0.1, 0.0, 0.2), np.array([0.0, 0.0, 0.1]))
     q = np.array([2.0, -1.0, 0.7])
     pin.framesForwardKinematics(model, data, q)
@@ -380,9 +373,9 @@ def test_inertias_of_flat_links_and_of_no_body(caplog):
         places = {f"i{'xyz'[i]}{'xyz'[j]}": (i, j) for i in range(3) for j in range(i, 3)}
         inertia = " ".join(f'{name}="{float(tensor[place])!r}"' for name, place in places.items())
         arm(ARM.replace('ixx="IXX" iyy="0.1" izz="0.01" ixy="0.001" ixz="0" iyz="0"', inertia))
-    with pytest.raises(ConfigurationError, match=r"robot\.urdf: MuJoCo"):
-        arm(ARM.replace("IXX", "0.1").replace('<mass value="1"/>', '<mass value="0"/>'))
-    arm(ARM.replace("IXX", "0.1"))
+    valid = ARM.replace("IXX", "0.1")
+    assert "robot.urdf: MuJoCo" in refusal(arm, valid.replace('<mass value="1"/>', '<mass value="0"/>'))
+    arm(valid)
     assert not caplog.text
     plant = arm(ARM.replace("IXX", "9"))
     assert "invalid inertia of lower: " in caplog.text

@@ -42,8 +42,7 @@ def test_a_push_that_talos_stands_overturns_it_on_smaller_soles_and_moves_it_on_
 
 def test_a_sole_configured_at_the_ankle():
     """The real sole is 10.7 cm away from the configured one."""
-    ankles = {f"contacts.{side}_foot.frame": f"leg_{side}_6_link" for side in SIDES}
-    config = wbc.load("talos").replace(ankles)
+    config = wbc.load("talos").replace({f"contacts.{side}_foot.frame": f"leg_{side}_6_link" for side in SIDES})
     plant = Plant(make_model(config.settings), config.settings)
     for side in SIDES:
         assert plant.foot_placement(f"{side}_foot").translation[2] == pytest.approx(0.107, abs=0.001)
@@ -80,15 +79,14 @@ def test_primitives_touch_as_they_are(shape, height):
 
 
 def test_a_mesh_stands_on_its_hull(tmp_path):
-    """Return a tetrahedron of 0.1 m with one face down."""
+    """A tetrahedron of 0.1 m with one face down."""
     corners = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.02, 0.02, 0.1]]
     lines = [f"v {x} {y} {z}" for x, y, z in corners] + ["f 1 3 2", "f 1 2 4", "f 2 3 4", "f 3 1 4"]
     (tmp_path / "foot.obj").write_text("\n".join(lines))
     plant = made(collision(f'<mesh filename="{tmp_path}/foot.obj"/>', "-0.02 -0.02 -0.1"))
     assert plant.state()[0][2] == pytest.approx(0.1, abs=1e-6)
     simulate(plant, 200)
-    wrench = plant.contact_wrenches()["sole"]
-    assert wrench[2] == pytest.approx(6.0 * 9.81, rel=1e-3)
+    assert plant.contact_wrenches()["sole"][2] == pytest.approx(6.0 * 9.81, rel=1e-3)
     assert plant.state()[0][2] == pytest.approx(0.1, abs=1e-4)
 
 
@@ -104,8 +102,7 @@ def test_a_touch_belongs_to_the_nearest_contact_of_the_link():
     feet = {name: part | {"translation": [x, 0.0, -0.05]} for name, x in (("toe", 0.1), ("heel", -0.1))}
     plant = made(collision('<box size="0.4 0.1 0.1"/>'), feet)
     simulate(plant, 100)
-    wrenches = plant.contact_wrenches()
-    assert [wrench[2] for wrench in wrenches.values()] == pytest.approx([3.0 * 9.81] * 2, rel=1e-2)
+    assert [wrench[2] for wrench in plant.contact_wrenches().values()] == pytest.approx([3.0 * 9.81] * 2, rel=1e-2)
 
 
 def ball(n: int) -> np.ndarray:
@@ -123,8 +120,7 @@ def test_a_round_tip_is_one_ball_and_a_flat_mesh_a_thin_box():
     np.testing.assert_allclose(balls[0].placement.translation, [0.1, 0.0, 0.0], atol=1e-6)
     box = np.array(np.meshgrid([0.0, 0.1], [0.0, 0.1], [0.0, 0.1])).reshape(3, -1).T
     assert shapes._split_tip(box, np.array([0.0, 0.0, -1.0]))[0] == []
-    plate = np.array([[0.0, 0.0, 0.0], [0.2, 0.0, 0.0], [0.2, 0.1, 0.0], [0.0, 0.1, 0.0]])
-    shape = shapes._mesh(plate)
+    shape = shapes._mesh(np.array([[0.0, 0.0, 0.0], [0.2, 0.0, 0.0], [0.2, 0.1, 0.0], [0.0, 0.1, 0.0]]))
     assert shape.points is None
     np.testing.assert_allclose(shape.placement.translation, [0.1, 0.05, 0.0])
     np.testing.assert_allclose(shape.size[:2], [0.1, 0.05])
@@ -144,9 +140,5 @@ def test_soles_are_parted_once_into_a_flat_outline():
     area = 0.5 * abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
     assert area > 0.94 * np.pi * 0.1 * 0.05  # twelve corners in an ellipse have 0.955 of it at best
     assert behind[:, 2].min() == pytest.approx(shapes.SOLE_DEPTH)
-    down, tilted = np.array([0.0, 0.0, -1.0]), np.array([0.0, np.sin(0.03), -np.cos(0.03)])
-    side = np.array([0.0, 1.0, 0.0])
-    assert [normal.tolist() for normal in shapes._distinct_normals([down, tilted, side])] == [
-        down.tolist(),
-        side.tolist(),
-    ]
+    tilted, side = np.array([0.0, np.sin(0.03), -np.cos(0.03)]), np.array([0.0, 1.0, 0.0])
+    np.testing.assert_array_equal(shapes._distinct_normals([down, tilted, side]), [down, side])

@@ -16,8 +16,7 @@ FLAT = {"position": [-1.0, 0.0, 0.3], "size": [3.0, 3.0, 0.2]}
 
 def plant_on(load, **block):
     model, settings = load("g1")
-    mock = load_config(settings).replace({"mock.terrain": {"ground": block}}).settings.mock
-    return Plant(model, settings.model_copy(update={"mock": mock}))
+    return Plant(model, load_config(settings).replace({"mock.terrain": {"ground": block}}).settings)
 
 
 def upper_height(block, x, y):
@@ -58,9 +57,7 @@ def test_a_robot_starts_on_a_slope_and_a_block_has_its_own_friction(load):
     assert (heights - plant.model.geom_size[balls, 0] / np.cos(TILT)).min() == pytest.approx(0.0, abs=1e-5)
     plant = plant_on(load, **FLAT, friction=0.3)
     plant.step()
-    touching = [plant.data.contact[index] for index in range(plant.data.ncon)]
-    assert touching
-    assert {touch.friction[0] for touch in touching} == {0.3}
+    assert {contact.friction[0] for contact in plant.data.contact} == {0.3}
 
 
 def test_a_robot_starts_on_a_block_and_a_fall_is_relative_to_the_feet(load):
@@ -87,12 +84,11 @@ def test_a_robot_starts_on_a_block_and_a_fall_is_relative_to_the_feet(load):
 
 def test_soft_ground_yields_by_its_stiffness():
     stiffness = 1.0e4
-    block = {**FLAT, "stiffness": stiffness}
-    simulation = Simulation(load_config("g1").replace({"mock.terrain": {"mat": block}}))
+    simulation = Simulation(load_config("g1").replace({"mock.terrain": {"mat": {**FLAT, "stiffness": stiffness}}}))
     simulation.run(1.0)
     plant = simulation.plant
     weight = sum(wrench[2] for wrench in plant.contact_wrenches().values())
-    corners = sum(len(geoms) for geoms in plant.contact_forces.geoms.values())
-    assert plant.data.ncon == corners
-    depth = np.mean([-plant.data.contact[index].dist for index in range(corners)])
-    assert depth == pytest.approx(weight / (corners * stiffness), rel=0.02)
+    corners = sum(map(len, plant.contact_forces.geoms.values()))
+    depths = [-contact.dist for contact in plant.data.contact]
+    assert len(depths) == corners
+    assert np.mean(depths) == pytest.approx(weight / (corners * stiffness), rel=0.02)
