@@ -17,7 +17,8 @@ from wbc_controller.validation.accuracy.mishaps import Outcome, longest_run, run
 from wbc_controller.validation.accuracy.standing import StandingErrors, consistency, error_of, sensor_settings, stand
 from wbc_controller.validation.accuracy.walks import mean_velocity, walk
 
-SHORT = {"estimation.base_state": "imu", "estimation.settling": 0.1, "safety.activation_ramp": 0.0}
+#: Changes of the settings that shorten a start.
+SHORT = {"estimation.settling": 0.1, "safety.activation_ramp": 0.0}
 
 
 def test_errors_of_standing_robots_agree_with_the_truth():
@@ -34,7 +35,7 @@ def test_errors_of_standing_robots_agree_with_the_truth():
 
 
 def test_ideal_sensors_and_a_wrong_estimate():
-    trial = EstimationTrial("go2", SHORT)
+    trial = EstimationTrial("go2", {"estimation.base_state": "imu", **SHORT})
     trial.stand()
     error, P = error_of(trial)
     assert np.abs(error[:6]).max() < 2e-3
@@ -46,20 +47,14 @@ def test_ideal_sensors_and_a_wrong_estimate():
 
 
 def test_errors_and_nees_by_component(monkeypatch):
-    class Still:
-        def __init__(self, *_):
-            self.settings = SimpleNamespace(control=SimpleNamespace(rate=10.0))
-
-        def stand(self):
-            pass
-
-        def run(self, seconds, look):
-            for _ in range(4):
-                look()
-
+    still = SimpleNamespace(
+        settings=SimpleNamespace(control=SimpleNamespace(rate=10.0)),
+        stand=lambda: None,
+        run=lambda seconds, look: [look() for _ in range(4)],
+    )
     error, P = np.arange(1.0, 10.0), np.eye(9)
     looks = iter([(error, P), (2.0 * error, P), (2.0 * error, 2.0 * P), (3.0 * error, 5.0 * P)])
-    monkeypatch.setattr("wbc_controller.validation.accuracy.standing.EstimationTrial", Still)
+    monkeypatch.setattr("wbc_controller.validation.accuracy.standing.EstimationTrial", lambda *_: still)
     monkeypatch.setattr("wbc_controller.validation.accuracy.standing.error_of", lambda trial: next(looks))
     found = stand("go2", "good", 3, 1.0)
     factor = np.sqrt((1.0 + 4.0 + 4.0 + 9.0) / 4.0)
@@ -84,7 +79,6 @@ def test_filter_settings_of_the_sensors():
 def test_faults_are_reported():
     trial = EstimationTrial("go2", {"safety.activation_ramp": 0.0})
     trial.faults = [SlipperyFloor(duration=LONGEST, friction=0.0)]
-
     trial.stand()
     trial.follow([0.3], [trial.origin + [0.1, 0.1, 0.0]])
     with pytest.raises(NoSolution, match=r"FALLEN|IMPLAUSIBLE|NO_SOLUTION|fell"):
@@ -93,24 +87,21 @@ def test_faults_are_reported():
 
 @pytest.mark.parametrize(("factor", "share"), [(1.0, 0.95), (0.1, 0.0), (3.0, 0.0)])
 def test_consistency_is_the_share_of_time_within_the_bounds(factor, share):
-    rng = np.random.default_rng(0)
-    squares = [factor * rng.chisquare(5, 2000) for _ in range(20)]
-    within, mean = consistency(squares, 5)
+    within, mean = consistency(factor * np.random.default_rng(0).chisquare(5, (20, 2000)), 5)
     assert within == pytest.approx(share, abs=0.02)
     assert mean == pytest.approx(factor, rel=0.02)
     assert np.isnan(consistency([], 5)).all()
 
 
 def test_chatter_is_the_torque_above_8_hz_and_mean_velocities_have_heading_axes():
-    time = np.arange(0.0, 4.0, 0.002)
-    slow, fast = 10.0 * np.sin(2.0 * np.pi * 3.0 * time), 2.0 * np.sin(2.0 * np.pi * 30.0 * time)
+    angle = 2.0 * np.pi * np.arange(0.0, 4.0, 0.002)
+    slow, fast = 10.0 * np.sin(3.0 * angle), 2.0 * np.sin(30.0 * angle)
     torques = np.column_stack([slow, slow + fast])
     assert chatter(torques[:, :1], 500.0, np.array([100.0])) == pytest.approx(0.0, abs=1e-4)
     assert chatter(torques, 500.0, np.array([100.0, 100.0])) == pytest.approx(0.02 / np.sqrt(2.0), rel=0.02)
     times = np.linspace(0.0, 6.0, 601)
-    heading = 0.5 * times
-    way = np.cumsum(0.01 * (0.3 + 0.1j) * np.exp(1j * heading))
-    table = np.column_stack([times, way.real, way.imag, heading])
+    way = np.cumsum(0.01 * (0.3 + 0.1j) * np.exp(0.5j * times))
+    table = np.column_stack([times, way.real, way.imag, 0.5 * times])
     np.testing.assert_allclose(mean_velocity(table, 1.0, 5.0), [0.3, 0.1, 0.5], atol=1e-3)
 
 
@@ -119,14 +110,13 @@ class Motions:
 
     made: "Motions"
     ends = False
+    shift = origin = np.zeros(3)
+    controller = SimpleNamespace(model=SimpleNamespace(actuators=("a", "b"), effort_limits=np.full(2, 10.0)))
+    report = SimpleNamespace(command=SimpleNamespace(tau=np.ones(2)))
 
     def __init__(self, config, changes, force_sensors):
         Motions.made = self
-        self.shift = np.zeros(3)
         self.settings, self.asked, self.faults = config.settings, [], ()
-        self.controller = SimpleNamespace(model=SimpleNamespace(actuators=("a", "b"), effort_limits=np.full(2, 10.0)))
-        self.origin = np.zeros(3)
-        self.report = SimpleNamespace(command=SimpleNamespace(tau=np.ones(2)))
 
     def stand(self):
         pass
@@ -187,8 +177,7 @@ def test_tables_of_standing_and_flaws(monkeypatch, run):
 
 def test_mishap_with_force_sensors(monkeypatch):
     monkeypatch.setattr("wbc_controller.validation.accuracy.mishaps._DURATION", 0.3)
-    short = {"estimation.settling": 0.1, "safety.activation_ramp": 0.0}
-    found = run_mishap("go2", "IMU silent for 20 ms", force_sensors=True, changes=short)
+    found = run_mishap("go2", "IMU silent for 20 ms", force_sensors=True, changes=SHORT)
     assert (found.fault_texts, found.ended, found.silently_wrong, found.undetected) == ((), False, False, 0.0)
     assert 0.0 < found.error < 0.1
 
@@ -199,7 +188,7 @@ def test_mishap_with_force_sensors(monkeypatch):
 def test_slipping_foot_is_detected_and_the_robot_keeps_standing(monkeypatch, robot, name):
     """Before the friction of the foot was reduced, Go2 fell and G1 was damped."""
     monkeypatch.setattr("wbc_controller.validation.accuracy.mishaps._DURATION", 1.2)
-    found = run_mishap(robot, name, changes={"safety.activation_ramp": 0.0, "estimation.settling": 0.1})
+    found = run_mishap(robot, name, changes=SHORT)
     assert found.left_out == (next(iter(load(robot).settings.contacts)),)
     assert (found.fault_texts, found.ended, found.fell) == ((), False, False)
     assert found.error < 0.06

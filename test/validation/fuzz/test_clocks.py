@@ -10,8 +10,7 @@ from wbc_controller.validation.fuzz.clocks import CLOCKS, ClockTrial, run_trial
 
 
 def test_no_fall_without_a_fault():
-    result = wbc("fuzz", "clocks", "go2", "--count", "9", "--first", "9")
-    lines = result.stdout.splitlines()
+    lines = wbc("fuzz", "clocks", "go2", "--count", "9", "--first", "9").stdout.splitlines()
     assert [line.split()[:2] for line in lines] == [["go2", clock] for clock in CLOCKS]
     for outcome in ("survived", "refused", "STALE_INPUT", "CLOCK"):
         assert any(outcome in line for line in lines), outcome

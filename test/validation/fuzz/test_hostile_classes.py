@@ -11,16 +11,10 @@ from wbc_controller.validation.fuzz.hostile_classes import HostileClass, hostile
 
 @settings(max_examples=30, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(hostile=hostile_class())
-def test_hostile_classes_are_refused_or_damped(hostile):
-    logging.getLogger("wbc_controller").setLevel(logging.CRITICAL)
-    try:
-        with np.errstate(all="ignore"):
-            result = run_class(hostile)
-    finally:
-        logging.getLogger("wbc_controller").setLevel(logging.NOTSET)
-    assert result in ("refused", "active", "damping METHOD_FAILED", "holding NO_SOLUTION", "damping NO_SOLUTION"), (
-        result
-    )
+def test_hostile_classes_are_refused_or_damped(caplog, hostile):
+    with np.errstate(all="ignore"), caplog.at_level(logging.CRITICAL, "wbc_controller"):
+        result = run_class(hostile)
+    assert result in ("refused", "active", "damping METHOD_FAILED", "holding NO_SOLUTION", "damping NO_SOLUTION")
 
 
 @pytest.mark.parametrize(

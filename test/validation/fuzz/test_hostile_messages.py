@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from command_line import wbc
 from hypothesis import strategies as st
+from refusals import refusal
 
 from wbc_controller.controller.cycle import ControlCycle
-from wbc_controller.errors import ConfigurationError
 from wbc_controller.estimation.base_estimator import BaseEstimator
 from wbc_controller.inverse_dynamics.references.board import ReferenceBoard
 from wbc_controller.middleware import decoding, topics
@@ -183,11 +183,9 @@ def test_invalid_failure_files_and_nodes_are_refused(tmp_path):
     path = tmp_path / "none.json"
     for text in ("", "{}", "[1]", '{"messages": [{"topic": "/a", "payload": 3}]}'):
         path.write_text(text)
-        with pytest.raises(ConfigurationError, match="not a file of fuzzer messages"):
-            load(path)
-    result = wbc("fuzz", "messages", "--nodes", "controler", status=2)
-    valid = "Valid: controller, estimator, guard, mock, urdf"
-    assert f"unknown node 'controler'; did you mean 'controller'? {valid}" in result.output
+        assert "not a file of fuzzer messages" in refusal(load, path)
+    said = "unknown node 'controler'; did you mean 'controller'? Valid: controller, estimator, guard, mock, urdf"
+    assert said in wbc("fuzz", "messages", "--nodes", "controler", status=2).output
 
 
 def test_command_reports_messages_and_saves_failures_for_replay(tmp_path, monkeypatch):
@@ -196,15 +194,14 @@ def test_command_reports_messages_and_saves_failures_for_replay(tmp_path, monkey
     def broken(vocabulary, subject, content):
         raise KeyError("weight")
 
-    seed_and_nodes = ("--seed", "2", "--nodes", "controller")
+    options = ("--count", "50", "--seed", "2", "--nodes", "controller", "--out", tmp_path)
     with monkeypatch.context() as patch:
         patch.setitem(decoding.READERS, "weight", broken)
-        result = wbc("fuzz", "messages", "--count", "50", *seed_and_nodes, "--out", tmp_path, status=1)
+        result = wbc("fuzz", "messages", *options, status=1)
         (path, *_) = sorted(tmp_path.iterdir())
         assert "controller, 1 messages: logged error: decoding a message on /wbc_controller/tasks/" in result.output
         assert f"--replay {path}" in result.output
-        result = wbc("fuzz", "messages", "--replay", path, status=1)
-        assert "KeyError: 'weight'" in result.output
+        assert "KeyError: 'weight'" in wbc("fuzz", "messages", "--replay", path, status=1).output
     assert wbc("fuzz", "messages", "--replay", path).output == "controller, 1 messages: no failure\n"
     node, robot, ((_, payload),) = load(path)
     assert (node, robot) == ("controller", ROBOT)

@@ -10,21 +10,24 @@ from waiting import until
 from wbc_controller.validation.fuzz.lateness import Lateness
 
 
+@pytest.fixture
+def lateness():
+    made = Lateness()
+    yield made
+    made.end()
+
+
 @pytest.mark.live
-def test_waiting_processes_are_late():
-    lateness = Lateness()
-    try:
-        with busy_processes(3 * len(os.sched_getaffinity(0))) as many:
-            for process in many:
-                lateness.watch(process.pid)
-            lateness.reset()
-            # Three processes share each processor: each waits for about 33 ms of the 50 ms window.
-            until(lambda: lateness.worst > 0.015, "lateness")
-    finally:
-        lateness.end()
+def test_waiting_processes_are_late(lateness):
+    with busy_processes(3 * len(os.sched_getaffinity(0))) as many:
+        for process in many:
+            lateness.watch(process.pid)
+        lateness.reset()
+        # Three processes share each processor: each waits for about 33 ms of the 50 ms window.
+        until(lambda: lateness.worst > 0.015, "lateness")
 
 
-def test_process_may_end_during_the_measurement(monkeypatch):
+def test_process_may_end_during_the_measurement(lateness, monkeypatch):
     ended, looks, glob = Path("/proc/0/task"), [], Path.glob
 
     def look(path, pattern):
@@ -34,12 +37,8 @@ def test_process_may_end_during_the_measurement(monkeypatch):
         return glob(path, pattern)
 
     monkeypatch.setattr(Path, "glob", look)
-    lateness = Lateness()
-    try:
-        lateness.watch(0)
-        until(lambda: ended in looks, "the check of the ended process")
-        after = len(looks) + 2  # more than the rest of this round
-        until(lambda: len(looks) > after, "the next check")
-        assert looks.count(ended) == 1
-    finally:
-        lateness.end()
+    lateness.watch(0)
+    until(lambda: ended in looks, "the check of the ended process")
+    after = len(looks) + 2  # more than the rest of this round
+    until(lambda: len(looks) > after, "the next check")
+    assert looks.count(ended) == 1

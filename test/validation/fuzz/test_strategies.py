@@ -40,10 +40,8 @@ def test_hostile_messages_are_well_formed(type_name):
 
 def test_fields_contain_all_hostile_numbers_and_sequences_change():
     content = valid_message("std_msgs/msg/Float64", (), "", 0)
-    # As text, because -0 equals 0 and NaN nothing.
-    assert {repr(each.data) for each in values(strategies.hostile(content, ()), 500)} == {
-        repr(value) for value in FLOATS
-    }
+    found = {repr(each.data) for each in values(strategies.hostile(content, ()), 500)}
+    assert found == set(map(repr, FLOATS))  # as text, because -0 equals 0 and NaN nothing
     content = valid_message("sensor_msgs/msg/JointState", "abc", "", 7)
     names = [tuple(each.name) for each in values(strategies.hostile(content, ()), 300)]
     assert {("c", "b", "a"), ("a", "b"), ()} <= set(names)
@@ -51,11 +49,8 @@ def test_fields_contain_all_hostile_numbers_and_sequences_change():
 
 
 @settings(database=None)
-@given(st.data())
-def test_mutated_bytes_are_read_or_refused(data):
-    payload = data.draw(
-        strategies.mutated_bytes(encode(valid_message("sensor_msgs/msg/JointState", ("a", "b"), "world", 7)))
-    )
+@given(strategies.mutated_bytes(encode(valid_message("sensor_msgs/msg/JointState", ("a", "b"), "world", 7))))
+def test_mutated_bytes_are_read_or_refused(payload):
     try:
         content = decode(payload, "sensor_msgs/msg/JointState")
     except InputRefused:
@@ -95,10 +90,8 @@ def test_a_signal_during_a_draw_ends_the_command(number, tmp_path, monkeypatch):
 
 
 def test_an_event_that_is_no_text_any_more_is_changed_again():
-    events, broken = (
-        Topic(1, "/recording/events", "std_msgs/msg/String", "string data"),
-        b"\x00\x01\x00\x00\x02\x00\x00\x00\x80\x00",
-    )
+    events = Topic(1, "/recording/events", "std_msgs/msg/String", "string data")
+    broken = b"\x00\x01\x00\x00\x02\x00\x00\x00\x80\x00"
     with pytest.raises(InputRefused, match="utf-8"):
         decode(broken, events.type)
     drawn = [strategies.draw_by_key(hostile_messages([(events, 0, broken)]), number) for number in range(20)]

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from wbc_controller.middleware.codec import encode, header, message, torques
+from wbc_controller.middleware.codec import encode, torques
 from wbc_controller.middleware.topics import CONTROLLER_TOPICS, counterpart, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.validation.latency import meter
@@ -67,7 +67,7 @@ def test_delays_and_quantiles_of_joined_blocks():
     assert both.period == PERIOD
 
 
-def test_measurements_are_independent(monkeypatch):
+def test_measurements_are_independent(make, monkeypatch):
     by_key = {topic.key: topic for topic in endpoints(CONTROLLER_TOPICS, "wbc_controller")}
     bus, now = MemoryBus(), [0.0]
     robot, other = Meter(MemoryTransport(bus)), MemoryTransport(bus)
@@ -78,8 +78,7 @@ def test_measurements_are_independent(monkeypatch):
         robot.subscribe(counterpart(by_key[key]), heard.append)
 
     def state(time):
-        return encode(message("sensor_msgs/msg/JointState", header=header(time), name=[], position=np.zeros(0),
-                              velocity=np.zeros(0), effort=np.zeros(0)))  # fmt: skip
+        return encode(make.joint_state([], [], time=time))
 
     def at(time, send, payload):
         now[0] = time
@@ -96,7 +95,6 @@ def test_measurements_are_independent(monkeypatch):
 
     monkeypatch.setattr(meter, "time", SimpleNamespace(perf_counter=lambda: now[0], sleep=pass_time))
     for _ in range(2):
-        found = robot.measure(5.0, 1.0)()
-        np.testing.assert_allclose(found.seconds, [0.1, 0.2, 0.3])
+        np.testing.assert_allclose(robot.measure(5.0, 1.0)().seconds, [0.1, 0.2, 0.3])
     assert len(heard) == 12
     assert robot.answered

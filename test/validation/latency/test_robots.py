@@ -57,8 +57,7 @@ def test_controller_stays_active(bench, monkeypatch, name, base_state, inactive)
     clock = Time(0.6, cycle)
     monkeypatch.setattr(robots, "time", clock)
     StandingRobot(controller.model, controller.settings, transport, controller.topics).run(clock.stop)
-    modes = [report.mode for report in reports]
-    assert modes == [Mode.INACTIVE] * inactive + [Mode.ACTIVE] * (301 - inactive)
+    assert [report.mode for report in reports] == [Mode.INACTIVE] * inactive + [Mode.ACTIVE] * (301 - inactive)
     assert not any(report.refused for report in reports)
     assert len({report.stamp for report in reports[inactive:]}) == 301 - inactive
     assert np.ptp([report.solution.tau for report in reports[inactive:]], axis=0).max() > 0.0
