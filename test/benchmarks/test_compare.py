@@ -100,8 +100,7 @@ def test_contestants_get_all_states_in_turn(monkeypatch):
         *(("a", 0, 0.0, 20), ("b", 0, 0.0, 20), ("a", 7, 20.0, 10), ("b", 7, 20.0, 10)),
         *(("a", 0, 30.0, 20), ("b", 0, 30.0, 20), ("a", 7, 50.0, 10), ("b", 7, 50.0, 10)),
     ]
-    filled = compare.FILLING
-    assert [block.seconds.tolist() for block in warm["b"]] == [[*range(filled, 20)], [*range(30 + filled, 50)]]
+    assert [block.seconds.tolist() for block in warm["b"]] == [[*range(8, 20)], [*range(38, 50)]]
     assert [block.seconds.tolist() for block in cold["a"]] == [[*range(20, 30)], [*range(50, 60)]]
 
 

@@ -71,8 +71,7 @@ def test_the_installed_wheel_drafts_a_configuration_and_computes_torques(wheel, 
     (tmp_path / "robot.yaml").write_text(run(wbc, "new", "robot.urdf", folder=tmp_path), encoding="utf-8")
     # The configurations are in the wheel.
     script = "import runpy, wbc_controller as wbc; wbc.load('go2'); runpy.run_path('torque.py'); print(wbc.__file__)"
-    place = run(python, "-c", script, folder=tmp_path).splitlines()[-1]
-    assert Path(place).is_relative_to(tmp_path)
+    assert Path(run(python, "-c", script, folder=tmp_path).splitlines()[-1]).is_relative_to(tmp_path)
 
 
 def test_every_extra_has_a_trial_and_is_named_by_the_error_messages():

@@ -16,8 +16,7 @@ def test_loop_is_measured_with_and_without_the_page(forks, monkeypatch, tmp_path
     monkeypatch.setattr(page, "BLOCK", 1.2)
     monkeypatch.setattr(page, "BROWSERS", os.SCHED_OTHER)  # a busy computer has no idle time: the page drops them
     found = dict(page.measure("go2", 2 * page.BLOCK / 60.0, 2, "other", tmp_path))
-    said = capsys.readouterr().out
-    assert "2 browsers" in said
+    assert "2 browsers" in capsys.readouterr().out
     for seconds in found.values():  # one block each; a busy computer slows the simulated time
         assert 10 < seconds.size < 2 * 500 * page.BLOCK
         assert (seconds > 0.0).all()

@@ -21,5 +21,4 @@ def test_snippets_of_the_page(bench, block):
 
 
 def test_the_page_shows_every_key():
-    shown = {key for block in BLOCKS for key in block["limits"]}
-    assert shown == set(LimitSettings.model_fields)
+    assert {key for block in BLOCKS for key in block["limits"]} == set(LimitSettings.model_fields)

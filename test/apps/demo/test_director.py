@@ -1,5 +1,7 @@
 """Timeouts of the director."""
 
+from unittest.mock import Mock
+
 import numpy as np
 import pytest
 
@@ -15,17 +17,13 @@ class Activated(Exception):
     """The controller is active, and time passes."""
 
 
-def ignore(*_: object) -> None:
-    """Receive a phase or a message."""
-
-
 @pytest.fixture
 def play(make, robot_of):
     """Return a function that plays a scenario with a standing mock robot and scripted modes of the controller."""
     settings, model = robot_of("go2")
     topics, bus = topics_of(settings), MemoryBus()
-    sent = (("mock", "joint_states", ""), ("controller", "state", ""))
-    say = {place[1]: MemoryTransport(bus).advertise(topics[place]) for place in sent}
+    say_joints = MemoryTransport(bus).advertise(topics["mock", "joint_states", ""])
+    say_mode = MemoryTransport(bus).advertise(topics["controller", "state", ""])
 
     def play(modes):
         count = 0
@@ -35,11 +33,11 @@ def play(make, robot_of):
             count += 1
             if "active" in modes.values() and count > max(modes):
                 raise Activated
-            say["joint_states"](encode(make.joint_state(model.joints, np.zeros(model.nj), time=2_000_000 * count)))
+            say_joints(encode(make.joint_state(model.joints, np.zeros(model.nj), time=2_000_000 * count)))
             if count in modes:
-                say["state"](encode(make.string(modes[count])))
+                say_mode(encode(make.string(modes[count])))
 
-        Director(settings, model, SCENARIOS["go2"], MemoryTransport(bus), advance, ignore, ignore).play()
+        Director(settings, model, SCENARIOS["go2"], MemoryTransport(bus), advance, Mock(), Mock()).play()
 
     return play
 
