@@ -19,12 +19,10 @@ from our_cycle import Cycle
 from wbc_controller.inverse_dynamics.contacts import Contact
 from wbc_controller.records import Reference
 
-COUNT = 30
-
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory: pytest.TempPathFactory) -> scenes.Scene:
-    return scenes.make(scenes.CASES["go2-two"], COUNT, tmp_path_factory.mktemp("scene"))
+    return scenes.make(scenes.CASES["go2-two"], 30, tmp_path_factory.mktemp("scene"))
 
 
 def answered(scene: scenes.Scene) -> list:

@@ -14,9 +14,6 @@ from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.safety.model_audit import joint_efforts
 from wbc_controller.simulation.plant import Plant
 
-#: Tolerance of accelerations for MuJoCo's soft coupling of a follower.
-SOFT = 0.02
-
 
 def forward(model, q, v, tau):
     """Equations of motion with the couplings, as one linear system in v̇ and λ."""
@@ -63,7 +60,7 @@ def test_it_accelerates_as_the_controllers_model_does(base, follower, changes):
         expected, found = forward(model, q, v, tau), plant.acceleration()
         worst = max(worst, float(np.linalg.norm(found - expected) / np.linalg.norm(expected)))
     print(f"{base}, {'with' if follower else 'without'} a follower: largest relative difference {worst:.1e}")
-    assert worst < (SOFT if follower else 1e-9)
+    assert worst < (0.02 if follower else 1e-9)  # MuJoCo's coupling of a follower is soft
 
 
 def test_actuators_saturate_and_followers_stay():

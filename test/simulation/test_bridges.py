@@ -85,17 +85,12 @@ def scene():
     return SimpleNamespace(model=model, mujoco=compiled, data=mujoco.MjData(compiled))
 
 
-def random_state(model, seed):
-    rng = np.random.default_rng(seed)
-    q = pin.integrate(model.pinocchio, pin.neutral(model.pinocchio), rng.uniform(-0.5, 0.5, model.nv))
-    return q, rng.normal(size=model.nv)
-
-
 @pytest.mark.parametrize("seed", range(2))
 def test_states_round_trip_and_frames_agree(scene, seed):
     """Positions, orientations and velocities of a link, by MuJoCo's own kinematics and by Pinocchio's."""
-    interface = wbc.MujocoInterface(scene.model, scene.mujoco)
-    q, v = random_state(scene.model, seed)
+    interface, rng = wbc.MujocoInterface(scene.model, scene.mujoco), np.random.default_rng(seed)
+    model, nv = scene.model.pinocchio, scene.model.nv
+    q, v = pin.integrate(model, pin.neutral(model), rng.uniform(-0.5, 0.5, nv)), rng.normal(size=nv)
     interface.place(scene.data, q, v)
     mujoco.mj_forward(scene.mujoco, scene.data)
     again_q, again_v = interface.state(scene.data)

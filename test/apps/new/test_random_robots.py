@@ -25,24 +25,17 @@ ROBOTS = int(os.environ.get("RANDOM_ROBOTS", "0"))
 SEEDS = range(ROBOTS) if ROBOTS else (0, 2, 5, 8, 9)
 #: One robot in so many gets the whole demo.
 _DEMOS = 25
-#: Robot with a demo and a short arm, which a strong posture task pulled back.
-_SHORT_ARM = 700_150
-#: Robots with arms that dropped while the torques ramped in: on a fixed base, needing 3 s to return; and sliding on a
-#: biped, whose legs lost their load to stop it (both with a demo).
-_HEAVY_ARM, _SLIDING_ARM = 910_225, 910_500
-#: Robots in equilibrium on a line between two feet, and with a posture within `limits.position_margin` of its limits.
-_LINE, _NARROW = 910_337, 910_747
-#: Robot with a demo and a gripper too weak to stop within its short range after the pushes of other arms.
-_WEAK_GRIPPER = 425
-#: Robot whose soles tip under a push, which looked like inverted axes of the odometry.
-_TIPPING = 27
-#: Biped whose unloaded foot spins at 49 rad/s without rotor inertia.
-_LIGHT_FOOT = 309
-#: Tested parts of their demos; None for the whole demo.
+#: Parts of the demos of some robots; None for the whole demo.
 _PARTS: dict[int, tuple[str, ...] | None] = {
-    _SHORT_ARM: ("shove left", "reach"), _HEAVY_ARM: ("reach",), _WEAK_GRIPPER: ("shove left",),
-    _TIPPING: ("shove forward",), _LIGHT_FOOT: None,
-}  # fmt: skip
+    27: ("shove forward",),  # soles that tip under a push, which looked like inverted axes of the odometry
+    309: None,  # a biped whose unloaded foot spins at 49 rad/s without rotor inertia
+    425: ("shove left",),  # a gripper too weak to stop within its short range after the pushes of other arms
+    700_150: ("shove left", "reach"),  # a short arm, which a strong posture task pulled back
+    910_225: ("reach",),  # an arm on a fixed base that dropped while the torques ramped in, and needed 3 s to return
+}
+#: Robots in equilibrium on a line between two feet; with an arm that dropped while the torques ramped in, sliding on a
+#: biped whose legs lost their load to stop it; with a posture within `limits.position_margin` of its limits.
+_OTHERS = (910_337, 910_500, 910_747)
 #: Duration of standing, s; largest displacement of the centre of mass as a share of its height, at least in m, and of
 #: the joints of an arm, rad or m.
 _STAND, _NEAR, _NEAR_SMALL, _NEAR_JOINT = 1.0, 0.02, 0.005, 0.02
@@ -96,7 +89,7 @@ def _sentence(error: WbcError) -> str:
     return message
 
 
-@pytest.mark.parametrize("seed", [*SEEDS, *_PARTS, _SLIDING_ARM, _LINE, _NARROW])
+@pytest.mark.parametrize("seed", [*SEEDS, *_PARTS, *_OTHERS])
 def test_new_check_mock_robot_and_demo_agree(seed, tmp_path, shorten_demos):
     parts = _PARTS.get(seed, ())
     if not ROBOTS and parts is not None:

@@ -11,8 +11,6 @@ from wbc_controller.errors import InputRefused
 from wbc_controller.simulation.faults.catalogue import KINDS, draw, read_faults
 from wbc_controller.validation.campaign.trial import ALL_KINDS
 
-PAGE = page("faults")
-
 
 def test_there_are_at_least_45_kinds_and_the_page_describes_each():
     assert len(KINDS) >= 45
@@ -20,7 +18,7 @@ def test_there_are_at_least_45_kinds_and_the_page_describes_each():
         assert kind.place, name
         assert kind.__doc__.strip().endswith("."), name
     for place, kinds in by_place(ALL_KINDS.values()).items():
-        assert faults_table(kinds) in PAGE, place
+        assert faults_table(kinds) in page("faults"), place
 
 
 def test_one_fault_or_a_list_is_read_and_an_entry_of_a_script_needs_its_time():

@@ -14,12 +14,6 @@ from wbc_controller.validation.accuracy.walk_pushes import LARGEST, RESOLUTION, 
 from wbc_controller.validation.accuracy.walks import GROUNDS, Starts, Walk, terrain_of
 from wbc_controller.walking.gait import Phase
 
-FIGURES = WalkFigures(torque=0.8, rate=0.25, chatter=0.012, slip=0.003, outside=0.0)
-
-
-def walked(ended=""):
-    return Walk(np.zeros(3), 2.0, 0.0, 0, ended, FIGURES)
-
 
 def test_grounds_are_valid_and_begin_flat():
     for ground in GROUNDS:
@@ -91,8 +85,10 @@ def test_a_robot_that_steps_survives_a_push_and_falls_at_a_large_one(monkeypatch
 
 @pytest.mark.parametrize(("falls", "status"), [(1, 0), (2, 1)])
 def test_table_of_grounds(monkeypatch, run, falls, status):
+    figures = WalkFigures(torque=0.8, rate=0.25, chatter=0.012, slip=0.003, outside=0.0)
+
     def walk_on(robot, ground, sensors, seed, seconds):
-        return walked("3.2 s: FALLEN: it fell" if seed < falls else "")
+        return Walk(np.zeros(3), 2.0, 0.0, 0, "3.2 s: FALLEN: it fell" if seed < falls else "", figures)
 
     monkeypatch.setattr(walks, "walk_on", walk_on)
     result = run("walking-grounds", "g1", "--ground", "up")

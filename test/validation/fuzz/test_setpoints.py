@@ -5,7 +5,6 @@ import re
 import pytest
 from command_line import wbc
 
-from wbc_controller.settings.config import load
 from wbc_controller.simulation.simulation import Simulation
 from wbc_controller.validation.fuzz import setpoints
 from wbc_controller.validation.fuzz.setpoints import KINDS, fuzz_setpoints, run_trial, summary
@@ -13,7 +12,7 @@ from wbc_controller.validation.fuzz.setpoints import KINDS, fuzz_setpoints, run_
 
 @pytest.fixture(scope="module")
 def go2():
-    return Simulation(load("go2"))
+    return Simulation("go2")
 
 
 def test_joints_keep_their_limits(monkeypatch):
@@ -82,7 +81,7 @@ class Struck(Simulation):
 
 def test_impacts_are_reported_separately(monkeypatch):
     monkeypatch.setattr(setpoints, "DURATION", 0.2)
-    trial = run_trial(Struck(load("go2")), "go2", 0, 0)
+    trial = run_trial(Struck("go2"), "go2", 0, 0)
     assert trial.impact == pytest.approx(Struck.excess)
     assert not trial.failed
 
@@ -97,5 +96,5 @@ class Kneeling(Bent):
 
 @pytest.mark.parametrize("robot", [Bent, Kneeling])
 def test_excess_counts_with_a_link_on_the_floor(robot):
-    trial = run_trial(robot(load("go2")), "go2", 0, 0)
+    trial = run_trial(robot("go2"), "go2", 0, 0)
     assert (trial.joint, trial.failed) == ("RL_calf_joint", True), trial
