@@ -7,9 +7,9 @@ import sys
 
 import pytest
 from domains import own_domain
-from launching import PATIENCE, ROOT
+from pages import PROJECT, ROOT
 from participants import Ros2Participants
-from waiting import until
+from ros2_user import Ros2User
 
 
 @pytest.fixture
@@ -22,14 +22,9 @@ def environment(tmp_path):
     (index / "wbc_controller").touch()
     for name in ("config", "launch", "layouts"):
         shutil.copytree(ROOT / name, share / name)
-    executables = {
-        "wbc_controller": "main",
-        "mock_robot": "mock_main",
-        "guard": "guard_main",
-        "base_estimator": "estimator_main",
-    }
-    for name, main in executables.items():
-        (binaries / name).write_text(f"#!{sys.executable}\nfrom wbc_controller.node import {main}\n{main}()\n")
+    for name, place in PROJECT["scripts"].items():
+        module, main = place.split(":")
+        (binaries / name).write_text(f"#!{sys.executable}\nfrom {module} import {main}\n{main}()\n")
         (binaries / name).chmod(0o755)
     return os.environ | {
         "AMENT_PREFIX_PATH": f"{tmp_path}:{os.environ.get('AMENT_PREFIX_PATH', '')}",
@@ -50,6 +45,4 @@ def participants(monkeypatch):
 
 @pytest.fixture
 def user(environment, participants):
-    """Node that commands and listens."""
-    node = participants(int(environment["ROS_DOMAIN_ID"])).node("user")
-    return node, lambda condition, seconds=PATIENCE: until(condition, patience=seconds)
+    return Ros2User(participants(int(environment["ROS_DOMAIN_ID"])).node("user"))

@@ -1,6 +1,5 @@
 """Launch files in their own processes: the robot balances, and all processes end correctly."""
 
-import itertools
 import signal
 import subprocess
 import sys
@@ -11,23 +10,9 @@ from busy import patience
 from launching import PATIENCE, ROOT, launch, patient
 from waiting import until
 
-try:
-    from geometry_msgs.msg import PointStamped, WrenchStamped
-    from nav_msgs.msg import Odometry
-    from rclpy.qos import DurabilityPolicy, QoSProfile
-    from rosgraph_msgs.msg import Clock
-    from std_msgs.msg import Bool, Float64MultiArray, String
-except ImportError as error:
-    pytest.skip(f"rclpy is not importable: {error}", allow_module_level=True)
-
 pytest.importorskip("ros2launch", reason="ros2 launch is not installed")
 
-from wbc_controller.controller.build.robot import make_model
-from wbc_controller.settings.files import find_configuration, load_settings
-
 pytestmark = pytest.mark.live
-
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def end(*processes):
@@ -39,50 +24,45 @@ def end(*processes):
     return outputs
 
 
-def test_g1_stands_squats_and_ends_with_zero_torques(environment, user):
-    node, until = user
-    states, torques, forces, height = [], [], {}, {}
-    node.create_subscription(String, "/r1/wbc_controller/state", lambda message: states.append(message.data), LATCHED)
-    node.create_subscription(Float64MultiArray, "/r1/effort_controller/commands", torques.append, 1)
-    node.create_subscription(Odometry, "/r1/odom", lambda m: height.update(base=m.pose.pose.position.z), 1)
-    for foot in ("left_foot", "right_foot"):
-        topic = f"/r1/mock_robot/contacts/{foot}/wrench"
-        node.create_subscription(WrenchStamped, topic, lambda m, foot=foot: forces.update({foot: m.wrench.force.z}), 1)
-    command = node.create_publisher(String, "/r1/wbc_controller/command", 10)
-    hold = node.create_publisher(Bool, "/r1/mock_robot/hold", 10)
-    setpoint = node.create_publisher(PointStamped, "/r1/wbc_controller/tasks/com/setpoint", 10)
+def test_g1_stands_squats_and_ends_with_zero_torques(environment, user, robot_of):
+    states = user.hear("/r1/wbc_controller/state", latched=True)
+    torques = user.hear("/r1/effort_controller/commands", "std_msgs/msg/Float64MultiArray")
+    odometry = user.hear("/r1/odom", "nav_msgs/msg/Odometry")
+    wrenches = [
+        user.hear(f"/r1/mock_robot/contacts/{foot}/wrench", "geometry_msgs/msg/WrenchStamped")
+        for foot in ("left_foot", "right_foot")
+    ]
+    command = user.publisher("/r1/wbc_controller/command")
+    hold = user.publisher("/r1/mock_robot/hold", "std_msgs/msg/Bool")
+    setpoint = user.publisher("/r1/wbc_controller/tasks/com/setpoint", "geometry_msgs/msg/PointStamped")
+
+    def height():
+        return odometry[-1].pose.pose.position.z
 
     # Half of real time, and ages by simulated time, for a busy computer.
     process = launch(environment, "robot:=g1", "namespace:=r1", "real_time_factor:=0.5", "use_sim_time:=true")
     try:
-        until(lambda: all(publisher.get_subscription_count() for publisher in (command, hold, setpoint)))
-        until(lambda: states == ["inactive"])
-        until(lambda: height)
-
-        def active():
-            if states[-1] == "inactive" and next(tries) % 10 == 0:  # refused until joint states arrive
-                command.publish(String(data="activate"))
-            return states[-1] == "active"
-
-        tries = itertools.count()
-        until(active)
-        until(lambda: torques and max(map(abs, torques[-1].data)) > 1.0)
-        hold.publish(Bool(data=False))
-        model = make_model(load_settings(find_configuration("g1")))
-        weight = 9.81 * model.mass
-        until(lambda: sum(forces.values()) == pytest.approx(weight, rel=0.01))
-        stood = height["base"]
-        target = PointStamped()
+        user.until(lambda: all(publisher.get_subscription_count() for publisher in (command, hold, setpoint)))
+        user.until(lambda: states == ["inactive"] and odometry)
+        # Refused until joint states arrive.
+        activate = command.msg_type(data="activate")
+        user.until(lambda: states[-1] == "active", again=lambda: command.publish(activate))
+        user.until(lambda: torques and max(map(abs, torques[-1])) > 1.0)
+        hold.publish(hold.msg_type(data=False))
+        weight = 9.81 * robot_of("g1")[1].mass
+        user.until(lambda: sum(each[-1].wrench.force.z for each in wrenches if each) == pytest.approx(weight, rel=0.01))
+        stood = height()
+        target = setpoint.msg_type()
         target.header.frame_id = "world"
         target.point.x, target.point.z = 0.03, 0.60
         setpoint.publish(target)
-        until(lambda: height["base"] < stood - 0.05)
+        user.until(lambda: height() < stood - 0.05)
         assert states[-1] == "active"
     finally:
         (output,) = end(process)
         print(states)
-    until(lambda: states[-1] == "stopped")
-    until(lambda: not any(torques[-1].data))
+    user.until(lambda: states[-1] == "stopped")
+    user.until(lambda: not any(torques[-1]))
     assert process.returncode == 0, output
     assert output.count("process has finished cleanly") == 2, output
     assert "Traceback" not in output, output
@@ -97,13 +77,11 @@ def test_a_robot_that_does_not_exist_ends_the_controller_with_the_reason(environ
 
 
 def test_the_guard_may_be_launched_too(environment, user, tmp_path):
-    node, until = user
-    said = []
-    node.create_subscription(String, "/r2/guard/state", lambda message: said.append(message.data), LATCHED)
+    said = user.hear("/r2/guard/state", latched=True)
     config = f"config:={patient('go2', tmp_path)}"
     process = launch(environment, config, "namespace:=r2", "guard:=true", "activate:=true")
     try:
-        until(lambda: "watching" in said)
+        user.until(lambda: "watching" in said)
     finally:
         (output,) = end(process)
     assert set(said) <= {"idle", "watching"}  # a busy computer may discover the latched topic after the first change
@@ -201,26 +179,16 @@ def test_a_simulator_behind_ros2_control(environment, stand_in, tmp_path, simula
 
 
 def test_two_robots_in_one_graph(environment, user):
-    node, until = user
-    said, stamps, processes = {}, {}, []
-    for robot in ("r1", "r2"):
-        said[robot] = []
-        node.create_subscription(
-            String, f"/{robot}/wbc_controller/state", lambda m, robot=robot: said[robot].append(m.data), LATCHED
-        )
-        node.create_subscription(
-            Clock, f"/{robot}/clock", lambda m, robot=robot: stamps.__setitem__(robot, m.clock.sec), 1
-        )
+    robots = ("r1", "r2")
+    said = [user.hear(f"/{robot}/wbc_controller/state", latched=True) for robot in robots]
+    times = [user.hear(f"/{robot}/clock", "rosgraph_msgs/msg/Clock") for robot in robots]
+    slow = ("robot:=go2", "real_time_factor:=0.3", "use_sim_time:=true", "activate:=true")
+    processes = [launch(environment, f"namespace:={robot}", *slow) for robot in robots]
     try:
-        for robot in said:
-            processes.append(
-                launch(environment, "robot:=go2", f"namespace:={robot}", "real_time_factor:=0.3", "use_sim_time:=true",
-                       "activate:=true")
-            )  # fmt: skip
-        until(lambda: all(states[-1:] == ["active"] for states in said.values()))
-        start = dict(stamps)
-        until(lambda: all(stamps[robot] >= start[robot] + 3 for robot in said))
-        assert {robot: states[-1] for robot, states in said.items()} == {"r1": "active", "r2": "active"}
+        user.until(lambda: all(states[-1:] == ["active"] for states in said) and all(times))
+        start = [each[-1].clock.sec for each in times]
+        user.until(lambda: all(each[-1].clock.sec >= began + 3 for each, began in zip(times, start, strict=True)))
+        assert [states[-1] for states in said] == ["active", "active"]
     finally:
         outputs = end(*processes)
         print(said)

@@ -1,6 +1,5 @@
 """The controller's node in this process: transitions, parameters, services."""
 
-import itertools
 import logging
 import re
 import threading
@@ -9,6 +8,7 @@ import time
 import pytest
 from busy import slowness
 from domains import own_domain
+from ros2_user import Ros2User
 from waiting import until
 
 try:
@@ -19,7 +19,7 @@ try:
     from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
     from rosgraph_msgs.msg import Clock
     from sensor_msgs.msg import JointState
-    from std_msgs.msg import Float64MultiArray, String
+    from std_msgs.msg import String
     from std_srvs.srv import Trigger
 except ImportError as error:
     pytest.skip(f"rclpy is not importable: {error}", allow_module_level=True)
@@ -113,21 +113,25 @@ def on_executor(executor, function):
 
 @pytest.fixture
 def bring_up(make_node, graph):
-    """Spin a controller's node and a user's, and run some transitions of the first."""
+    """Spin a controller's node and a user's; return them, and a function that runs transitions of the first."""
 
-    def bring_up(transitions=("configure", "activate"), **overrides):
-        node, user = make_node(robot="g1", **overrides), graph.node("user")
+    def bring_up(*transitions, **overrides):
+        node, user = make_node(robot="g1", **overrides), Ros2User(graph.node("user"))
         graph.executor.add_node(node)
-        for name in transitions:
-            assert on_executor(graph.executor, getattr(node, f"trigger_{name}")) == SUCCESS
-        return node, user, graph.executor
+
+        def run(*names):
+            for name in names:
+                assert on_executor(graph.executor, getattr(node, f"trigger_{name}")) == SUCCESS
+
+        run(*transitions)
+        return node, user, run
 
     return bring_up
 
 
 def caller(user, name):
     """Return a function that calls a service of the controller and returns success and message."""
-    client = user.create_client(Trigger, f"/wbc_controller/{name}")
+    client = user.node.create_client(Trigger, f"/wbc_controller/{name}")
 
     def call():
         assert client.wait_for_service(10 * slowness())
@@ -259,17 +263,14 @@ def test_declared_parameters_can_be_dumped_and_read_again(make_node, given):
 
 
 def test_a_command_sent_before_activation_is_not_obeyed_later(bring_up, log):
-    node, user, executor = bring_up(transitions=["configure"])
-    said = []
-    publish = user.create_publisher(String, "/wbc_controller/command", 10)
-    user.create_subscription(String, "/wbc_controller/state", lambda message: said.append(message.data), 10)
+    _, user, run = bring_up("configure")
+    publish, said = user.publisher("/wbc_controller/command"), user.hear("/wbc_controller/state")
     until(lambda: publish.get_subscription_count() == 1, patience=10)
-    publish.publish(String(data="estop"))
-    for _ in range(5):  # one of them is logged per second
+    for _ in range(6):  # one of them is logged per second
         publish.publish(String(data="estop"))
     until(lambda: "/wbc_controller/command ignored: the node is not active" in text_of(log), patience=10)
     assert text_of(log).count("/wbc_controller/command ignored") == 1
-    assert on_executor(executor, node.trigger_activate) == SUCCESS
+    run("activate")
     until(lambda: said, patience=10)
     publish.publish(String(data="estop"))
     until(lambda: len(said) == 2, patience=10)
@@ -277,18 +278,17 @@ def test_a_command_sent_before_activation_is_not_obeyed_later(bring_up, log):
 
 
 def test_services_return_the_outcome_and_a_fault_outlives_the_loop(bring_up):
-    node, user, executor = bring_up(transitions=())
+    node, user, run = bring_up()
     activate, stop, reset = (caller(user, name) for name in ("activate", "stop", "reset"))
     success, text = activate()
     assert not success
     assert "not active" in text
-    for transition in (node.trigger_configure, node.trigger_activate):
-        assert on_executor(executor, transition) == SUCCESS
+    run("configure", "activate")
     success, text = activate()
     assert not success
     assert "joint_states" in text
 
-    publish = user.create_publisher(String, "/wbc_controller/update", 10)
+    publish = user.publisher("/wbc_controller/update")
     until(lambda: publish.get_subscription_count() == 1, patience=10)
     publish.publish(String(data="{tasks: {com: {stiffness: 33.0}}}"))
     until(lambda: node.get_parameter("tasks.com.stiffness").value == 33.0, patience=10)
@@ -296,8 +296,7 @@ def test_services_return_the_outcome_and_a_fault_outlives_the_loop(bring_up):
 
     assert stop() == (True, "fault ESTOP: emergency stop by command")
     assert activate() == (False, "command 'activate' is refused in fault (ESTOP); send 'reset' first")
-    for transition in (node.trigger_deactivate, node.trigger_activate):
-        assert on_executor(executor, transition) == SUCCESS
+    run("deactivate", "activate")
     supervisor = node._loop.controller.supervisor
     assert supervisor.fault.code == "ESTOP"
     assert supervisor.mode is not Mode.INACTIVE
@@ -305,36 +304,27 @@ def test_services_return_the_outcome_and_a_fault_outlives_the_loop(bring_up):
 
 
 def test_the_last_seconds_are_recorded_on_request_and_deactivating_in_mid_run_is_no_fault(bring_up, robot, tmp_path):
-    node, user, executor = bring_up(transitions=(), recorder__folder=str(tmp_path), **PATIENT)
+    node, user, run = bring_up(recorder__folder=str(tmp_path), **PATIENT)
     call = caller(user, "record")
     assert call() == (False, "the node is not active; check its state with ros2 lifecycle get")
-    for transition in (node.trigger_configure, node.trigger_activate):
-        assert on_executor(executor, transition) == SUCCESS
-    loop = node._loop
+    run("configure", "activate")
+    supervisor = node._loop.controller.supervisor
     for _ in range(2):
-        tries = itertools.count()
-
-        def active():
-            if next(tries) % 20 == 0:  # noqa: B023  # called in this round only
-                node._gate.command("activate")
-            return loop.controller.supervisor.mode is Mode.ACTIVE
-
-        until(active, patience=10)
-        assert on_executor(executor, node.trigger_deactivate) == SUCCESS
-        assert (loop.controller.supervisor.mode, loop.controller.supervisor.fault) == (Mode.STOPPED, None)
-        assert on_executor(executor, node.trigger_activate) == SUCCESS
+        until(lambda: supervisor.mode is Mode.ACTIVE, patience=10, again=lambda: node._gate.command("activate"))
+        run("deactivate")
+        assert (supervisor.mode, supervisor.fault) == (Mode.STOPPED, None)
+        run("activate")
     time.sleep(0.2)  # of cycles
     assert list(tmp_path.iterdir()) == []
     assert call() == (True, f"the last seconds are written to {tmp_path}")
     until(lambda: list(tmp_path.glob("*REQUEST*.mcap")), patience=20)
-    for transition in (node.trigger_deactivate, node.trigger_cleanup):  # closes the file
-        assert on_executor(executor, transition) == SUCCESS
+    run("deactivate", "cleanup")  # closes the file
     (file,) = tmp_path.glob("*.mcap")
     assert Recording(file).count > 0
 
 
 def test_a_service_waits_without_keeping_joint_states_from_the_loop(bring_up, robot):
-    node, user, _ = bring_up(**PATIENT)
+    node, user, _ = bring_up("configure", "activate", **PATIENT)
     activate = caller(user, "activate")
     until(lambda: max(node._loop._inputs.ages().values()) < 0.5, patience=20)
     answers = [activate() for _ in range(10)]
@@ -345,9 +335,9 @@ def test_a_service_waits_without_keeping_joint_states_from_the_loop(bring_up, ro
     assert node._loop.controller.supervisor.mode is Mode.INACTIVE
 
 
-def test_simulated_time_is_honoured(bring_up, robot):
-    node, user, executor = bring_up(use_sim_time=True)
-    clock = user.create_publisher(Clock, "/clock", 1)
+def test_simulated_time_is_honoured(bring_up, robot, graph):
+    node, user, _ = bring_up("configure", "activate", use_sim_time=True)
+    clock = user.publisher("/clock", "rosgraph_msgs/msg/Clock")
     activate = caller(user, "activate")
     times = [7_000_000_000]
 
@@ -359,9 +349,9 @@ def test_simulated_time_is_honoured(bring_up, robot):
 
     assert "no time was received on /clock" in activate()[1]
     robot.timer.cancel()
-    timer = user.create_timer(0.005, time_goes_on)
+    timer = user.node.create_timer(0.005, time_goes_on)
     until(lambda: node._loop._clock.now() > 7.0 and activate()[0], patience=20)
-    on_executor(executor, timer.cancel)  # no more states, and no more time
+    on_executor(graph.executor, timer.cancel)  # no more states, and no more time
     time.sleep(0.2)
     assert node._loop.controller.supervisor.mode is Mode.ACTIVE
     end = times[-1] + 80_000_000
@@ -372,10 +362,8 @@ def test_simulated_time_is_honoured(bring_up, robot):
 
 
 def test_a_loop_that_fails_sends_zeros_and_ends_in_error_processing(bring_up, log):
-    node, user, executor = bring_up(transitions=["configure"])
-    torques = []
-    user.create_subscription(Float64MultiArray, "/effort_controller/commands", torques.append, 10)
-    loop = node._loop
+    node, user, run = bring_up("configure")
+    torques, loop = user.hear("/effort_controller/commands", "std_msgs/msg/Float64MultiArray"), node._loop
     until(lambda: node.count_subscribers("/effort_controller/commands"), patience=10)
     time.sleep(0.5)  # until the writer has discovered the reader
     loop.controller.supervisor.torques_sent = loop.controller.supervisor.torques_sent + 1.0  # as with active torques
@@ -384,14 +372,14 @@ def test_a_loop_that_fails_sends_zeros_and_ends_in_error_processing(bring_up, lo
         raise OSError("broken on purpose")
 
     loop._guarded_cycle = broken  # around a cycle: an error inside a cycle leads to damping
-    assert on_executor(executor, node.trigger_activate) == SUCCESS
+    run("activate")
     until(lambda: "error processing" in text_of(log), patience=10)
     assert "broken on purpose" in text_of(log)
     until(lambda: torques, patience=5)
-    assert not any(torques[-1].data)
+    assert not any(torques[-1])
     until(lambda: node._loop is None, patience=10)
     del loop._guarded_cycle
-    assert on_executor(executor, node.trigger_configure) == SUCCESS
+    run("configure")
 
 
 def test_a_description_that_is_too_long_is_refused_before_it_is_decoded(make_node, graph, log):

@@ -1,47 +1,27 @@
 """The three executables on a real graph: topics as in the security policy, and the guard on rclpy."""
 
-import os
 import signal
-from functools import partial
 from importlib.util import find_spec
 
 import pytest
 from busy import slowness
-from domains import own_domain
 from forked import fork_node
 from policies import read_policy
-from waiting import until as wait_until
-
-try:
-    from rclpy.qos import DurabilityPolicy, QoSProfile
-    from std_msgs.msg import Float64MultiArray, String
-except ImportError as error:
-    pytest.skip(f"rclpy is not importable: {error}", allow_module_level=True)
 
 from wbc_controller.nodes.ros2.security_policy import CLOCK, security_policy
 
 pytestmark = pytest.mark.live
 
-#: Own domain: nodes of other tests with equal names would be ambiguous in the graph.
-DOMAIN = own_domain()
 NODES = {"wbc_controller": "main", "mock_robot": "mock_main", "guard": "guard_main"}
-until = partial(wait_until, patience=120.0)
 
 
 @pytest.fixture
-def graph(participants):
-    """Node that queries and listens, spun on a thread."""
-    return participants(DOMAIN).node("looker")
-
-
-@pytest.fixture
-def start(graph, tmp_path):
+def start(environment, user, tmp_path):
     """Start an executable on Go2 with timeouts for a busy computer."""
     started = []
     values = ("robot:=go2", "guard.patience:=0.2", "mock.command_timeout:=1.0", "safety.state_timeout:=1.0")
 
     def make(name, *more):
-        environment = os.environ | {"ROS_DOMAIN_ID": str(DOMAIN)}
         started.append(fork_node(environment, tmp_path / f"{name}.log", NODES[name], *values, *more))
         return started[-1]
 
@@ -54,16 +34,14 @@ def start(graph, tmp_path):
         print(log.read_text())  # shown after a failure
 
 
-def test_they_open_what_the_policy_allows_and_the_guard_follows_a_killed_controller(graph, start, robot_of):
-    said, torques = {"wbc_controller": "", "guard": ""}, []
-    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    for name in said:
-        graph.create_subscription(String, f"/{name}/state", lambda m, name=name: said.update({name: m.data}), latched)
-    graph.create_subscription(Float64MultiArray, "/effort_controller/commands", lambda m: torques.append(m.data), 10)
+def test_they_open_what_the_policy_allows_and_the_guard_follows_a_killed_controller(user, start, robot_of):
+    until, graph = user.until, user.node
+    states, guard_states = (user.hear(f"/{name}/state", latched=True) for name in ("wbc_controller", "guard"))
+    torques = user.hear("/effort_controller/commands", "std_msgs/msg/Float64MultiArray")
     start("mock_robot", "real_time_factor:=0.3")  # fast enough on a busy computer
     start("guard")
     controller = start("wbc_controller", "activate:=true")
-    until(lambda: said["wbc_controller"] == "active" and said["guard"] == "watching", "an active controller")
+    until(lambda: states[-1:] == ["active"] and guard_states[-1:] == ["watching"], "an active controller")
 
     # The policy of this configuration, with markers_rate.
     allowed = read_policy(security_policy(*robot_of("go2")))
@@ -91,8 +69,8 @@ def test_they_open_what_the_policy_allows_and_the_guard_follows_a_killed_control
 
     controller.kill()
     controller.wait()
-    until(lambda: said["guard"].startswith("damping COMMANDS_STOPPED: "), "the guard's damping")
+    until(lambda: guard_states[-1].startswith("damping COMMANDS_STOPPED: "), "the guard's damping")
     count = len(torques)
     until(lambda: len(torques) > count + 20, "the guard's torques")
     start("wbc_controller", "activate:=true")
-    until(lambda: said["guard"] == "watching", "the guard to watch another controller")
+    until(lambda: guard_states[-1] == "watching", "the guard to watch another controller")

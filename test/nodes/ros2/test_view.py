@@ -8,13 +8,6 @@ from busy import patience
 from forked import fork_node, fork_wbc
 from launching import PATIENCE, patient
 
-try:
-    from nav_msgs.msg import Odometry
-    from rclpy.qos import DurabilityPolicy, QoSProfile
-    from std_msgs.msg import Bool, String
-except ImportError as error:
-    pytest.skip(f"rclpy is not importable: {error}", allow_module_level=True)
-
 pytest.importorskip("viser", reason="the page requires viser: pip install 'wbc_controller[view]'")
 
 from browser import Browser
@@ -23,14 +16,14 @@ pytestmark = pytest.mark.live
 
 
 @pytest.fixture
-def page(environment, tmp_path):
+def page(environment, user, tmp_path):
     """A browser on the page of Go2 with permission to command."""
     log = tmp_path / "view.log"
     view = fork_wbc(environment, log, "view", "go2", "--command", "--port", "0")
     browsers = []
 
-    def opened(until):
-        until(lambda: "page: " in log.read_text() or view.poll() is not None)
+    def opened():
+        user.until(lambda: "page: " in log.read_text() or view.poll() is not None)
         (port,) = re.findall(r"page: http://\S+?:(\d+)", log.read_text())
         browsers.append(Browser(int(port)))
         return browsers[-1]
@@ -43,12 +36,8 @@ def page(environment, tmp_path):
 
 
 def test_it_shows_and_commands_nodes_of_ros2(environment, user, page, tmp_path):
-    node, until = user
-    states, base, holds = [], [], []
-    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    node.create_subscription(String, "/wbc_controller/state", lambda m: states.append(m.data), latched)
-    node.create_subscription(Odometry, "/odom", lambda m: base.append(m.pose.pose.position), 1)
-    node.create_subscription(Bool, "/mock_robot/hold", lambda m: holds.append(m.data), 10)
+    until, states = user.until, user.hear("/wbc_controller/state", latched=True)
+    odometry, holds = user.hear("/odom", "nav_msgs/msg/Odometry"), user.hear("/mock_robot/hold", "std_msgs/msg/Bool")
     config = f"config:={patient('go2', tmp_path)}"
     nodes = [
         fork_node(environment, tmp_path / "mock.log", "mock_main", config, "real_time_factor:=0.5"),
@@ -56,18 +45,18 @@ def test_it_shows_and_commands_nodes_of_ros2(environment, user, page, tmp_path):
     ]
     try:
         until(lambda: states[-1:] == ["active"])
-        browser = page(until)
+        browser = page()
 
         def says(text):
             return any(text in str(value) for props in list(browser.controls.values()) for value in props.values())
 
         until(lambda: says("active") and says("com"))
         until(lambda: "/robot/1" in browser.positions)
-        at = base[-1]
+        at = odometry[-1].pose.pose.position
         assert browser.positions["/robot/1"] == pytest.approx((at.x, at.y, at.z), abs=5e-3)
         browser.set("Release", True)
         until(lambda: holds == [False])
-        until(lambda: abs(browser.positions["/robot/1"][2] - base[-1].z) < 1e-3)
+        until(lambda: abs(browser.positions["/robot/1"][2] - odometry[-1].pose.pose.position.z) < 1e-3)
         browser.set("Hold", True)
         until(lambda: holds == [False, True])
         browser.set("Deactivate", True)
