@@ -7,6 +7,7 @@ import time
 import numpy as np
 import pytest
 from starved import StarvedThread
+from waiting import running
 
 from wbc_controller.errors import TransportError
 from wbc_controller.middleware.codec import encode, message, time_fields
@@ -107,19 +108,12 @@ def test_waiting_takes_simulated_time(clock_and_time):
     (clock, publish), stop = clock_and_time, threading.Event()
     publish(0)
     clock.refresh()
-    waiting = threading.Thread(target=clock.wait, args=(stop, 0.01))
-    waiting.start()
-    time.sleep(0.1)  # ten times as long
-    publish(9_000_000)
-    assert waiting.is_alive()
-    publish(10_000_000)
-    waiting.join(5.0)
-    assert not waiting.is_alive()
-    waiting = threading.Thread(target=clock.wait, args=(stop, 0.01))
-    waiting.start()
-    stop.set()
-    waiting.join(5.0)
-    assert not waiting.is_alive()
+    with running(clock.wait, stop, 0.01, stop=lambda: publish(10_000_000)) as waiting:
+        time.sleep(0.1)  # ten times as long
+        publish(9_000_000)
+        assert waiting.is_alive()
+    with running(clock.wait, stop, 0.01, stop=stop.set):
+        pass
 
 
 def on_simulated_time(bench, changes=None):

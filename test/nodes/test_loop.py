@@ -4,9 +4,11 @@ import dataclasses
 import itertools
 import re
 import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from waiting import running
 
 from wbc_controller.errors import NoSolution
 from wbc_controller.middleware.topics import counterpart
@@ -29,11 +31,9 @@ def test_activation_is_refused_until_the_inputs_are_fresh(bench):
     assert controller.activate().mode is Mode.ACTIVE
 
 
-@pytest.mark.parametrize("missing", ["joints", "base"])
-def test_an_input_is_stale_one_cycle_after_the_timeout(bench, missing):
+@pytest.mark.parametrize(("silent", "name"), [({"joints": False}, "joint_states"), ({"base": False}, "odom")])
+def test_an_input_is_stale_one_cycle_after_the_timeout(bench, silent, name):
     controller = bench().activated(10)
-    silent = {missing: False}
-    name = {"joints": "joint_states", "base": "odom"}[missing]
     count = round(TIMEOUT / controller.period)
     for i in range(1, count):
         report = controller.cycle(**silent)
@@ -271,40 +271,6 @@ def test_references_follow_the_clock_of_the_states(bench, monkeypatch):
     assert taken == [controller.time * 1e-9]
 
 
-class Schedule(threading.Event):
-    """Stop event on a manual clock: waiting advances the clock."""
-
-    def __init__(self, clock, until):
-        super().__init__()
-        self.clock, self.until = clock, until
-        self.waits = []
-
-    def is_set(self):
-        return self.clock.time >= self.until
-
-    def wait(self, timeout=None):
-        self.waits.append(timeout)
-        self.clock.time += timeout
-        return self.is_set()
-
-
-def timed(controller, monkeypatch, costs, until):
-    """Run the timer mode with cycle times from `costs`; return the start of each cycle."""
-    began = []
-    costs = iter(costs)
-
-    def cycle():
-        began.append(controller.clock.time)
-        controller.clock.time += next(costs, 0.0)
-
-    monkeypatch.setattr(controller.loop, "cycle", cycle)
-    stop = Schedule(controller.clock, until)
-    controller.clock.time = 0.0
-    controller.loop.period, controller.loop.triggered = 0.25, False
-    controller.loop.run(stop)
-    return began
-
-
 @pytest.mark.parametrize(
     ("costs", "starts", "missed"),
     [
@@ -313,9 +279,21 @@ def timed(controller, monkeypatch, costs, until):
     ],
 )
 def test_the_timer_keeps_absolute_deadlines_and_counts_lateness(bench, monkeypatch, costs, starts, missed):
-    controller = bench()
-    assert timed(controller, monkeypatch, costs, starts[-1] + 0.25) == starts
-    assert controller.loop._deadlines_missed == missed
+    controller, began, durations = bench(), [], iter(costs)
+    clock, loop = controller.clock, controller.loop
+
+    def cycle():
+        began.append(clock.time)
+        clock.time += next(durations, 0.0)
+
+    def wait(seconds):
+        clock.time += seconds
+
+    monkeypatch.setattr(loop, "cycle", cycle)
+    clock.time, loop.period, loop.triggered = 0.0, 0.25, False
+    loop.run(SimpleNamespace(is_set=lambda: clock.time >= starts[-1] + 0.25, wait=wait))
+    assert began == starts
+    assert loop._deadlines_missed == missed
 
 
 @pytest.mark.parametrize("active", [True, False])
@@ -398,24 +376,15 @@ def test_a_triggered_loop_waits_until_states_are_stale(bench):
 
 
 def test_each_joint_state_starts_one_cycle(bench):
-    controller = bench()
-    stop = threading.Event()
+    controller, stop, began = bench(), threading.Event(), threading.Event()
     controller.loop.period, controller.loop.triggered = 0.5, True
-    thread = threading.Thread(target=controller.loop.run, args=(stop,))
-    began = threading.Event()
     controller.loop.observers = (lambda report: began.set(), controller.reports.append)
-    thread.start()
-    try:
+    with running(controller.loop.run, stop, stop=stop.set):
         assert began.wait(5)  # the first message without a state
         for _ in range(10):
             began.clear()
             controller.give_state()
             assert began.wait(5)
-    finally:
-        stop.set()
-        controller.joints()
-        thread.join(10)
-    assert not thread.is_alive()
     stamps = [report.stamp for report in controller.reports if report.stamp]
     assert len(set(stamps)) == 10
 

@@ -11,6 +11,7 @@ from busy import patience
 from chains import joint, robot
 from domains import own_domain
 from forked import fork_wbc
+from waiting import running
 
 from wbc_controller import load
 from wbc_controller.inverse_dynamics.robot.urdf import LARGEST_URDF
@@ -26,14 +27,8 @@ from wbc_controller.nodes.urdf import wait_for_urdf
 def waiting(transport):
     """Wait for the URDF on a thread until the end of the block; yield the thread and the list of its result."""
     stop, found = threading.Event(), []
-    thread = threading.Thread(target=lambda: found.append(wait_for_urdf(transport, stop, [ENDPOINT])))
-    thread.start()
-    try:
+    with running(lambda: found.append(wait_for_urdf(transport, stop, [ENDPOINT])), stop=stop.set) as thread:
         yield thread, found
-    finally:
-        stop.set()
-        thread.join(10.0)
-    assert not thread.is_alive()
 
 
 def text(content: str) -> bytes:

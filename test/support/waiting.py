@@ -5,6 +5,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 from busy import slowness
 
@@ -56,3 +57,16 @@ def repeated(action: Callable[[], object], period: float = 1e-3) -> Iterator[Non
     finally:
         ended.set()
         thread.join()
+
+
+@contextlib.contextmanager
+def running(function: Callable[..., object], *arguments: Any, stop: Callable[[], object]) -> Iterator[threading.Thread]:
+    """Run a function in a thread; at the end of the block it must return after `stop`."""
+    thread = threading.Thread(target=function, args=arguments, daemon=True)
+    thread.start()
+    try:
+        yield thread
+    finally:
+        stop()
+        thread.join(10.0 * slowness())
+    assert not thread.is_alive()
