@@ -1,6 +1,7 @@
 """Isolated buses with connected transports."""
 
-from collections.abc import Callable, Iterator
+import dataclasses
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,8 @@ from participants import DdsParticipants, MemoryParticipants, Ros2Participants
 from rosbags.interfaces import Nodetype
 from waiting import until
 
-from wbc_controller.middleware.codec import TYPES, message
+from wbc_controller.middleware.codec import TYPES, decode, encode, message
+from wbc_controller.middleware.topics import Endpoint
 from wbc_controller.middleware.transports.transport import Transport
 
 __all__ = ["network"]
@@ -42,6 +44,30 @@ def join(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Ite
 def eventually() -> Callable[..., None]:
     """Wait for a condition: ``eventually(condition, again)`` calls `again` before each check."""
     return lambda condition, again=lambda: None, seconds=60.0: until(condition, "", seconds, again, period=0.01)
+
+
+@pytest.fixture(scope="session")
+def exchange(eventually: Callable[..., None], example: Callable[[str], Any]) -> Callable[..., None]:
+    """Send an example on each topic, from a writer to a reader, until all have arrived, and compare."""
+
+    def exchange(ways: Iterable[tuple[Endpoint, Transport, Transport]], seconds: float = 60.0) -> None:
+        opened = []  # all topics are discovered at the same time
+        for topic, writer, reader in ways:
+            received: list[bytes] = []
+            reader.subscribe(topic, received.append)
+            offered = dataclasses.replace(topic, qos=dataclasses.replace(topic.qos, reliable=True))
+            opened.append((topic, received, encode(example(topic.type)), writer.advertise(offered)))
+
+        def send() -> None:
+            for _, received, payload, publish in opened:
+                if not received:
+                    publish(payload)
+
+        eventually(lambda: all(received for _, received, *_ in opened), send, seconds)
+        for topic, received, payload, _ in opened:
+            assert encode(decode(received[0], topic.type)) == payload, topic
+
+    return exchange
 
 
 @pytest.fixture(scope="session")

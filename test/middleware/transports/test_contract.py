@@ -1,6 +1,5 @@
 """The interface of all transports, run on each of them."""
 
-import dataclasses
 import logging
 import threading
 import time
@@ -26,24 +25,15 @@ def texts(payloads):
 
 
 @pytest.mark.parametrize(("node", "table"), topics.NODES.values(), ids=topics.NODES)
-def test_every_row_of_the_table_carries_its_message(request, join, eventually, example, node, table):
+def test_every_row_of_the_table_carries_its_message(request, join, exchange, node, table):
     owner, other = join(node), join("other")
-    rows = endpoints(table, node, EVERY_TASK, frames=("pelvis",))
     on_ros2 = request.node.callspec.params["join"] == "ros2"
-    rows = [row for row in rows if not (on_ros2 and is_omitted(row))]
-    received = {row.name: [] for row in rows}
-    payloads = {row.name: encode(example(row.type)) for row in rows}
-    publish = {}
-    for row in rows:
-        reader, writer = (owner, other) if row.direction is Direction.IN else (other, owner)
-        offered = dataclasses.replace(row, qos=dataclasses.replace(row.qos, reliable=True))
-        reader.subscribe(row, received[row.name].append)
-        publish[row.name] = writer.advertise(offered)
-
-    for row in rows:
-        eventually(lambda: received[row.name], lambda: publish[row.name](payloads[row.name]))  # noqa: B023  # called in this round only
-        message_received = decode(received[row.name][0], row.type)
-        assert encode(message_received) == payloads[row.name], row
+    rows = endpoints(table, node, EVERY_TASK, frames=("pelvis",))
+    exchange(
+        (row, *((other, owner) if row.direction is Direction.IN else (owner, other)))
+        for row in rows
+        if not (on_ros2 and is_omitted(row))
+    )
 
 
 def test_latched_topic_replays_its_last_message_to_a_late_subscriber_and_others_nothing(join, eventually):

@@ -9,13 +9,13 @@ import time
 
 import pytest
 from domains import own_domain
-from echo import STRING, endpoint, text
+from echo import endpoint, text
 from network import DISCOVERY
 from participants import Ros2Participants
 from waiting import repeated
 
 from wbc_controller.apps.terminal.session import Session
-from wbc_controller.middleware.codec import decode, diagnostics, encode
+from wbc_controller.middleware.codec import diagnostics, encode
 from wbc_controller.middleware.topics import LATCHED
 from wbc_controller.middleware.transports.dds import DdsTransport
 from wbc_controller.settings.config import load
@@ -32,43 +32,30 @@ def set_range(monkeypatch):
     return lambda value: monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", value)
 
 
-def exchange(pairs, name, eventually):
-    """Send messages in both directions of each pair of an embedded and a ROS 2 transport until all have arrived."""
-    heard, publish = {}, []
-    for ranges, (wbc, ros) in pairs.items():
-        for reader, writer, side in ((ros, wbc, "to_ros"), (wbc, ros, "to_wbc")):
-            reader.subscribe(endpoint(f"{name}/{side}"), heard.setdefault((ranges, side), []).append)
-            publish.append((writer.advertise(endpoint(f"{name}/{side}")), text(side)))
-
-    eventually(lambda: all(heard.values()), lambda: [send(payload) for send, payload in publish], seconds=20)
-    for (ranges, side), payloads in heard.items():
-        assert decode(payloads[0], STRING).data == side, ranges
+def both_ways(embedded, ros, name):
+    for wbc_transport, ros_transport in zip(embedded, ros, strict=True):
+        yield endpoint(f"{name}/to_ros"), wbc_transport, ros_transport
+        yield endpoint(f"{name}/to_wbc"), ros_transport, wbc_transport
 
 
-def test_all_ranges_but_off_discover_each_other_on_one_host(set_range, eventually):
+def test_all_ranges_but_off_discover_each_other_on_one_host(set_range, exchange):
     """One embedded participant starts before the ROS 2 node, one after it; messages pass in both directions."""
     domains = {ranges: own_domain() for ranges in itertools.product(RANGES, RANGES)}
     with contextlib.ExitStack() as stack:
 
         def embedded(node):
-            made = {}
-            for (wbc_range, ros_range), domain in domains.items():
+            for (wbc_range, _), domain in domains.items():
                 set_range(wbc_range)
-                made[wbc_range, ros_range] = stack.enter_context(
-                    contextlib.closing(DdsTransport(node, domain_id=domain))
-                )
-            return made
+                yield stack.enter_context(contextlib.closing(DdsTransport(node, domain_id=domain)))
 
-        before = embedded("before")
+        before, ros = list(embedded("before")), []
         time.sleep(0.5)  # until Cyclone has sent the announcements of its first 0.1 s
-        ros = {}
-        for ranges, domain in domains.items():
-            set_range(ranges[1])
+        for (_, ros_range), domain in domains.items():
+            set_range(ros_range)
             participants = stack.enter_context(contextlib.closing(Ros2Participants(domain)))
-            ros[ranges] = stack.enter_context(contextlib.closing(participants.transport("ros")))
-        exchange({ranges: (before[ranges], ros[ranges]) for ranges in domains}, "/first", eventually)
-        after = embedded("after")
-        exchange({ranges: (after[ranges], ros[ranges]) for ranges in domains}, "/second", eventually)
+            ros.append(stack.enter_context(contextlib.closing(participants.transport("ros"))))
+        exchange(both_ways(before, ros, "/first"), seconds=20)
+        exchange(both_ways(list(embedded("after")), ros, "/second"), seconds=20)
 
 
 def test_a_session_hears_a_running_ros2_controller_within_its_patience(set_range, monkeypatch):

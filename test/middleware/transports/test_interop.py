@@ -26,21 +26,14 @@ def pair(monkeypatch):
 
 
 @pytest.mark.parametrize("to_dds", [True, False])
-def test_every_row_crosses(pair, eventually, example, to_dds):
+def test_every_row_crosses(pair, exchange, to_dds):
     writer, reader = pair if to_dds else reversed(pair)
-    opened = []  # all topics are discovered at the same time
-    for node, table in topics.NODES.values():
-        for row in endpoints(table, node, EVERY_TASK, frames=("pelvis",)):
-            if is_omitted(row):
-                continue
-            row = dataclasses.replace(row, name=f"/{node}{row.name}")  # some are in several tables
-            received, payload = [], encode(example(row.type))
-            reader.subscribe(row, received.append)
-            publish = writer.advertise(dataclasses.replace(row, qos=dataclasses.replace(row.qos, reliable=True)))
-            opened.append((row, received, payload, publish))
-    for row, received, payload, publish in opened:
-        eventually(lambda: received, lambda: publish(payload))  # noqa: B023  # called in this round only
-        assert encode(decode(received[0], row.type)) == payload, row
+    exchange(
+        (dataclasses.replace(row, name=f"/{node}{row.name}"), writer, reader)  # some names are in several tables
+        for node, table in topics.NODES.values()
+        for row in endpoints(table, node, EVERY_TASK, frames=("pelvis",))
+        if not is_omitted(row)
+    )
 
 
 def test_latched_message_reaches_a_late_subscriber(pair, eventually):
