@@ -1,6 +1,7 @@
 """Service and mock robot on each transport, and a user of their topics."""
 
 import contextlib
+import dataclasses
 import os
 import re
 import signal
@@ -9,7 +10,6 @@ import threading
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,7 @@ from wbc_controller.middleware.states import OdometryReader
 from wbc_controller.middleware.topics import Direction, Endpoint, counterpart
 from wbc_controller.middleware.transports.memory import MemoryTransport
 from wbc_controller.nodes.lockstep import Lockstep
+from wbc_controller.nodes.user import reliable_counterpart
 from wbc_controller.nodes.wiring import topics_of
 from wbc_controller.settings.files import find_configuration, load_settings
 
@@ -64,12 +65,12 @@ class User:
     def _open(self, key: tuple[str, str, str], topic: Endpoint) -> None:
         self._types[key] = topic.type
         if topic.direction is Direction.IN:
-            self._writable[key] = replace(counterpart(topic), qos=replace(topic.qos, reliable=True))
+            qos = dataclasses.replace(topic.qos, reliable=True)
+            self._writable[key] = dataclasses.replace(counterpart(topic), qos=qos)
             if topic.key not in OF_THE_ROBOT:
                 self._publish[key] = self.transport.advertise(self._writable[key])
             return
         kept = self.arrivals[key] = []
-        deep = replace(counterpart(topic), qos=replace(topic.qos, depth=1000))
         state = key == ("mock", "joint_states", "")
 
         def receive(payload: bytes) -> None:
@@ -77,7 +78,7 @@ class User:
             if state:
                 self.state_came.set()
 
-        self.transport.subscribe(deep, receive)
+        self.transport.subscribe(reliable_counterpart(topic), receive)
 
     def send(self, owner: str, key: str, content: Any, subject: str = "") -> None:
         place = owner, key, subject
@@ -88,9 +89,13 @@ class User:
     def command(self, word: str) -> None:
         self.send("controller", "command", message("std_msgs/msg/String", data=word))
 
-    def all(self, owner: str, key: str, subject: str = "") -> list[Any]:
+    def timed(self, owner: str, key: str, subject: str = "") -> list[tuple[float, Any]]:
+        """Return wall time and content of each message."""
         place = owner, key, subject
-        return [decode(payload, self._types[place]) for _, payload in list(self.arrivals[place])]
+        return [(when, decode(payload, self._types[place])) for when, payload in list(self.arrivals[place])]
+
+    def all(self, owner: str, key: str, subject: str = "") -> list[Any]:
+        return [content for _, content in self.timed(owner, key, subject)]
 
     def last(self, owner: str, key: str, subject: str = "") -> Any:
         place = owner, key, subject
@@ -154,9 +159,8 @@ class User:
 
     def efforts(self, since: float = 0.0) -> np.ndarray:
         """Return the torques after a wall time."""
-        place = "controller", "effort", ""
-        kept = [payload for when, payload in list(self.arrivals[place]) if when > since]
-        return np.array([decode(payload, self._types[place]).data for payload in kept]).reshape(-1, self.model.na)
+        kept = [content.data for when, content in self.timed("controller", "effort") if when > since]
+        return np.array(kept).reshape(-1, self.model.na)
 
     def refusals(self) -> list[str]:
         """Return all refusals on /diagnostics."""
@@ -184,8 +188,7 @@ class Processes:
         return self._folder / f"{len(self._started):02}-{name}.log"
 
     def stop(self, process: Forked) -> int:
-        if process.poll() is None:
-            process.send_signal(signal.SIGINT)
+        process.send_signal(signal.SIGINT)
         try:
             return process.wait(timeout=15 * slowness())
         except subprocess.TimeoutExpired:

@@ -5,8 +5,6 @@ import time
 import numpy as np
 import pytest
 
-from wbc_controller.middleware.codec import decode
-
 pytestmark = pytest.mark.live
 
 
@@ -26,20 +24,11 @@ def guard_says(user):
     return user.last("guard", "state").data if user.arrivals["guard", "state", ""] else ""
 
 
-def guard_states(user):
-    """Return times and texts of the guard's states."""
-    kept = user.arrivals["guard", "state", ""]
-    return [(when, decode(payload, "std_msgs/msg/String").data) for when, payload in kept]
-
-
 def torques(user, key):
     """Times and torques of every message on one of the controller's command topics."""
-    kept = list(user.arrivals["controller", key, ""])
-    kind, field = {
-        "effort": ("std_msgs/msg/Float64MultiArray", "data"),
-        "joint_commands": ("sensor_msgs/msg/JointState", "effort"),
-    }[key]
-    return [when for when, _ in kept], np.array([getattr(decode(payload, kind), field) for _, payload in kept])
+    field = {"effort": "data", "joint_commands": "effort"}[key]
+    kept = user.timed("controller", key)
+    return np.array([when for when, _ in kept]), np.array([getattr(content, field) for _, content in kept])
 
 
 def test_a_controller_that_dies_is_followed_by_damping_until_another_takes_over(user, processes):
@@ -51,10 +40,10 @@ def test_a_controller_that_dies_is_followed_by_damping_until_another_takes_over(
     last = torques(user, "joint_commands")[0][-1]
     user.run(0.5)
     when, tau = torques(user, "effort")
-    damping = [i for i, time_ in enumerate(when) if time_ > last + 1e-3]
+    damping = tau[when > last + 1e-3]
     # Some messages later the torques are damping torques within the rate.
     limits, share = user.model.effort_limits, user.settings.guard.torque
-    assert (np.abs(tau[damping[6:]]) <= share * limits + 1e-9).all()
+    assert (np.abs(damping[6:]) <= share * limits + 1e-9).all()
     assert len(damping) > 20  # one per period of 2 ms on an idle machine
 
     # The guard continues until another controller is activated.
@@ -69,19 +58,20 @@ def test_a_controller_that_dies_is_followed_by_damping_until_another_takes_over(
     since = time.monotonic()
     user.run(0.3)
     step = user.settings.limits.torque_rate / user.settings.control.rate * limits
-    again = [(when_, said) for when_, said in guard_states(user) if when_ > activated and said.startswith("damping")]
+    states = [(when, content.data) for when, content in user.timed("guard", "state") if when > activated]
+    again = [(when, said) for when, said in states if said.startswith("damping")]
     if again:
         print(f"this machine kept the controller from its commands, and the guard damped again: {again}")
     # Later, commands of a late controller cross messages of the guard.
     when, tau = torques(user, "effort")
     until = again[0][0] if again else np.inf
-    taken_over = np.array([row for time_, row in zip(when, tau, strict=True) if activated - 0.1 < time_ < until])
+    taken_over = tau[(activated - 0.1 < when) & (when < until)]
     assert len(taken_over) > (1 if again else 20)
     assert (np.abs(np.diff(taken_over, axis=0)) <= step + 1e-9).all()
     assert np.isfinite(tau).all()
     commanded = {row.tobytes() for row in torques(user, "joint_commands")[1]}
     if user.arrivals["guard", "state", ""][-1][0] < since:  # no second takeover
-        assert all(row.tobytes() in commanded for time_, row in zip(when, tau, strict=True) if time_ > since)
+        assert all(row.tobytes() in commanded for row in tau[when > since])
 
     # At its end the controller sends zero torques.
     assert processes.stop(user.controller) == 0

@@ -11,9 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from network import network
 from waiting import until
+
+from wbc_controller.settings.config import load
 
 __all__ = ["network"]
 
@@ -72,8 +73,7 @@ class Host:
 
     def stop(self):
         for process in self._started:
-            if process.poll() is None:
-                process.terminate()  # a background job would ignore SIGINT
+            process.terminate()  # a background job would ignore SIGINT
         for process in self._started:
             try:
                 process.wait(10)
@@ -83,12 +83,10 @@ class Host:
 
 
 @pytest.fixture
-def hosts(network, tmp_path, robot_of, changed):
+def hosts(network, tmp_path):
     """Mock robot and guard on one host, the controller on the other; an observer on each."""
-    settings = changed(robot_of("go2")[0], CHANGES)
     path = str(tmp_path / "robot.yaml")
-    values = {"wbc_controller": {"ros__parameters": settings.model_dump(mode="json")}}
-    Path(path).write_text(yaml.safe_dump(values), encoding="utf-8")
+    Path(path).write_text(load("go2").replace(CHANGES).to_yaml(), encoding="utf-8")
     robot, controller = Host(network, "robot", tmp_path, path), Host(network, "controller", tmp_path, path)
     robot.start("-m", "wbc_controller", "mock", path)
     robot.start("-m", "wbc_controller", "guard", path)
