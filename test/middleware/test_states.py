@@ -1,11 +1,10 @@
 """Decoders of measured states: equal to the codec, and refusals of invalid messages."""
 
-import re
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from refusals import refused
 
 from wbc_controller.errors import InputRefused
 from wbc_controller.middleware.codec import decode, encode, header, message
@@ -20,10 +19,6 @@ JOINTS = ("hip", "knee", "ankle")
 FLOATS = st.floats(width=64)
 TIMES = st.integers(1, 2**31 * 10**9 - 1)
 NAN, INF = float("nan"), float("inf")
-
-
-def refused(said):
-    return pytest.raises(InputRefused, match=re.escape(said))
 
 
 def joint_state(names, position, velocity, effort=(), time=1, frame=""):

@@ -8,8 +8,8 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from refusals import refusal
 
-from wbc_controller.errors import ConfigurationError
 from wbc_controller.nodes.ros2 import installation
 from wbc_controller.nodes.ros2.installation import refuse_mixed_installations
 
@@ -49,20 +49,18 @@ def test_a_sourced_installation_is_refused_with_both_paths(environment, tmp_path
     sourced = tmp_path / "opt/ros/jazzy"
     _make(sourced / "lib/librcl.so")
     monkeypatch.setenv(variable, f"{tmp_path / 'ws'}:{sourced / folder}")
-    with pytest.raises(ConfigurationError, match="two installations of ROS 2: wheels") as refusal:
-        refuse_mixed_installations()
-    assert f"in {environment}, " in str(refusal.value)
-    assert f" in {sourced}. " in str(refusal.value)
-    assert "a shell without a sourced ROS 2" in str(refusal.value)
+    sentence = refusal(refuse_mixed_installations)
+    assert sentence.startswith("two installations of ROS 2: wheels")
+    assert f"in {environment}, " in sentence
+    assert f" in {sourced}. " in sentence
+    assert "a shell without a sourced ROS 2" in sentence
 
 
 def test_rclpy_from_another_place_than_the_wheels_is_refused(environment, tmp_path, monkeypatch):
     sourced = tmp_path / "opt/ros/jazzy/lib/python3.12/site-packages"
     _make(sourced / "rclpy/__init__.py")
     monkeypatch.syspath_prepend(str(sourced))  # as PYTHONPATH does
-    with pytest.raises(ConfigurationError) as refusal:
-        refuse_mixed_installations()
-    assert f" in {sourced}. " in str(refusal.value)
+    assert f" in {sourced}. " in refusal(refuse_mixed_installations)
 
 
 def test_a_sourced_installation_alone_is_accepted(environment, tmp_path, monkeypatch):

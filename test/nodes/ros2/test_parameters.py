@@ -1,29 +1,20 @@
 """From ROS 2 parameters to settings, without ROS 2."""
 
 import array
-import re
 
 import pytest
+from refusals import refusal
 
-from wbc_controller.errors import ConfigurationError
-from wbc_controller.nodes.ros2.parameters import own_values, settings_from
+from wbc_controller.nodes.ros2.parameters import flatten, own_values, settings_from
 from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.settings.nesting import nested
 
 G1 = find_configuration("g1")
 
 
-def flatten(tree, prefix=""):
-    for key, value in tree.items():
-        if isinstance(value, dict):
-            yield from flatten(value, f"{prefix}{key}.")
-        elif value is not None and value != []:
-            yield f"{prefix}{key}", value
-
-
 def test_the_dotted_parameters_of_a_file_are_the_file():
     settings = load_settings(G1)
-    parameters = dict(flatten(settings.model_dump(exclude_unset=True)))
+    parameters = {name: value for name, value, _ in flatten(settings)}
     assert "tasks.com.weight" in parameters
     ros = {"use_sim_time": False, "qos_overrides./parameter_events.publisher.depth": 1000, "autostart": True}
     assert settings_from(parameters | ros, "/wbc_controller", [], ["autostart"])[0] == settings
@@ -57,9 +48,7 @@ def test_a_node_without_a_section_takes_the_controllers_section_of_the_parameter
     ],
 )
 def test_invalid_parameters_are_refused(parameters, said):
-    with pytest.raises(ConfigurationError) as caught:
-        settings_from(parameters, "/n", [])
-    assert said in str(caught.value)
+    assert said in refusal(settings_from, parameters, "/n", [])
 
 
 def test_a_nodes_own_parameters_have_the_types_of_their_defaults():
@@ -74,5 +63,4 @@ def test_a_nodes_own_parameters_have_the_types_of_their_defaults():
         ({"real_time_factor": "fast"}, "/n: real_time_factor = 'fast': must be a number"),
         ({"real_time_factor": True}, "/n: real_time_factor = True: must be a number"),
     ]:
-        with pytest.raises(ConfigurationError, match=f"^{re.escape(said)}$"):
-            own_values(given, defaults, "/n")
+        assert refusal(own_values, given, defaults, "/n") == said
