@@ -5,17 +5,12 @@ import signal
 import subprocess
 import sys
 import threading
-from contextlib import closing
 
-import numpy as np
 import pytest
 from busy import patience
 from domains import own_domain
 from waiting import until
 
-from wbc_controller.middleware.codec import decode
-from wbc_controller.middleware.topics import LATCHED, NEWEST_OUT, Direction, Endpoint
-from wbc_controller.nodes.processes import Processes
 from wbc_controller.nodes.signals import set_by_signals
 
 #: Main thread that waits for the event in a loop, with a signal at any moment.
@@ -89,26 +84,17 @@ def test_a_process_under_nohup_continues():
 
 @pytest.mark.live
 def test_the_end_of_the_terminal_ends_each_process_and_the_controller_with_zero_torques(tmp_path):
-    from wbc_controller.middleware.transports.dds import DdsTransport
+    from wbc_controller.validation.fuzz.robot_processes import RobotProcesses
 
-    domain, torques, guard_states = own_domain(), [], []
     changes = {"safety.state_timeout": 0.5, "guard.patience": 0.4, "mock.command_timeout": 1.0}  # for a busy computer
-    with (
-        closing(Processes("go2", tmp_path, domain, changes)) as processes,
-        closing(DdsTransport("listener", domain_id=domain, discovery_range="LOCALHOST")) as transport,
-    ):
-        for name, kind, qos, heard in (
-            ("/effort_controller/commands", "std_msgs/msg/Float64MultiArray", NEWEST_OUT, torques),
-            ("/guard/state", "std_msgs/msg/String", LATCHED, guard_states),
-        ):
-            topic = Endpoint("test", "", name, kind, Direction.IN, qos)
-            transport.subscribe(topic, lambda payload, kind=kind, heard=heard: heard.append(decode(payload, kind).data))
+    with RobotProcesses("go2", tmp_path, own_domain(), changes) as processes:
         for name, *options in (("mock",), ("guard",), ("controller", "--activate")):
             processes.start(name, *options)
-        until(lambda: len(torques) > 50 and np.any(torques[-1]) and guard_states[-1:] == ["watching"])
+        processes.wait_for_torques(since=0.0)
+        until(lambda: len(processes.messages["controller/effort"]) > 50 and processes.state_of("guard") == "watching")
         for name in ("controller", "guard", "mock"):
             assert processes.stop(name, signal.SIGHUP) == 0
             if name == "controller":
-                until(lambda: not np.any(torques[-1]))
+                until(lambda: not processes.newest("controller/effort").data.any())
             assert "Traceback" not in processes.log(name)
-        assert not np.any(torques[-1])
+        assert not processes.newest("controller/effort").data.any()
