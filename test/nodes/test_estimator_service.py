@@ -8,7 +8,7 @@ from services import make_estimator, topics_of
 from starved import StarvedThread
 
 from wbc_controller import Simulation
-from wbc_controller.middleware.codec import message, nanoseconds
+from wbc_controller.middleware.codec import nanoseconds
 from wbc_controller.middleware.setpoints import wrench_stamped
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.clock import ManualClock
@@ -119,19 +119,18 @@ def test_an_estimate_restarts_with_a_restarted_clock(robot):
     assert robot.all("odom")
 
 
-def test_which_contacts_hold():
-    robot = Robot()
+def test_which_contacts_hold(robot, make):
     assert robot.holding() == FEET  # without messages: the contacts of the configuration
-    robot.send("holds", message("std_msgs/msg/Bool", data=False), "front_left_foot")
+    robot.send("holds", make.bool(False), "front_left_foot")
     assert robot.holding() == FEET  # a hanging robot has no contact forces at the start
-    robot.send("holds", message("std_msgs/msg/Bool", data=True), "front_left_foot")
+    robot.send("holds", make.bool(True), "front_left_foot")
     robot.run(0.7)
     now = robot.clock.time
     for name in ("front_left_foot", "rear_right_foot"):
         robot.send("contact_wrench", push(), name)
     assert robot.holding() == {"front_left_foot", "rear_right_foot"}
-    robot.send("holds", message("std_msgs/msg/Bool", data=False), "front_left_foot")
-    robot.send("holds", message("std_msgs/msg/Bool", data=True), "front_right_foot")
+    robot.send("holds", make.bool(False), "front_left_foot")
+    robot.send("holds", make.bool(True), "front_right_foot")
     assert robot.holding() == {"rear_right_foot", "front_right_foot"}
     robot.clock.time = now + 0.2  # without forces of the controller
     assert robot.holding() == FEET - {"front_left_foot"}
@@ -144,7 +143,7 @@ def test_the_controller_s_forces_count_though_the_transport_s_thread_is_starved(
     assert robot.holding() == {"front_left_foot", "rear_right_foot"}
 
 
-def test_the_true_forces_of_the_feet_are_heard_and_one_that_is_silent_is_named(robot):
+def test_the_true_forces_of_the_feet_are_heard_and_one_that_is_silent_is_named(robot, make):
     def feel(_):
         stamp = round(1e9 * robot.simulation.time) + 1
         for name, wrench in robot.simulation.plant.contact_wrenches().items():
@@ -152,7 +151,7 @@ def test_the_true_forces_of_the_feet_are_heard_and_one_that_is_silent_is_named(r
                 robot.send("measured_wrench", wrench_stamped(wrench, "world", stamp), name)
         robot.sense()
 
-    robot.send("holds", message("std_msgs/msg/Bool", data=False), "front_left_foot")  # a force has precedence
+    robot.send("holds", make.bool(False), "front_left_foot")  # a force has precedence
     robot.simulation.run(0.15, feel)
     assert robot.node._inputs.holding == FEET
     assert not any(key.startswith("note//") for key in robot.values)

@@ -27,30 +27,23 @@ NAN = float("nan")
 class Wire(Peer):
     """`Inputs`, and a publisher."""
 
-    def __init__(self, settings, model, q):
-        self.model, self.q, self.clock = model, q, ManualClock(50.0)
+    def __init__(self, settings, model, q, make):
+        self.model, self.q, self.clock, self.make = model, q, ManualClock(50.0), make
         bus, topics, vocabulary = MemoryBus(), controller_endpoints(settings, model), make_vocabulary(settings, model)
         self.inputs = Inputs(settings, model, {}, vocabulary, topics, MemoryTransport(bus), self.clock)
         super().__init__(bus, topics)
 
+    def state(self, velocity=0.0, time=None):
+        """Send a good state."""
+        model, time = self.model, round(self.clock.time * 1e9) if time is None else time
+        self.send("odom", self.make.odom(self.q[:7], [velocity] * 6, model.base_link, time))
+        position, speeds = self.q[model.q_index], [velocity] * model.na
+        self.send("joint_states", self.make.joint_state(model.joints, position, speeds, time=time))
+
 
 @pytest.fixture
-def go2(robot_of, stance_of):
-    return Wire(*robot_of("go2"), stance_of("go2"))
-
-
-@pytest.fixture
-def state(make):
-    """Send a good state to a wire."""
-
-    def send(wire, velocity=0.0, time=None):
-        model = wire.model
-        time = round(wire.clock.time * 1e9) if time is None else time
-        wire.send("odom", make.odom(wire.q[:7], [velocity] * 6, model.base_link, time))
-        joints = make.joint_state(model.joints, wire.q[model.q_index], [velocity] * model.na, time=time)
-        wire.send("joint_states", joints)
-
-    return send
+def go2(robot_of, stance_of, make):
+    return Wire(*robot_of("go2"), stance_of("go2"), make)
 
 
 def test_no_state_without_all_parts(go2, make):
@@ -69,8 +62,8 @@ def test_no_state_without_all_parts(go2, make):
     assert not go2.inputs.wait(0.0)
 
 
-def test_after_a_bad_joint_state_the_last_good_one_stays_and_ages(go2, state, make):
-    state(go2)
+def test_after_a_bad_joint_state_the_last_good_one_stays_and_ages(go2, make):
+    go2.state()
     before = go2.inputs.latch().state
     go2.clock.time += 0.01
     model, bad = go2.model, np.zeros(go2.model.na)
@@ -84,7 +77,7 @@ def test_after_a_bad_joint_state_the_last_good_one_stays_and_ages(go2, state, ma
     np.testing.assert_array_equal(latched.state.q, before.q)
     assert latched.state.stamp == before.stamp
     assert latched.ages["joint_states"] == pytest.approx(0.01)
-    state(go2, velocity=0.5)
+    go2.state(velocity=0.5)
     latched = go2.inputs.latch()
     assert not latched.refused
     assert not go2.inputs.notes()
@@ -94,8 +87,8 @@ def test_after_a_bad_joint_state_the_last_good_one_stays_and_ages(go2, state, ma
 
 @pytest.mark.parametrize("key", ["joint_states", "odom", "command", "update"])
 @pytest.mark.parametrize("payload", [b"", b"\x00\x01\x00\x00", b"\x00\x01\x00\x00" + b"\xff" * 40])
-def test_bytes_that_are_no_message_are_refused(go2, state, key, payload):
-    state(go2)
+def test_bytes_that_are_no_message_are_refused(go2, key, payload):
+    go2.state()
     go2.inputs.latch()
     go2.send_bytes(key, payload)
     latched = go2.inputs.latch()
@@ -155,8 +148,8 @@ def test_requests_on_several_topics_come_in_the_order_of_their_arrival(go2, make
     )
 
 
-def test_a_refused_state_or_request_names_its_topic(go2, state, make):
-    state(go2)
+def test_a_refused_state_or_request_names_its_topic(go2, make):
+    go2.state()
     go2.send("odom", make.odom(go2.q[:7], [NAN] * 6, go2.model.base_link, 51_000_000_000))
     go2.send("weight", make.float64(NAN), "com")
     go2.send("weight", make.float64(2), "posture")
@@ -197,12 +190,12 @@ def test_a_long_refusal_is_cut(go2, make):
     assert sentence.endswith("…")
 
 
-def test_a_message_that_finds_a_defect_is_refused_and_logged(go2, state, make, monkeypatch, caplog):
+def test_a_message_that_finds_a_defect_is_refused_and_logged(go2, make, monkeypatch, caplog):
     def broken(vocabulary, subject, content):
         raise ZeroDivisionError("division by zero")
 
     monkeypatch.setattr(decoding, "READERS", {**decoding.READERS, "weight": broken})
-    state(go2)
+    go2.state()
     go2.send("weight", make.float64(1), "com")
     latched = go2.inputs.latch()
     assert latched.refused == (
@@ -243,7 +236,7 @@ def test_the_state_is_that_of_the_newest_accepted_messages(robot_on, stance_of, 
     arrivals = [(random.choice(KINDS), random.choice(ERRORS)) for _ in range(80)]
     cycles = list(zip(arrivals[::2], arrivals[1::2], random.choice(ADVANCES, 40), strict=True))
     clocks = {} if tolerance is None else {"synchronized_clocks": True, "clock_tolerance": tolerance}
-    wire = Wire(changed(own, {"safety": LENIENT | clocks}), model, stance_of("go2"))
+    wire = Wire(changed(own, {"safety": LENIENT | clocks}), model, stance_of("go2"), make)
     keys = ("joint_states", "odom") if base == "floating" else ("joint_states",)
     ahead = None if tolerance is None else lambda: 0.0
     trackers, newest = {key: StampTracker(ahead, tolerance or 0.0) for key in keys}, {}
@@ -307,8 +300,8 @@ def test_each_topic_has_its_largest_message(go2, key, subject, largest):
     assert "more than" not in go2.inputs.latch().refused[0]
 
 
-def test_an_oversized_message_neither_wakes_nor_displaces(go2, state):
-    state(go2)
+def test_an_oversized_message_neither_wakes_nor_displaces(go2):
+    go2.state()
     go2.send_bytes("joint_states", b"\x00" * ((1 << 18) + 1))
     assert go2.inputs.wait(0.0)
     latched = go2.inputs.latch()
@@ -318,10 +311,10 @@ def test_an_oversized_message_neither_wakes_nor_displaces(go2, state):
     assert not go2.inputs.wait(0.01)
 
 
-def test_states_before_the_start_are_dropped(go2, state):
-    state(go2)
+def test_states_before_the_start_are_dropped(go2):
+    go2.state()
     assert go2.inputs.wait(0.0)
-    state(go2, time=2_000_000_000)
+    go2.state(time=2_000_000_000)
     go2.inputs.discard_pending()
     latched = go2.inputs.latch()
     assert latched.state is None
@@ -365,7 +358,7 @@ def test_the_reader_leaves_the_loop_three_quarters_of_the_processor_time(go2, ma
 def test_differentiated_velocities(robot_of, changed, stance_of, make):
     own, model = robot_of("go2")
     filtered = {"estimation": {"joint_velocity": "differentiated", "joint_velocity_time": 0.004}}
-    wire = Wire(changed(own, filtered), model, stance_of("go2"))
+    wire = Wire(changed(own, filtered), model, stance_of("go2"), make)
     speed = np.linspace(-1.0, 1.0, model.nj)
     for i in range(50):
         stamp = 1_000_000_000 + 2_000_000 * i

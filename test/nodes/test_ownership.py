@@ -18,10 +18,7 @@ class Graph:
         settings, model = robot_of("go2")
         self.bus = MemoryBus()
         self.topics = controller_endpoints(settings, model, namespace="/r1")
-        own = MemoryTransport(self.bus, "wbc_controller", "/r1")
-        for topic in self.topics:
-            if topic.key == "effort":
-                own.advertise(topic)
+        own = self.node("wbc_controller", "effort")
         self.ownership = Ownership(own, self.topics, allowed, "/r1/wbc_controller", simulated=simulated)
         self.time = 0.0
 

@@ -4,7 +4,7 @@ import dataclasses
 import os
 import subprocess
 import sys
-import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,7 @@ import pytest
 from busy import patience
 from echo import STRING, echo, endpoint, text
 from forked import Forked, fork_wbc
-from participants import DOMAIN
+from participants import DOMAIN, EVERY_TASK
 
 from wbc_controller.errors import TransportError
 from wbc_controller.middleware import topics
@@ -40,11 +40,8 @@ pytestmark = pytest.mark.live
 LOOPBACK = "<General><Interfaces><NetworkInterface address='127.0.0.1'/></Interfaces></General>"
 INFO = "rmw_dds_common/msg/ParticipantEntitiesInfo"
 
-TABLE_TYPES = sorted(
-    {row.type for _, table in topics.NODES.values() for row in table if "/" in row.type}
-    | {type_name for columns in topics.TASK_TYPES.values() for type_name in columns.values()}
-    | {INFO}
-)
+ROWS = [row for node, table in topics.NODES.values() for row in topics.endpoints(table, node, EVERY_TASK)]
+TABLE_TYPES = sorted({INFO, *(row.type for row in ROWS)})
 
 
 @pytest.fixture
@@ -75,10 +72,8 @@ def _with_lists(content):
 
 
 def test_type_name_and_hash_equal_ros2():
-    assert dds_type_name("sensor_msgs/msg/JointState") == "sensor_msgs::msg::dds_::JointState_"
-    assert idl_type("sensor_msgs/msg/JointState").__idl__.idl_transformed_typename == dds_type_name(
-        "sensor_msgs/msg/JointState"
-    )
+    transformed = idl_type("sensor_msgs/msg/JointState").__idl__.idl_transformed_typename
+    assert dds_type_name("sensor_msgs/msg/JointState") == transformed == "sensor_msgs::msg::dds_::JointState_"
     assert type_hash(STRING) == "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 
 
@@ -283,13 +278,10 @@ def test_topics_may_be_opened_while_others_close_and_publish(eventually):
 
     there.subscribe(endpoint("/topic"), open_another)
     publish = here.advertise(endpoint("/topic"))
-    threads = [threading.Thread(target=lambda: [publish(text("x")) for _ in range(200)]) for _ in range(3)]
-    for thread in threads:
-        thread.start()
-    eventually(lambda: received)
-    there.close()
-    count = len(received)
-    for thread in threads:
-        thread.join()
+    with ThreadPoolExecutor(3) as pool:
+        pool.map(lambda _: [publish(text("x")) for _ in range(200)], range(3))
+        eventually(lambda: received)
+        there.close()
+        count = len(received)
     assert len(received) == count
     here.close()

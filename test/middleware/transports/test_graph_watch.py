@@ -14,17 +14,6 @@ from wbc_controller.middleware.transports.transport import UNNAMED
 TOPICS = [Endpoint(key, "", f"/{key}", "std_msgs/msg/String", Direction.OUT, NEWEST_OUT) for key in ("odom", "effort")]
 
 
-class Told(MemoryTransport):
-    """Transport with a given graph."""
-
-    def __init__(self):
-        super().__init__(MemoryBus())
-        self.names = ()
-
-    def publishers(self, endpoint):
-        return self.names if endpoint.key == "odom" else ()
-
-
 def test_each_change_is_reported_once():
     bus, told = MemoryBus(), []
     own, other = MemoryTransport(bus, "own"), MemoryTransport(bus, "other")
@@ -41,15 +30,16 @@ def test_each_change_is_reported_once():
     assert told == [{"odom": ("/other",), "effort": ()}, {"odom": (), "effort": ()}]
 
 
-def test_a_pending_name_is_not_reported_as_unnamed():
-    transport, told = Told(), []
+def test_a_pending_name_is_not_reported_as_unnamed(monkeypatch):
+    transport, told, graph = MemoryTransport(MemoryBus()), [], {"odom": (), "effort": ()}
+    monkeypatch.setattr(transport, "publishers", lambda endpoint: graph[endpoint.key])
     watch = GraphWatch(transport, TOPICS, told.append)
-    transport.names = (UNNAMED,)
+    graph["odom"] = (UNNAMED,)
     watch.check()
-    transport.names = ("/guard",)
+    graph["odom"] = ("/guard",)
     watch.check()
     assert told == [{"odom": ("/guard",), "effort": ()}]
-    transport.names = (UNNAMED, "/guard")
+    graph["odom"] = (UNNAMED, "/guard")
     watch.check()
     assert len(told) == 1
     watch.check()

@@ -5,12 +5,11 @@ import re
 from xml.etree import ElementTree
 
 import pytest
-from pages import ROOT
+from pages import PROJECT, ROOT
 
 import wbc_controller
 from wbc_controller.middleware.topics import NODES, TASK_TYPES
 
-PYPROJECT = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
 PACKAGE = ElementTree.parse(ROOT / "package.xml").getroot()  # noqa: S314  # our own file
 #: Python modules of ROS 2, by the start of the module's name.
 OF_ROS = ("rclpy", "launch", "launch_ros", "ament_index_python", "rcl_interfaces")
@@ -70,15 +69,8 @@ REQUIREMENTS = {
 }
 
 
-def dependencies(section):
-    block = re.search(rf"^{section} = \[\n(.*?)^\]", PYPROJECT, re.MULTILINE | re.DOTALL).group(1)
-    found = re.findall(r'^ *"([\w-]+)([^"]*)"', block, re.MULTILINE)
-    assert len(found) > 5
-    return dict(found)
-
-
 def test_rosdep_or_requirements_ros_txt_installs_each_dependency():
-    needed = dependencies("dependencies")
+    needed = dict(re.match(r"([\w-]+)(.*)", requirement).groups() for requirement in PROJECT["dependencies"])
     assert {name for name in needed if KEYS.get(name, f"python3-{name}") not in texts("exec_depend")} == WITHOUT_KEY
     assert set(REQUIREMENTS) == WITHOUT_KEY | TOO_OLD | {"numpy"}
     for name in WITHOUT_KEY | TOO_OLD:
@@ -86,7 +78,11 @@ def test_rosdep_or_requirements_ros_txt_installs_each_dependency():
     assert REQUIREMENTS["numpy"].split(",")[0] == "numpy" + needed["numpy"].split(",")[0]
 
 
-@pytest.mark.parametrize(("tag", "section"), [("exec_depend", "dependencies"), ("test_depend", "test")])
-def test_keys_of_rosdep_are_of_dependencies_in_pyproject_toml(tag, section):
-    keys = {KEYS.get(name, f"python3-{name}") for name in dependencies(section)}
+@pytest.mark.parametrize(
+    ("tag", "requirements"),
+    [("exec_depend", PROJECT["dependencies"]), ("test_depend", PROJECT["optional-dependencies"]["test"])],
+)
+def test_keys_of_rosdep_are_of_dependencies_in_pyproject_toml(tag, requirements):
+    names = [re.match(r"[\w-]+", requirement).group() for requirement in requirements]
+    keys = {KEYS.get(name, f"python3-{name}") for name in names}
     assert {key for key in texts(tag) if key.startswith("python3-") or key in KEYS.values()} <= keys
