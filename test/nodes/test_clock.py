@@ -109,8 +109,8 @@ def test_waiting_takes_simulated_time(clock_and_time):
     publish(0)
     clock.refresh()
     with running(clock.wait, stop, 0.01, stop=lambda: publish(10_000_000)) as waiting:
-        time.sleep(0.1)  # ten times as long
         publish(9_000_000)
+        time.sleep(0.1)  # ten times as long
         assert waiting.is_alive()
     with running(clock.wait, stop, 0.01, stop=stop.set):
         pass

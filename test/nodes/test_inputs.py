@@ -2,7 +2,6 @@
 
 import threading
 import time
-from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -205,16 +204,11 @@ def test_a_message_that_finds_a_defect_is_refused_and_logged(go2, make, monkeypa
     assert "Traceback" in caplog.text
 
 
-@pytest.fixture(scope="module")
-def robot_on(robot_of, changed):
-    """Settings and model of Go2 on a floating or fixed base, built once."""
-
-    @cache
-    def build(base):
-        own = changed(robot_of("go2")[0], {"robot": {"base": base}})
-        return own, make_model(own)
-
-    return build
+@pytest.fixture(scope="module", params=["floating", "fixed"])
+def robot(request, robot_of, changed):
+    """Settings and model of Go2 on a floating or fixed base."""
+    own = changed(robot_of("go2")[0], {"robot": {"base": request.param}})
+    return own, make_model(own)
 
 
 #: Messages (None: no message), errors of their stamps, and advances of the clock before a cycle, s.
@@ -227,17 +221,16 @@ LENIENT = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("base", ["floating", "fixed"])
 @pytest.mark.parametrize("tolerance", [None, 0.015])
 @pytest.mark.parametrize("seed", range(20))
-def test_the_state_is_that_of_the_newest_accepted_messages(robot_on, stance_of, make, changed, base, tolerance, seed):
-    own, model = robot_on(base)
+def test_the_state_is_that_of_the_newest_accepted_messages(robot, stance_of, make, changed, tolerance, seed):
+    own, model = robot
     random = np.random.default_rng(seed)
     arrivals = [(random.choice(KINDS), random.choice(ERRORS)) for _ in range(80)]
     cycles = list(zip(arrivals[::2], arrivals[1::2], random.choice(ADVANCES, 40), strict=True))
     clocks = {} if tolerance is None else {"synchronized_clocks": True, "clock_tolerance": tolerance}
     wire = Wire(changed(own, {"safety": LENIENT | clocks}), model, stance_of("go2"), make)
-    keys = ("joint_states", "odom") if base == "floating" else ("joint_states",)
+    keys = ("joint_states", "odom") if model.floating_base else ("joint_states",)
     ahead = None if tolerance is None else lambda: 0.0
     trackers, newest = {key: StampTracker(ahead, tolerance or 0.0) for key in keys}, {}
     for number, (odometry, joints, passed) in enumerate([(("good", 0.0),) * 2 + (0.002,)] * 3 + cycles):
@@ -278,7 +271,7 @@ def test_the_state_is_that_of_the_newest_accepted_messages(robot_on, stance_of, 
             assert latched.state is None
             continue
         stamp, values = newest["joint_states"]
-        measured = () if base == "fixed" else (newest["odom"][1][:7], newest["odom"][1][7:])
+        measured = (newest["odom"][1][:7], newest["odom"][1][7:]) if model.floating_base else ()
         q, v = model.state(*values.reshape(2, -1), *measured)
         assert latched.state.stamp == stamp
         np.testing.assert_allclose(latched.state.q, q, rtol=0.0, atol=1e-15)

@@ -179,18 +179,13 @@ def test_contents_of_a_summary_and_of_the_next_one():
     status, values = _status(first, last)
     assert status.message == "inactive; relaxed joint_motion in 1 of 2 cycles; refused x: no"
     assert status.level == 1
-    assert values["cycles"] == "2"
-    assert values["cycle"] == "2"
-    assert values["deadlines_missed"] == "4"
-    assert values["age/odom"] == "0.2500 s"
-    assert values["time/total/median"] == "2000 us"
-    assert values["time/total/max"] == "3000 us"
-    assert values["task_error/com"] == "0.01000"
-    assert values["residual/contact_motion"] == "1.00e-09"
-    assert values["binding"] == "torque:knee:upper"
-    assert values["level/0"] == "com: cost 0.5, 7 iterations, 50 us"
-    assert values["cost/torque:knee:upper"] == "0.25 1/(N·m)"
-    assert values["refused/0"] == "x: no"
+    expected = {
+        "cycles": "2", "cycle": "2", "deadlines_missed": "4", "age/odom": "0.2500 s", "time/total/median": "2000 us",
+        "time/total/max": "3000 us", "task_error/com": "0.01000", "residual/contact_motion": "1.00e-09",
+        "binding": "torque:knee:upper", "level/0": "com: cost 0.5, 7 iterations, 50 us",
+        "cost/torque:knee:upper": "0.25 1/(N·m)", "refused/0": "x: no",
+    }  # fmt: skip
+    assert {key: values[key] for key in expected} == expected
     summary = StatusSummary("/r1/wbc_controller", "r1")
     summary.add(report(refused=("x: no",)))
     whole(summary.compose(1))

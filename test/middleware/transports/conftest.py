@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, closing
 from typing import Any
 
 import numpy as np
@@ -27,17 +28,9 @@ _PARTICIPANTS = {"memory": MemoryParticipants, "dds": DdsParticipants, "ros2": R
 def join(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Transport]]:
     """Make another transport on this test's bus: ``join("node", "/namespace")``."""
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    participants = _PARTICIPANTS[request.param]()
-    opened: list[Transport] = []
-
-    def join(node: str, namespace: str = "/") -> Transport:
-        opened.append(participants.transport(node, namespace))
-        return opened[-1]
-
-    yield join
-    for transport in opened:
-        transport.close()
-    participants.close()
+    with ExitStack() as opened:
+        participants = opened.enter_context(closing(_PARTICIPANTS[request.param]()))
+        yield lambda *place: opened.enter_context(closing(participants.transport(*place)))
 
 
 @pytest.fixture(scope="session")

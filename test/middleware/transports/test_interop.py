@@ -2,6 +2,7 @@
 
 import dataclasses
 import time
+from contextlib import closing
 
 import pytest
 from participants import EVERY_TASK, DdsParticipants, Ros2Participants, is_omitted
@@ -16,13 +17,12 @@ pytestmark = pytest.mark.live
 @pytest.fixture
 def pair(monkeypatch):
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    participants = Ros2Participants(), DdsParticipants()
-    transports = [side.transport(name) for side, name in zip(participants, ("on_ros2", "on_dds"), strict=True)]
-    yield transports
-    for transport in transports:
-        transport.close()
-    for side in participants:
-        side.close()
+    with (
+        closing(Ros2Participants()) as ros2,
+        closing(ros2.transport("on_ros2")) as on_ros2,
+        closing(DdsParticipants().transport("on_dds")) as on_dds,
+    ):
+        yield on_ros2, on_dds
 
 
 @pytest.mark.parametrize("to_dds", [True, False])

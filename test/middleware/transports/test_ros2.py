@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import pytest
 from echo import STRING, endpoint, text
 from participants import DOMAIN, DdsParticipants, Ros2Participants
+from waiting import until
 
 from wbc_controller.middleware import topics
 from wbc_controller.middleware.codec import encode, message
@@ -74,14 +75,14 @@ def peer():
         yield transport
 
 
-def at_500_hz(publish, payload, arrived, count=250):
+def at_500_hz(publish, arrived, count=250):
     """Publish until a number of messages has arrived."""
-    for _ in range(20_000):
-        if arrived() >= count:
-            return
-        publish(payload)
+
+    def advance():
+        publish()
         time.sleep(0.002)
-    pytest.fail("too few messages have arrived")
+
+    until(lambda: arrived() >= count, f"{count} messages", advance=advance)
 
 
 def test_messages_do_not_wake_the_executor(spun, peer):
@@ -94,20 +95,20 @@ def test_messages_do_not_wake_the_executor(spun, peer):
     heard = []
     peer.subscribe(endpoint("/sent", topics.STATE_IN), heard.append)
 
-    def publish(payload):
+    def publish():
         for each in (*publishers, sent):
-            each(payload)
+            each(TEXT)
         streamed.extend(stream.take())
 
     def arrived():
         return min(map(len, (received, streamed, heard)))
 
-    at_500_hz(publish, TEXT, arrived, 1)  # all have discovered each other
+    at_500_hz(publish, arrived, 1)  # all have discovered each other
     time.sleep(0.2)
     for each in (received, streamed, heard):
         each.clear()
     before = counter.waits
-    at_500_hz(publish, TEXT, arrived)
+    at_500_hz(publish, arrived)
     assert counter.waits - before <= 2  # a late event of the discovery
 
 
@@ -122,9 +123,9 @@ def test_the_executor_pauses_between_two_waits(spun, peer):
         encode(message(clock, clock=message("builtin_interfaces/msg/Time", sec=s, nanosec=0)))
         for s in itertools.count(1)
     )
-    at_500_hz(lambda _: publish(next(times)), b"", lambda: len(arrived), 1)
+    at_500_hz(lambda: publish(next(times)), arrived.__len__, 1)
     before, began, arrived[:] = counter.waits, time.monotonic(), []
-    at_500_hz(lambda _: publish(next(times)), b"", lambda: len(arrived))
+    at_500_hz(lambda: publish(next(times)), arrived.__len__)
     waits, seconds = counter.waits - before, time.monotonic() - began
     assert 1 <= waits <= 1 + seconds / 0.02
     assert node.get_clock().now().nanoseconds >= 1_000_000_000
