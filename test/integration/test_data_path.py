@@ -58,8 +58,7 @@ class DataPath:
             return
         if event == "call":
             name = f"{file.relative_to(ROOT).as_posix()}:{code.co_qualname}"
-            arguments = [frame.f_locals[each] for each in _arguments(code)]
-            has_data = any(self._is_data(each) for each in arguments)
+            has_data = any(self._is_data(frame.f_locals[each]) for each in _arguments(code))
             self._began.append(name)
             self._active.append(_Call(frame, name, has_data))
             if has_data and name.startswith(TRANSPORTS):

@@ -61,8 +61,7 @@ def test_demo_of_a_quadruped_that_sways_and_is_shoved(tmp_path, monkeypatch, cap
     short = scenario.Scenario(stand=0.2, moves=(move,), shoves=(shove,), recovery=0.3)
     monkeypatch.setitem(scenario.SCENARIOS, "go2", short)
     run.run_demo("go2", tmp_path, lockstep=True, sensors="good")
-    output = capsys.readouterr().out
-    rows = [line.split() for line in output.splitlines() if line.rstrip().endswith(("met", "missed"))]
+    rows = [line.split() for line in capsys.readouterr().out.splitlines() if line.rstrip().endswith(("met", "missed"))]
     assert len(rows) >= 6
     assert [" ".join(row) for row in rows if row[-1] == "missed"] == []
     assert len(Recording(tmp_path / "go2.mcap").arrays()["tau"]) > 2000

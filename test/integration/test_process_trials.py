@@ -99,8 +99,7 @@ def test_cycles_that_lack_in_a_recording_are_found():
 
 
 def test_growing_memory_and_own_faults_are_found():
-    rng = np.random.default_rng(0)
-    flat = (100_000 + rng.integers(0, 500, 60)).tolist()
+    flat = (100_000 + np.random.default_rng(0).integers(0, 500, 60)).tolist()
     warm_up = [90_000 + 1000 * min(i, 20) for i in range(60)]
     result = soak.SoakResult(60.0, {"flat": flat, "warm-up": warm_up, "leak": [100_000 + 100 * i for i in range(60)]})
     assert [name for name in result.memory if not result.flat(name)] == ["leak"]

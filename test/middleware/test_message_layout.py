@@ -14,11 +14,9 @@ from wbc_controller.middleware.setpoints import WRENCH, wrench_stamped
 @given(st.integers(1, 2**31 * 10**9 - 1), st.lists(st.floats(width=64), min_size=6, max_size=6))
 def test_templates_write_the_bytes_of_the_codec(make, time, values):
     row = np.array(values)
-    effort = Template(torques(np.zeros(6)), ["data"])
-    assert effort.write(time, row) == encode(torques(row))
+    assert Template(torques(np.zeros(6)), ["data"]).write(time, row) == encode(torques(row))
     joints = Template(make.joint_state("abcdef", [0] * 6, [0] * 6, [0] * 6), ["position"], ["velocity"], ["effort"])
-    expected = encode(make.joint_state("abcdef", row, row[::-1], -row, time))
-    assert joints.write(time, row, row[::-1], -row) == expected
+    assert joints.write(time, row, row[::-1], -row) == encode(make.joint_state("abcdef", row, row[::-1], -row, time))
     wrench = Template(wrench_stamped(np.zeros(6), "foot"), WRENCH)
     assert wrench.write(time, row) == encode(wrench_stamped(row, "foot", time))
 

@@ -125,8 +125,7 @@ def test_data_without_measurement_are_refused():
 def test_the_normal_force_follows_the_frame_of_each_message():
     reader = ContactForceReader("foot", {"foot_link": np.array([0, 0, 1.0]), "world": np.array([0, 1.0, 0])})
     for frame, normal in (("foot_link", 3.0), ("world", 2.0), ("foot_link", 3.0), ("world", 2.0)):
-        read = reader.read(encode(wrench_stamped(np.arange(1.0, 7.0), frame, 7)))
-        assert read == (7, normal)
+        assert reader.read(encode(wrench_stamped(np.arange(1.0, 7.0), frame, 7))) == (7, normal)
 
 
 def test_arrays_own_their_data_and_padding_is_ignored():

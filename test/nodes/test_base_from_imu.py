@@ -45,8 +45,7 @@ def test_activation_after_settling_and_standing_on_the_estimate(robot):
 
 def test_imu_data_that_end_are_a_fault_within_the_deadline(robot):
     robot.activate()
-    report = robot.cycle(10, imu=False)  # a gap of 20 ms is bridged
-    assert report.mode is Mode.ACTIVE
+    assert robot.cycle(10, imu=False).mode is Mode.ACTIVE  # a gap of 20 ms is bridged
     assert robot.cycle().mode is Mode.ACTIVE
     cycles = 0
     while robot.bench.reports[-1].mode is Mode.ACTIVE:
@@ -70,8 +69,7 @@ def test_imu_data_that_end_are_a_fault_within_the_deadline(robot):
 def test_imu_data_that_cannot_be_used_are_refused_and_change_nothing(robot, changes, said):
     robot.activate()
     before = robot.inputs.latch().state
-    report = robot.cycle(**changes)
-    assert [said in sentence for sentence in report.refused] == [True]
+    assert [said in sentence for sentence in robot.cycle(**changes).refused] == [True]
     np.testing.assert_allclose(robot.inputs.latch().state.q, before.q, atol=1e-9)
     assert robot.cycle().mode is Mode.ACTIVE
 
@@ -97,9 +95,8 @@ def test_a_slipping_foot_is_reported_and_its_friction_is_reduced_until_it_rests(
     robot.activate()
     bench = robot.bench
     bench.q = bench.q.copy()
-    bench.q[bench.model.q_index[bench.model.joints.index("RR_calf_joint")]] += 0.1
-    report = robot.cycle()  # the foot jumps
-    assert [sentence for sentence in report.refused if "the base estimate ignores" in sentence] == [
+    bench.q[bench.model.q_index[bench.model.joints.index("RR_calf_joint")]] += 0.1  # the foot jumps
+    assert [sentence for sentence in robot.cycle().refused if "the base estimate ignores" in sentence] == [
         "the base estimate ignores the slipping contact 'rear_right_foot' until it rests"
     ]
     reduced = robot.cycle(20).result.references.friction["rear_right_foot"]
@@ -188,8 +185,7 @@ def test_a_gyroscope_bias_that_the_contacts_reveal_is_estimated(robot):
     for _ in range(1500):
         assert robot.cycle(turning=(0.0, 0.1, 0.0)).mode is Mode.ACTIVE
         assert np.abs(robot.bench.reports[-1].inputs.state.v[:3]).max() < 0.11
-    bias = robot.inputs.estimator.filter.gyroscope_bias
-    np.testing.assert_allclose(bias, [0.0, 0.1, 0.0], atol=0.015)
+    np.testing.assert_allclose(robot.inputs.estimator.filter.gyroscope_bias, [0.0, 0.1, 0.0], atol=0.015)
 
 
 def test_after_a_shock_on_the_hoist_the_estimate_starts_again_with_a_small_velocity(robot):
@@ -255,8 +251,7 @@ def test_a_fresh_force_sensor_decides_with_hysteresis(robot):
     force(robot, 0.0)
     assert robot.cycle(49).refused == ()
     assert FEET[0] not in holding(robot)
-    said = [sentence for _ in range(60) for sentence in robot.cycle().refused]
-    assert said == [
+    assert [sentence for _ in range(60) for sentence in robot.cycle().refused] == [
         "/wbc_controller/contacts/front_left_foot/measured_wrench: no force message for more than 0.1 s "
         "(estimation.contact_timeout); contact 'front_left_foot' is active as commanded"
     ]

@@ -80,15 +80,13 @@ def test_torques_at_wrong_joints_stop_the_robot_and_name_a_joint(robot_of, caplo
 )
 def test_a_robot_that_receives_its_torques_stays_active(robot_of, changed, name, held, ramp):
     """On the hoist until it stands, or released at once, so that it sinks during the ramp."""
-    settings = changed(robot_of(name)[0], {"safety": {"activation_ramp": ramp}})
-    report = Wired(settings, held=held).run()
+    report = Wired(changed(robot_of(name)[0], {"safety": {"activation_ramp": ramp}}), held=held).run()
     assert report.fault is None or report.fault.code in {"FALLEN", "FALLING"}  # from zero torque, with a long ramp
     assert report.fault is None or ramp == 1.0
 
 
 def test_only_the_first_time_of_active_control_is_watched(robot_of, changed):
-    settings = changed(robot_of("go2")[0], {"safety": {"bring_up_time": 0.5}})
-    robot = Wired(settings)
+    robot = Wired(changed(robot_of("go2")[0], {"safety": {"bring_up_time": 0.5}}))
     robot.run(until=0.8)
     apply = robot.mock.plant.apply
     robot.mock.plant.apply = lambda tau: apply(-np.asarray(tau))
@@ -112,6 +110,5 @@ def test_the_supervisor_does_not_damp_after_it(bench):
     assert on.efforts()[-1].any()
     on.v[on.model.v_index] = 0.1
     on.loop._bring_up.fault = Fault("UNEXPLAINED_MOTION", "joint 'FL_calf_joint' moves")
-    report = on.cycle()
-    assert report.mode is Mode.FAULT
+    assert on.cycle().mode is Mode.FAULT
     assert not on.efforts()[-1].any()

@@ -164,8 +164,7 @@ def test_the_true_forces_of_the_feet_are_heard_and_one_that_is_silent_is_named(r
 def test_refusals_are_reported(robot, make):
     robot.send_bytes("holds", b"\x00\x01", "rear_left_foot")
     robot.sense()
-    names = list(robot.model.joints[:-1])
-    robot.send("joint_states", make.joint_state(names, np.zeros(11), np.zeros(11), time=2))
+    robot.send("joint_states", make.joint_state(robot.model.joints[:-1], np.zeros(11), np.zeros(11), time=2))
     robot.clock.time += 1.0
     robot.node.cycle()
     refused = {

@@ -43,16 +43,15 @@ class Stage(Peer):
     def command(self, torques=1.0, names=None, time=1):
         names = self.model.joints if names is None else names
         nothing = np.full(len(names), np.nan)
-        effort = np.full(len(names), torques)
-        self.send("joint_commands", self.make.joint_state(names, nothing, nothing, effort, time))
+        content = self.make.joint_state(names, nothing, nothing, np.full(len(names), torques), time)
+        self.send("joint_commands", content)
 
     def mode(self, text):
         self.say("controller_state", text)
 
     def joints(self, velocity=0.5, joints=None):
         names = self.model.joints if joints is None else joints
-        state = self.make.joint_state(names, np.zeros(len(names)), np.full(len(names), velocity))
-        self.send("joint_states", state)
+        self.send("joint_states", self.make.joint_state(names, np.zeros(len(names)), np.full(len(names), velocity)))
 
     def run(self, duration, *, commands=False, states=True, **joints):
         for _ in range(round(duration / 0.002)):
@@ -305,8 +304,7 @@ def test_damping_with_differentiated_velocities(stage):
     for i in range(150):
         guard.clock.time += 0.002
         position = np.full(len(names), speed * 0.002 * i)
-        state = guard.make.joint_state(names, position, [], time=round(1e9 * guard.clock.time))
-        guard.send("joint_states", state)
+        guard.send("joint_states", guard.make.joint_state(names, position, [], time=round(1e9 * guard.clock.time)))
         if i < 100:
             guard.command(0.0)
         guard.service.cycle()

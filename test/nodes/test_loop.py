@@ -149,8 +149,7 @@ def test_failures_that_come_and_go_are_explained_once_a_second(bench, monkeypatc
     for i in range(200):  # two seconds
         fails = i % 40 == 1  # less often than the budget of holding allows
         press_at_most(controller, monkeypatch, -50.0 if fails else 400.0)
-        report = controller.cycle()
-        assert report.mode is (Mode.HOLDING if fails else Mode.ACTIVE)
+        assert controller.cycle().mode is (Mode.HOLDING if fails else Mode.ACTIVE)
         if controller.loop.controller._explanation._search is not None:
             searched(controller)
     assert len(searches) == 2
@@ -385,8 +384,7 @@ def test_each_joint_state_starts_one_cycle(bench):
             began.clear()
             controller.give_state()
             assert began.wait(5)
-    stamps = [report.stamp for report in controller.reports if report.stamp]
-    assert len(set(stamps)) == 10
+    assert len({report.stamp for report in controller.reports if report.stamp}) == 10
 
 
 def rival_of(controller, name="wbc_controller"):
@@ -420,8 +418,7 @@ def test_a_second_publisher_of_torques_is_reported_under_control(bench, caplog):
     controller = bench(changes={"control": {"diagnostics_rate": 0.1}}).activated(60)
     said = len(controller.received("diagnostics"))
     rival_of(controller, "stranger")
-    report = controller.cycle(round(0.25 / controller.period) + 1)  # the period of the checks
-    assert report.mode is Mode.ACTIVE
+    assert controller.cycle(round(0.25 / controller.period) + 1).mode is Mode.ACTIVE  # the period of the checks
     assert len(controller.received("diagnostics")) == said + 1
     status = controller.status
     assert (status.level, "published by /stranger too" in status.message) == (2, True)
@@ -497,8 +494,7 @@ def test_a_stop_is_never_merged_away_and_passes_a_flood_of_other_requests(bench)
 
 
 def test_a_long_word_is_refused_without_being_repeated(bench):
-    robot = bench()
-    (sentence,) = robot.request("x" * 1000).refused
+    (sentence,) = bench().request("x" * 1000).refused
     assert sentence.endswith("command has 1000 characters (limit 40)")
 
 

@@ -21,8 +21,7 @@ class Rig:
         self.bench = bench(changes={"limits": {"torque_rate": 20.0}, **changes})
         settings, model = self.bench.settings, self.bench.model
         self.bench.loop._timer = self.bench.clock.now
-        transport = MemoryTransport(self.bench.bus, GUARD_NODE)
-        self.guard = make_guard(settings, model, transport, self.bench.clock)
+        self.guard = make_guard(settings, model, MemoryTransport(self.bench.bus, GUARD_NODE), self.bench.clock)
         self.step = settings.limits.torque_rate * self.bench.period * model.effort_limits
         self.bench.command("activate")
         self.run(120)

@@ -135,8 +135,7 @@ def test_topics_may_be_opened_and_messages_sent_from_a_callback(join, eventually
     answers = []
     asking.subscribe(endpoint("/answer"), answers.append)
     ask = asking.advertise(endpoint("/question"))
-    answer = answering.advertise(endpoint("/answer"))
-    answering.subscribe(endpoint("/question"), answer)
+    answering.subscribe(endpoint("/question"), answering.advertise(endpoint("/answer")))
     eventually(lambda: answers, lambda: ask(text("x")))
 
 

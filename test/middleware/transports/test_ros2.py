@@ -217,7 +217,6 @@ def test_tf_is_omitted_without_its_package(monkeypatch, caplog):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name, *a: None if name == "tf2_msgs" else find(name, *a))
     tf = endpoint("/tf", topics.TF_OUT, "tf2_msgs/msg/TFMessage")
     with closing(Ros2Participants()) as participants, closing(participants.transport("node")) as transport:
-        publish = transport.advertise(tf)
-        publish(b"")
+        transport.advertise(tf)(b"")
         assert caplog.messages == ["/tf is not published: the package tf2_msgs is not installed"]
         assert not transport.has_reader(tf)

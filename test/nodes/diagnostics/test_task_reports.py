@@ -111,8 +111,7 @@ def test_each_round_contains_reference_and_value_of_every_task(robot, robot_of, 
             made = partial(setpoint_message, type_name, kind, frame=frame, stamp=stamp, joints=joints)
             expected[name] = {key: encode(made(position)) for key, position in positions.items()}
         states.begin(words.kinds)
-        said = iter(lambda: states.next(stamp, dynamics, references), None)  # noqa: B023
-        assert dict(said) == expected
+        assert dict(iter(lambda: states.next(stamp, dynamics, references), None)) == expected  # noqa: B023
         states.begin(("feet", "nothing"))
         assert states.next(stamp, dynamics, references) == ("feet", expected["feet"])
         assert states.next(stamp, dynamics, references) is None

@@ -45,8 +45,7 @@ def test_g1_stands_squats_and_ends_with_zero_torques(environment, user, robot_of
         user.until(lambda: all(publisher.get_subscription_count() for publisher in (command, hold, setpoint)))
         user.until(lambda: states == ["inactive"] and odometry)
         # Refused until joint states arrive.
-        activate = command.msg_type(data="activate")
-        user.until(lambda: states[-1] == "active", again=lambda: command.publish(activate))
+        user.until(lambda: states[-1] == "active", again=lambda: command.publish(command.msg_type(data="activate")))
         user.until(lambda: torques and max(map(abs, torques[-1])) > 1.0)
         hold.publish(hold.msg_type(data=False))
         weight = 9.81 * robot_of("g1")[1].mass

@@ -224,8 +224,7 @@ def test_parameters_are_changed_live_or_refused_with_the_reason(make_node):
         ("use_sim_time", True, "use_sim_time: not live; configure the node again to change it"),
     ):
         before = node.get_parameter_or(name).value
-        reason = set_one(node, name, value)
-        assert said in str(reason)
+        assert said in str(set_one(node, name, value))
         assert node.get_parameter_or(name).value == before
     assert tuner.settings.tasks["com"] == com
     assert set_one(node, "activate", True) is True
