@@ -95,6 +95,6 @@ def test_the_end_of_the_terminal_ends_each_process_and_the_controller_with_zero_
         for name in ("controller", "guard", "mock"):
             assert processes.stop(name, signal.SIGHUP) == 0
             if name == "controller":
-                until(lambda: not processes.newest("controller/effort").data.any())
+                until(lambda: not processes.newest("controller/joint_commands").effort.any(), patience=5.0)
             assert "Traceback" not in processes.log(name)
         assert not processes.newest("controller/effort").data.any()
