@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from refusals import refused
+from refusals import input_refusal
 
 from wbc_controller.errors import InputRefused
 from wbc_controller.middleware.codec import decode, encode, header, message
@@ -118,8 +118,8 @@ def test_data_without_measurement_are_refused():
     for what in ("angular_velocity", "linear_acceleration"):
         content = decode(imu([0.0] * 24), "sensor_msgs/msg/Imu")
         setattr(content, f"{what}_covariance", np.array([-1.0, *np.zeros(8)]))
-        with refused(f"{what}_covariance begins with -1: the IMU does not measure {what}"):
-            ImuReader("pelvis").read(encode(content))
+        said = f"{what}_covariance begins with -1: the IMU does not measure {what}"
+        assert said in input_refusal(ImuReader("pelvis").read, encode(content))
 
 
 def test_the_normal_force_follows_the_frame_of_each_message():
@@ -148,8 +148,7 @@ class TestJointStates:
         return (reader or JointStateReader(JOINTS)).read(encode(content))
 
     def assert_refused(self, content, said, reader=None):
-        with refused(said):
-            self.read(content, reader)
+        assert said in input_refusal(self.read, content, reader)
 
     def test_values_are_matched_by_name_and_others_are_ignored(self, make):
         _, q, v, _ = self.read(make.joint_state(["ankle", "x", "hip", "knee"], [3, NAN, 1, 2], [30, NAN, 10, 20]))
@@ -213,11 +212,11 @@ class TestOdometry:
         np.testing.assert_array_equal(self.read(make.odom([0, 0, 0, 0, 0, 0, 1.009])).pose[3:], [0, 0, 0, 1])
 
     def test_invalid_values_are_refused(self, make):
-        with refused("child_frame_id is 'torso'; the robot's base link is 'pelvis'"):
-            self.read(make.odom([0, 0, 0, 0, 0, 0, 1], child="torso"))
+        said = input_refusal(self.read, make.odom([0, 0, 0, 0, 0, 0, 1], child="torso"))
+        assert "child_frame_id is 'torso'; the robot's base link is 'pelvis'" in said
         for quaternion, norm in (((0, 0, 0, 0), "0"), ((0, 0, 0, 2), "2"), ((1, 1, 0, 0), "1.41")):
-            with refused(f"is not a unit quaternion (norm {norm})"):
-                self.read(make.odom([0, 0, 0, *quaternion]))
+            said = input_refusal(self.read, make.odom([0, 0, 0, *quaternion]))
+            assert f"is not a unit quaternion (norm {norm})" in said
         for place in range(13):
             for bad in (NAN, INF):
                 values = np.eye(13)[6]
