@@ -29,11 +29,11 @@ def test_every_row_of_the_table_carries_its_message(request, join, exchange, nod
     owner, other = join(node), join("other")
     on_ros2 = request.node.callspec.params["join"] == "ros2"
     rows = endpoints(table, node, EVERY_TASK, frames=("pelvis",))
-    exchange(
-        (row, *((other, owner) if row.direction is Direction.IN else (owner, other)))
-        for row in rows
-        if not (on_ros2 and is_omitted(row))
-    )
+
+    def writer_and_reader(row):
+        return (other, owner) if row.direction is Direction.IN else (owner, other)
+
+    exchange((row, *writer_and_reader(row)) for row in rows if not (on_ros2 and is_omitted(row)))
 
 
 def test_latched_topic_replays_its_last_message_to_a_late_subscriber_and_others_nothing(join, eventually):

@@ -123,9 +123,9 @@ def test_the_executor_pauses_between_two_waits(spun, peer):
         encode(message(clock, clock=message("builtin_interfaces/msg/Time", sec=s, nanosec=0)))
         for s in itertools.count(1)
     )
-    at_500_hz(lambda: publish(next(times)), arrived.__len__, 1)
+    at_500_hz(lambda: publish(next(times)), lambda: len(arrived), 1)
     before, began, arrived[:] = counter.waits, time.monotonic(), []
-    at_500_hz(lambda: publish(next(times)), arrived.__len__)
+    at_500_hz(lambda: publish(next(times)), lambda: len(arrived))
     waits, seconds = counter.waits - before, time.monotonic() - began
     assert 1 <= waits <= 1 + seconds / 0.02
     assert node.get_clock().now().nanoseconds >= 1_000_000_000
