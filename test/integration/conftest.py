@@ -89,10 +89,11 @@ class User:
     def command(self, word: str) -> None:
         self.send("controller", "command", message("std_msgs/msg/String", data=word))
 
-    def timed(self, owner: str, key: str, subject: str = "") -> list[tuple[float, Any]]:
-        """Return wall time and content of each message."""
+    def timed(self, owner: str, key: str, subject: str = "", *, since: float = 0.0) -> list[tuple[float, Any]]:
+        """Return wall time and content of each message after a wall time."""
         place = owner, key, subject
-        return [(when, decode(payload, self._types[place])) for when, payload in list(self.arrivals[place])]
+        kept = [each for each in list(self.arrivals[place]) if each[0] > since]
+        return [(when, decode(payload, self._types[place])) for when, payload in kept]
 
     def all(self, owner: str, key: str, subject: str = "") -> list[Any]:
         return [content for _, content in self.timed(owner, key, subject)]
@@ -159,8 +160,8 @@ class User:
 
     def efforts(self, since: float = 0.0) -> np.ndarray:
         """Return the torques after a wall time."""
-        kept = [content.data for when, content in self.timed("controller", "effort") if when > since]
-        return np.array(kept).reshape(-1, self.model.na)
+        kept = self.timed("controller", "effort", since=since)
+        return np.array([content.data for _, content in kept]).reshape(-1, self.model.na)
 
     def refusals(self) -> list[str]:
         """Return all refusals on /diagnostics."""

@@ -58,7 +58,7 @@ def test_a_controller_that_dies_is_followed_by_damping_until_another_takes_over(
     since = time.monotonic()
     user.run(0.3)
     step = user.settings.limits.torque_rate / user.settings.control.rate * limits
-    states = [(when, content.data) for when, content in user.timed("guard", "state") if when > activated]
+    states = [(when, content.data) for when, content in user.timed("guard", "state", since=activated)]
     again = [(when, said) for when, said in states if said.startswith("damping")]
     if again:
         print(f"this machine kept the controller from its commands, and the guard damped again: {again}")
