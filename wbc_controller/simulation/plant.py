@@ -4,9 +4,12 @@ The shapes of configured contacts apply only without shapes in the URDF, and bet
 follow the conventions of `wbc_controller.records` (Pinocchio).
 """
 
+import logging
 import math
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -16,22 +19,23 @@ import pinocchio as pin
 
 from wbc_controller.arguments import array_of_numbers, number, str_of
 from wbc_controller.controller.build.contacts import contact_placement
-from wbc_controller.errors import InputRefused, WbcError, require_known, valid_choices
+from wbc_controller.errors import ConfigurationError, InputRefused, WbcError, require_known, valid_choices
 from wbc_controller.inverse_dynamics.arrays import cross
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
 from wbc_controller.records import Array
 from wbc_controller.safety.damping import damping_matrix, stable_damping
 from wbc_controller.settings import Settings
-from wbc_controller.settings.contacts import FixedContact, SurfaceContact
+from wbc_controller.settings.contacts import FixedContact, PointContact, RollingContact, SurfaceContact
 from wbc_controller.settings.resources import folder_of
 from wbc_controller.simulation.attachments import closures_of, frame_on_joint, grips_of, place, wrench
-from wbc_controller.simulation.body_frame import BodyFrame
 from wbc_controller.simulation.contact_forces import ContactForces
-from wbc_controller.simulation.contact_shapes import shapes_for_contacts
 from wbc_controller.simulation.hoist import RAMP, Hoist
-from wbc_controller.simulation.imu import Imu
-from wbc_controller.simulation.mechanism import add_friction, compile_mechanism
+from wbc_controller.simulation.mechanism import add_friction, compile_mechanism, rotation_to
+from wbc_controller.simulation.shapes import Shape, read_shapes
 from wbc_controller.simulation.terrain import soften
+
+_log = logging.getLogger(__name__)
 
 PUSH_LIMIT = 1.0e5  # largest force or torque of a push, N or N·m
 _LONGEST_PUSH = 86_400.0  # longest push, s
@@ -42,10 +46,18 @@ _ABOVE, _TOUCHING, _LOWERINGS = 20.0, 1.0e-9, 20
 
 
 @dataclass(frozen=True, slots=True)
+class _Body:
+    """MuJoCo body and the placement of a URDF frame on it."""
+
+    id: int
+    placement: pin.SE3
+
+
+@dataclass(frozen=True, slots=True)
 class _Push:
     """Wrench at a frame's origin in world axes, until the step `end`."""
 
-    at: BodyFrame
+    at: _Body
     wrench: Array
     end: int
 
@@ -74,7 +86,7 @@ class Plant:
         self.contacts = dict(settings.contacts)
         self._grips, self._closures = grips_of(model, self.contacts), closures_of(model, settings.loops)
         normal = np.array(settings.mock.floor_normal) / np.linalg.norm(settings.mock.floor_normal)
-        shapes = shapes_for_contacts(model, self.contacts, folder_of(settings.robot.urdf), normal)
+        shapes = self._shapes(folder_of(settings.robot.urdf), normal)
         self.model = compile_mechanism(
             model, self.contacts, self.step_seconds, settings.mock, shapes, {**self._grips, **self._closures}
         )
@@ -83,7 +95,7 @@ class Plant:
         if settings.mock.joint_friction > 0.0:
             add_friction(self.model, self._dof, settings.mock.joint_friction, self.step_seconds)
         self.model.dof_damping[self._dof] += settings.mock.joint_viscosity
-        self._feet = {name: self._frame_of(contact_placement(model, name, c)) for name, c in self.contacts.items()}
+        self._feet = {name: self._body_of(contact_placement(model, name, c)) for name, c in self.contacts.items()}
         self.contact_forces = ContactForces(
             self.model, self.contacts, {name: foot.id for name, foot in self._feet.items()}
         )
@@ -93,7 +105,8 @@ class Plant:
         self.damp(settings.mock.damping)
         self._damps = False
         self._pushes: list[_Push] = []
-        self._imus: dict[str, Imu] = {}
+        self._imus: dict[str, _Body] = {}
+        self._moved: dict[str, deque[Array]] = {}  # velocities in the world after each step of a period
         self._locks: dict[str, list[object]] = {}
         self._unlocked: dict[str, tuple[bool, Any]] = {}  # limit flag and range without the lock
         self._stale = False
@@ -116,15 +129,15 @@ class Plant:
 
     def _lowest_foot(self) -> float:
         """Return the height of the lowest contact, m; 0 without contacts."""
-        return min((float(foot.in_world(self.data).translation[2]) for foot in self._feet.values()), default=0.0)
+        return min((float(self._placement(foot).translation[2]) for foot in self._feet.values()), default=0.0)
 
     def body(self, frame: str) -> int:
         """Return the MuJoCo body of a URDF frame."""
-        return self._frame_of(frame_on_joint(self._robot, frame)).id
+        return self._body_of(frame_on_joint(self._robot, frame)).id
 
     def foot_placement(self, contact: str) -> pin.SE3:
         """Return the placement of a contact's frame in the world."""
-        return self._feet[contact].in_world(self.data)
+        return self._placement(self._feet[contact])
 
     @property
     def time(self) -> float:
@@ -193,11 +206,41 @@ class Plant:
         return v_dot
 
     def imu(self, frame: str) -> tuple[Array, Array, Array]:
-        """Measure with an ideal IMU in a frame, as `Imu.measure`."""
+        """Measure an ideal IMU in a frame.
+
+        Returns orientation (x, y, z, w), angular velocity in rad/s, and specific force in m/s²: the mean of the last
+        control period, at first and after `set_state` the present value.
+        """
         if frame not in self._imus:
-            at = self._frame_of(frame_on_joint(self._robot, frame))
-            self._imus[frame] = Imu(at, self.model, self.data, self.steps_per_period, self.step_seconds)
-        return self._imus[frame].measure()
+            self._imus[frame] = self._body_of(frame_on_joint(self._robot, frame))
+        body = self._imus[frame]
+        moved = self._moved.setdefault(frame, deque(maxlen=self.steps_per_period + 1))
+        turning, velocity = self._motion(body)
+        if not moved:
+            moved.append(velocity)
+        placement = self._placement(body)
+        to_local = placement.rotation.T
+        steps = len(moved) - 1
+        if steps:
+            duration = steps * self.step_seconds
+            middle = pin.exp3(0.5 * duration * turning)  # half a period
+            force = middle @ ((moved[-1] - moved[0]) / duration - self.model.opt.gravity)
+        else:
+            acceleration = np.zeros(6)
+            mujoco.mj_rnePostConstraint(self.model, self.data)
+            kind = mujoco.mjtObj.mjOBJ_XBODY
+            mujoco.mj_objectAcceleration(self.model, self.data, kind, body.id, acceleration, 0)
+            arm = placement.translation - self.data.xpos[body.id]
+            # MuJoCo accelerates the world upwards instead of gravity: its acceleration is the specific force.
+            force = acceleration[3:] + cross(acceleration[:3], arm) + cross(turning, cross(turning, arm))
+        return quaternion_of(placement.rotation), to_local @ turning, to_local @ force
+
+    def _motion(self, body: _Body) -> tuple[Array, Array]:
+        """Return angular velocity and velocity of a frame's origin in world axes, (3,) each."""
+        motion = np.zeros(6)
+        mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_XBODY, body.id, motion, 0)
+        arm = self._placement(body).translation - self.data.xpos[body.id]
+        return motion[:3], motion[3:] + cross(motion[:3], arm)
 
     def contact_wrenches(self) -> dict[str, Array]:
         """Return the true force or wrench on the robot at each contact.
@@ -205,7 +248,7 @@ class Plant:
         Surface and fixed contacts: wrench in the contact frame, (6,), force first. Points and wheels: force, (3,), in
         world axes, or in the frame `against`.
         """
-        frames = {name: foot.in_world(self.data) for name, foot in self._feet.items()}
+        frames = {name: self._placement(foot) for name, foot in self._feet.items()}
         force, moment = self.contact_forces.forces(self.data, frames)
         for name, grip in self._grips.items():
             held = wrench(self.model, self.data, grip)
@@ -217,8 +260,8 @@ class Plant:
                 to_local = frames[name].rotation.T
                 wrenches[name] = np.concatenate([to_local @ force[name], to_local @ moment[name]])
             elif contact.against is not None:
-                other = self._frame_of(frame_on_joint(self._robot, contact.against))
-                wrenches[name] = other.in_world(self.data).rotation.T @ force[name]
+                other = self._body_of(frame_on_joint(self._robot, contact.against))
+                wrenches[name] = self._placement(other).rotation.T @ force[name]
             else:
                 wrenches[name] = force[name]
         return wrenches
@@ -291,7 +334,7 @@ class Plant:
                 f"a push on {frame!r}: unknown moving link; {valid_choices(str_of(frame), self._robot.moving_links)}"
             )
         steps = max(1, round(duration / self.step_seconds))
-        at = self._frame_of(frame_on_joint(self._robot, frame))
+        at = self._body_of(frame_on_joint(self._robot, frame))
         self._pushes.append(_Push(at, values, self._count + steps))
         self._stale = True
 
@@ -310,8 +353,8 @@ class Plant:
         require_known(contact, self._grips, "a grip at", ": unknown fixed contact", InputRefused)
         grip = self._grips[contact]
         if held:
-            holder = self._frame_of((grip.joints[0], pin.SE3.Identity())).in_world(self.data)
-            place(self.model, grip, holder.actInv(self._feet[contact].in_world(self.data)))
+            holder = self._placement(self._body_of((grip.joints[0], pin.SE3.Identity())))
+            place(self.model, grip, holder.actInv(self._placement(self._feet[contact])))
         for constraint in grip.names:
             self.data.eq_active[self.model.equality(constraint).id] = held
         self.forward()
@@ -328,8 +371,7 @@ class Plant:
             raise InputRefused(f"the base's quaternion is {q[3:7].tolist()}; expected length 1, (x, y, z, w)")
         self._write(q, v)
         self.data.qacc_warmstart[:] = 0.0
-        for imu in self._imus.values():
-            imu.restart()
+        self._moved.clear()
         self.forward()
 
     def _write(self, q: Array, v: Array) -> None:
@@ -361,15 +403,15 @@ class Plant:
         if self._hoist is not None:
             self._hoist.advance()
         self.forward()
-        for imu in self._imus.values():
-            imu.advance()
+        for frame, moved in self._moved.items():
+            moved.append(self._motion(self._imus[frame])[1])
         if not np.isfinite(self.data.qacc).all():
             raise WbcError(f"the physics diverged at {self.time:.3f} s; reduce mock.step")
 
     def _respond(self) -> None:
         self.data.xfrc_applied[:] = 0.0
         for push in self._pushes:
-            arm = push.at.in_world(self.data).translation - self.data.xipos[push.at.id]
+            arm = self._placement(push.at).translation - self.data.xipos[push.at.id]
             force, torque = push.wrench[:3], push.wrench[3:]
             # MuJoCo takes wrenches about a body's centre of mass.
             self.data.xfrc_applied[push.at.id] += np.concatenate([force, torque + cross(arm, force)])
@@ -378,6 +420,38 @@ class Plant:
         mujoco.mj_fwdAcceleration(self.model, self.data)
         mujoco.mj_fwdConstraint(self.model, self.data)
         self._stale = False
+
+    def _shapes(self, folder: Path | None, normal: Array) -> dict[int, list[Shape]]:
+        if not self.contacts:
+            return {}
+        soles: dict[int, list[Array]] = {}
+        tips: dict[int, Array] = {}
+        wheels: dict[int, pin.SE3] = {}
+        standing: dict[str, int] = {}
+        data = self._robot.pinocchio.createData()
+        pin.forwardKinematics(self._robot.pinocchio, data, self._robot.configuration(self._robot.posture))
+        for name, contact in self.contacts.items():
+            joint, placement = contact_placement(self._robot, name, contact)
+            if contact.against is None and not isinstance(contact, FixedContact):
+                standing[name] = joint
+                if isinstance(contact, SurfaceContact):
+                    soles.setdefault(joint, []).append(-placement.rotation[:, 2])
+                elif isinstance(contact, PointContact):
+                    tips[joint] = -data.oMi[joint].rotation.T @ normal
+                elif isinstance(contact, RollingContact):
+                    wheels[joint] = placement * pin.SE3(rotation_to(np.array(contact.axis)), np.zeros(3))
+        try:
+            shapes, why = read_shapes(self._robot, soles, tips, wheels, folder), "have no collision element in the URDF"
+        except ConfigurationError as error:  # meshes are optional
+            shapes, why = {}, f"have no shapes ({error})"
+        bare = [name for name, joint in standing.items() if joint not in shapes]
+        if bare:
+            _log.warning(
+                "the links of the contacts %s %s: the mock robot uses the contact shapes of the configuration",
+                ", ".join(bare),
+                why,
+            )
+        return shapes
 
     def _initial_base(self) -> pin.SE3:
         """Return the upright base placement with the robot's lowest point on the ground."""
@@ -401,16 +475,19 @@ class Plant:
         quaternion = self.data.qpos[[4, 5, 6, 3]]
         return np.array(quaternion / np.linalg.norm(quaternion))
 
+    def _placement(self, body: _Body) -> pin.SE3:
+        return pin.SE3(self.data.xmat[body.id].reshape(3, 3), self.data.xpos[body.id]) * body.placement
+
     def _addresses(self, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
         joints = [self.model.joint(name) for name in names]
         qpos, dof = ([int(getattr(joint, key)[0]) for joint in joints] for key in ("qposadr", "dofadr"))
         return np.array(qpos, dtype=np.intp), np.array(dof, dtype=np.intp)
 
-    def _frame_of(self, frame: tuple[int, pin.SE3]) -> BodyFrame:
+    def _body_of(self, frame: tuple[int, pin.SE3]) -> _Body:
         joint, placement = frame
         name = self._robot.pinocchio.names[joint]
         if joint == 0:
-            return BodyFrame(0, placement)
+            return _Body(0, placement)
         if name in self._robot.moving_joints:
-            return BodyFrame(int(self.model.joint(name).bodyid[0]), placement)
-        return BodyFrame(int(self.model.jnt_bodyid[0]), placement)
+            return _Body(int(self.model.joint(name).bodyid[0]), placement)
+        return _Body(int(self.model.jnt_bodyid[0]), placement)
