@@ -1,5 +1,7 @@
 """Kernels refuse arrays of inconsistent sizes."""
 
+from functools import partial
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -9,6 +11,7 @@ from wbc_controller.controller.build.references import make_board
 from wbc_controller.estimation import invariant_filter_kernels as invariant_filter
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit
 from wbc_controller.records import RobotState
+from wbc_controller.safety.plausibility_kernels import SampleMemory, compare_sample
 from wbc_controller.walking import feet_kernels as feet
 from wbc_controller.walking import references_kernels as references
 
@@ -53,6 +56,13 @@ def body_references(size, out):
     references.body_references(0j, 0j, 0j, 0.8, 0.8, 0.0, 0.0, 0.002, of(1, size), of(out))
 
 
+def compared(measured, size):
+    limits = dict.fromkeys(("fastest", "velocity_step", "tolerance"), of(N))
+    last = {"position": of(N), "velocity": of(N), "change": of(N)}
+    memory = SampleMemory(floating=False, measured=measured, magnitude=1.0, **limits, **last)
+    assert compare_sample(memory, of(N), of(size), 0.0) == -1
+
+
 def bounds(q, v):
     JointMotionLimit((-np.ones(N), np.ones(N)), None, acceleration=10.0).bounds(of(q), of(v), 0.002)
 
@@ -67,6 +77,8 @@ CALLS = {
     "motion_of_sole": (motion_of_sole, (2, 1, 12), [(3, 1, 12), (2, 2, 12), (2, -1, 12), (2, 1, 7)]),
     "move_sole": (moved_sole, (3, 12, 3, 19), [(2, 12, 3, 19), (3, 7, 3, 19), (3, 12, 2, 19), (3, 12, 3, 18)]),
     "body_references": (body_references, (4, 16), [(3, 16), (4, 15)]),
+    "compare_sample, measured": (partial(compared, True), (N,), [(0,), (N + 1,)]),
+    "compare_sample": (partial(compared, False), (0,), [(1,), (N + 1,)]),
     "acceleration_bounds": (bounds, (N, N), [(N, N - 1), (N - 1, N), (N + 1, N + 1), (N - 1, N - 1)]),
 }  # fmt: skip
 

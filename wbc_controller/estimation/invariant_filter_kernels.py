@@ -5,7 +5,17 @@ import math
 import numpy as np
 
 from wbc_controller.compilation import Indices, Matrix, StridedVector, Vector, compiled, part
-from wbc_controller.inverse_dynamics.robot.placement_kernels import Vector3, add, cross, dot, put, scale, three
+from wbc_controller.inverse_dynamics.array_kernels import copy_rows
+from wbc_controller.inverse_dynamics.robot.placement_kernels import (
+    Vector3,
+    add,
+    cross,
+    dot,
+    put,
+    scale,
+    subtract,
+    three,
+)
 from wbc_controller.records import Array
 
 _SMALL = 1.0e-6  # angle below which quotients are replaced by series, rad
@@ -65,7 +75,7 @@ def _add_noise(P: Array, G: Array, dt: float, noise: Array, creep: Array) -> Non
 def _transition(P: Array, G: Array, R: Array, gravity: Array, dt: float, out: Array) -> None:
     """Write Φ P with Φ = 1 + A dt."""
     n, end = len(P), G.shape[1]
-    out[:] = P
+    copy_rows(P, out)
     for i in range(end):
         for j in range(n):
             for k in range(3):
@@ -108,7 +118,7 @@ def propagate(
     _transition(noisy, G, R, gravity, dt, halfway)
     _transition(halfway.T, G, R, gravity, dt, noisy)
 
-    w = three((angular_velocity - gyroscope_bias) * dt, 0)
+    w = scale(dt, subtract(three(angular_velocity, 0), three(gyroscope_bias, 0)))
     a, b, _ = _series(w)
     turned, moved = np.empty((3, 3)), columns.copy()
     for i in range(3):
@@ -193,15 +203,19 @@ def correct(
         own = slice(3 * start, 3 * ends[i])
         alone = y[own].copy()
         _reduce(U[own, own].copy(), np.empty((len(alone), 0)), alone)
-        squares[i] = (alone * alone).sum()
+        squares[i] = 0.0
+        for value in alone:
+            squares[i] += value * value
         start = ends[i]
     for a in range(k):
         for i in range(3):
             for j in range(n):
                 Y[3 * a + i, j] = P[9 + 3 * points[a] + i, j] - P[6 + i, j]  # H P
     _reduce(U, Y, y)
-    reduced = 0.5 * (P + P.T)  # symmetric
+    reduced = np.empty((n, n))
     for i in range(n):
+        for j in range(n):
+            reduced[i, j] = 0.5 * (P[i, j] + P[j, i])  # symmetric
         for r in range(m):
             delta[i] += Y[r, i] * y[r]
             for j in range(n):
@@ -215,4 +229,8 @@ def correct(
     for i in range(columns.shape[1]):
         shift = _turned(w, cosine, cube, three(delta, 3 + 3 * i))
         put(moved.T[i], 0, add(_turned(w, sine, cosine, three(columns.T[i], 0)), shift))
-    return squares, turned, moved, gyroscope_bias + delta[n - 6 : n - 3], accelerometer_bias + delta[n - 3 :], reduced
+    gyroscope, accelerometer = gyroscope_bias.copy(), accelerometer_bias.copy()
+    for i in range(3):
+        gyroscope[i] += delta[n - 6 + i]
+        accelerometer[i] += delta[n - 3 + i]
+    return squares, turned, moved, gyroscope, accelerometer, reduced

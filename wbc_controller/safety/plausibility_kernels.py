@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from wbc_controller.compilation import Indices, OutVector, StridedVector, Struct, Vector, compiled, part
+from wbc_controller.inverse_dynamics.array_kernels import copy
 from wbc_controller.inverse_dynamics.limits.joint_motion_kernels import clipped
 from wbc_controller.inverse_dynamics.robot.placement_kernels import add, cross, dot, put, scale, subtract, three
 from wbc_controller.records import Array
@@ -90,8 +91,9 @@ def _change(memory: StateMemory, q: Array, nv: int) -> Array:
     change, first = np.empty(nv), len(memory.base_v)
     if first:
         _base_change(memory.before, q, change)
-    joints = slice(len(memory.base_q), len(q))
-    change[first:] = q[joints] - memory.before[joints]
+    positions = len(memory.base_q)
+    for i in range(len(q) - positions):
+        change[first + i] = q[positions + i] - memory.before[positions + i]
     return change
 
 
@@ -151,8 +153,8 @@ def compare(memory: StateMemory, q: StridedVector, v: StridedVector, dt: float) 
             found |= JOINTS_REPEAT
     if len(memory.base_q) and _repeats_in_motion(memory, q, v, memory.base_q, memory.base_v):
         found |= BASE_REPEATS
-    memory.before[:] = q
-    memory.v_before[:] = v
+    copy(q, memory.before)
+    copy(v, memory.v_before)
     return found
 
 
@@ -176,12 +178,6 @@ class SampleMemory(Struct):
     change: OutVector  # change of position, (n,)
 
 
-@part
-def _store_sample(memory: SampleMemory, position: Array, velocity: Array) -> None:
-    memory.position[:] = position
-    memory.velocity[: len(velocity)] = velocity
-
-
 @compiled
 def compare_sample(memory: SampleMemory, position: StridedVector, velocity: StridedVector, dt: float) -> int:
     """Compare a sample with its limits and the last accepted one, and store it if it is plausible.
@@ -194,7 +190,8 @@ def compare_sample(memory: SampleMemory, position: StridedVector, velocity: Stri
         -1 for a plausible sample; otherwise 1000 times the finding plus the index of the value.
     """
     n = len(memory.fastest)
-    if not (len(position) == len(memory.position) and (len(velocity) == n or not memory.measured)):
+    sizes = len(velocity) == n or (len(velocity) == 0 and not memory.measured)
+    if not (len(position) == len(memory.position) and sizes):
         raise ValueError("compare_sample: the sizes of sample and memory do not match")
     for i in range(len(position)):
         if not abs(position[i]) <= memory.magnitude:
@@ -204,12 +201,14 @@ def compare_sample(memory: SampleMemory, position: StridedVector, velocity: Stri
             if not abs(velocity[i]) <= memory.fastest[i]:
                 return 1000 * SAMPLE_FAST + i
     if not (0.0 < dt <= SAMPLE_GAP):
-        _store_sample(memory, position, velocity)
+        copy(position, memory.position)
+        copy(velocity, memory.velocity)
         return -1
     if memory.floating:
         _base_change(memory.position, position, memory.change)
     else:
-        memory.change[:] = position - memory.position
+        for i in range(n):
+            memory.change[i] = position[i] - memory.position[i]
     for i in range(n):
         integrated, reach = 0.0, memory.tolerance[i]
         if memory.measured:
@@ -223,5 +222,6 @@ def compare_sample(memory: SampleMemory, position: StridedVector, velocity: Stri
             step = memory.velocity_step[i] + memory.fastest[i] * VELOCITY_RATE * dt
             if not abs(velocity[i] - memory.velocity[i]) <= step:
                 return 1000 * SAMPLE_STEP + i
-    _store_sample(memory, position, velocity)
+    copy(position, memory.position)
+    copy(velocity, memory.velocity)
     return -1

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from wbc_controller.compilation import Indices, Matrix, OutMatrix, OutVector, Vector, compiled, part
+from wbc_controller.inverse_dynamics.array_kernels import copy_rows
 from wbc_controller.inverse_dynamics.robot.placement_kernels import (
     Vector3,
     add,
@@ -109,9 +110,9 @@ def move_sole(
         move_foot(sole, place, height, heading, duration, speed, roughness, clearance, elapsed, dt, descent, motion)
         slope += (ground - slope) * min(1.0, dt / _LEVELLING)
     else:
-        motion[:] = sole
+        copy_rows(sole, motion)
     ahead = np.empty((3, 4))
     move_foot(motion, place, height, heading, duration, speed, roughness, clearance, elapsed + dt, lag, descent, ahead)
-    ahead[:2] = motion[:2]
+    copy_rows(motion[:2], ahead)
     _put_frame(out, ahead, slope, mount)
     return complex(ahead[2, 0], ahead[2, 1]), slope

@@ -49,6 +49,14 @@ def plain_level(problem, squares, sides, kept, x_above):
     return found[:n], multipliers, cost.value(found[:n])
 
 
+def test_memory_without_room_for_the_base_is_refused():
+    problem = squares_problem(np.random.default_rng(0), equalities=6, rows=9, base=6)
+    memory = LevelWorkspace(problem, 6)
+    memory.rows = memory.rows[:-1]
+    with pytest.raises(ValueError, match="memory for the levels is too small"):
+        solve_level(problem, problem.cost.squares, np.zeros(problem.bounds.shape[1], dtype=np.int8), memory)
+
+
 @settings(max_examples=60)
 @given(
     seed=st.integers(0, 2**32 - 1),

@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from wbc_controller.compilation import Matrix, OutVector, Struct, Vector, compiled, part
+from wbc_controller.inverse_dynamics.array_kernels import copy
 from wbc_controller.records import Array
 
 
@@ -49,21 +50,23 @@ def residuals(constraints: Constraints, found: OutVector) -> tuple[float, float]
         raise ValueError("residuals: sizes of constraints and results differ")
     if len(offset) > total - n:
         raise ValueError("residuals: more outputs than inequality constraints")
-    value, room = found[:total], found[total : 3 * total].reshape(2, total)
+    value, room, above = found[:total], found[total : 2 * total], found[2 * total : 3 * total]
     equalities, outputs = found[3 * total :], found[3 * total + m :]
     largest, least = 0.0, math.inf
-    point = np.full(n + 1, -1.0)  # [x, -1]
-    point[:n] = value[:n]
+    point = np.empty(n + 1)  # [x, -1]
+    copy(value[:n], point)
+    point[n] = -1.0
     product = np.dot(rows, point)  # [A x - b, C x]
     for i in range(m):
         equalities[i] = abs(product[i])
         if equalities[i] > largest or equalities[i] != equalities[i]:  # keeps NaN
             largest = equalities[i]
-    value[n:] = product[m:]
-    outputs[:] = product[m : m + len(offset)] + offset
+    copy(product[m:], value[n:])
+    for i in range(len(offset)):
+        outputs[i] = product[m + i] + offset[i]
     for i in range(len(value)):
-        room[0, i], room[1, i] = value[i] - bounds[0, i], bounds[1, i] - value[i]
-        for side in range(2):
-            if room[side, i] < least or room[side, i] != room[side, i]:
-                least = room[side, i]
+        room[i], above[i] = value[i] - bounds[0, i], bounds[1, i] - value[i]
+        for side in (room, above):
+            if side[i] < least or side[i] != side[i]:
+                least = side[i]
     return least if largest == largest else math.nan, largest

@@ -14,6 +14,7 @@ from wbc_controller.compilation import (
     compiled,
     part,
 )
+from wbc_controller.inverse_dynamics.array_kernels import copy
 from wbc_controller.inverse_dynamics.robot.link_motion_kernels import LinkMotion
 from wbc_controller.inverse_dynamics.robot.placement_kernels import (
     Vector3,
@@ -122,7 +123,7 @@ def near_pairs(table: ShapePairs, motion: LinkMotion, q: Vector, v: Vector, A: f
     if len(q) != len(table.seen) or len(v) != len(table.places):
         raise ValueError("near_pairs: sizes of q and v differ from nq and nv")
     _sum_levers(table, q, v)
-    table.seen[:] = q
+    copy(q, table.seen)
     count = 0
     for i in range(len(table.pairs)):
         a, b = table.ends[i, 0], table.ends[i, 1]

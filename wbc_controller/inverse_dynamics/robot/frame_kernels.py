@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from wbc_controller.compilation import IndexMatrix, Indices, OutMatrix, OutVector, Struct, Vector, compiled, part
+from wbc_controller.inverse_dynamics.array_kernels import copy, copy_rows
 from wbc_controller.inverse_dynamics.robot.link_motion_kernels import LinkMotion
 from wbc_controller.inverse_dynamics.robot.placement_kernels import (
     Vector3,
@@ -99,8 +100,9 @@ def _ball_rows(motion: LinkMotion, link: int, numbers: Array, out: Array) -> Non
 
 @part
 def _momentum_rows(motion: LinkMotion, out: Array) -> None:
-    out[:, : len(motion.centroidal)] = motion.centroidal.T
-    out[:, -1] = -motion.drift
+    copy_rows(motion.centroidal.T, out)
+    for i in range(len(out)):
+        out[i, out.shape[1] - 1] = -motion.drift[i]
 
 
 @part
@@ -186,7 +188,7 @@ def _com_rows(motion: LinkMotion, numbers: Array, rows: Indices, out: Array, err
     per_mass = motion.per_mass
     for i in range(len(rows)):
         k = rows[i]
-        out[i, : len(per_mass)] = per_mass[:, k]
+        copy(per_mass[:, k], out[i])
         error[i] = numbers[6 + k] - motion.com[k]
         asked = numbers[k] * error[i] + numbers[3 + k] * (numbers[9 + k] - motion.com_velocity[k])
         out[i, out.shape[1] - 1] = asked + numbers[12 + k] - motion.com_drift[k]

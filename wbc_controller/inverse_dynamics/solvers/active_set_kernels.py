@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from wbc_controller.compilation import OutMatrix, OutVector, Signs, compiled, part
+from wbc_controller.inverse_dynamics.array_kernels import copy, copy_rows
 from wbc_controller.inverse_dynamics.formulation.problem_kernels import Constraints, LeastSquares, dot, residuals
 from wbc_controller.records import Array
 
@@ -37,7 +38,7 @@ def eliminate_base(rows: Array, base_map: Array) -> bool:
                 factor = matrix[i, column]
                 for j in range(column, matrix.shape[1]):
                     matrix[i, j] -= factor * matrix[column, j]
-    base_map[:] = matrix[:, count:]
+    copy_rows(matrix[:, count:], base_map)
     return True
 
 
@@ -54,7 +55,7 @@ def reduce_rows(rows: Array, base_map: Array, out: Array) -> None:
             for j in range(len(target)):
                 target[j] = rest[j] - (h0 * n0[j] + h1 * n1[j] + h2 * n2[j] + (h3 * n3[j] + h4 * n4[j] + h5 * n5[j]))
             continue
-        target[:] = rest
+        copy(rest, target)
         for k in range(base):
             factor, source = row[k], base_map[k]
             for j in range(len(target)):
@@ -69,7 +70,8 @@ def reduce_bound(place: int, sign: int, constraints: Constraints, equalities: in
         row = equalities + place - n
         reduce_rows(constraints.rows[row : row + 1], base_map, out.reshape(1, len(out)))
     elif place < base:
-        out[:] = -base_map[place]
+        for j in range(len(out)):
+            out[j] = -base_map[place, j]
     else:
         out[:] = 0.0
         out[place - base] = 1.0
@@ -84,7 +86,7 @@ def assemble(
     top, width = upper.shape
     hard = top + len(active)
     B = np.empty((hard + len(cost.weights), width))
-    B[:top] = upper
+    copy_rows(upper, B)
     for i in range(len(active)):
         reduce_bound(active[i], sides[0, active[i]], cost.constraints, equalities, base_map, B[top + i])
     reduce_rows(cost.rows[: len(cost.weights)], base_map, B[hard:])
@@ -127,7 +129,8 @@ def factorize(K: Array, hard: int, inverse: Array) -> bool:
             inverse[i] = 1.0 / math.sqrt(square)
         else:  # also NaN
             return False
-        row *= inverse[i]
+        for j in range(len(row)):
+            row[j] *= inverse[i]
     return True
 
 
@@ -147,8 +150,11 @@ def solve_factorized(U: Array, inverse: Array, p: Array) -> None:
 @part
 def residual(B: Array, z: Array, p: Array, first_soft: int, weights: Array) -> Array:
     """Compute the residual β - B z - E p, (m,), from [B, β] and [z, -1]."""
-    out: Array = -np.dot(B, z)
-    out[first_soft:] -= p[first_soft:] / weights
+    out: Array = np.dot(B, z)
+    for i in range(len(out)):
+        out[i] = -out[i]
+    for i in range(len(weights)):
+        out[first_soft + i] -= p[first_soft + i] / weights[i]
     return out
 
 
@@ -168,7 +174,8 @@ def solve_refined(
         if not dot(p, p) <= LARGEST * LARGEST:
             return False, left
         step = np.dot(correction, B)
-        z[:last] += inverse[:last] * step[:last]  # without the last entry, -1
+        for j in range(last):  # without the last entry, -1
+            z[j] += inverse[j] * step[j]
         left = residual(B, z, p, hard, weights)
         if largest_of(left) <= PRECISE:
             break
@@ -186,10 +193,10 @@ def largest_of(values: Array) -> float:
 
 
 @part
-def next_set(sides: np.ndarray, active: np.ndarray, p: Array, room: Array) -> None:
+def next_set(sides: np.ndarray, active: np.ndarray, p: Array, room: Array, above: Array) -> None:
     """Write the next active set to row 1 of `sides`: violated bounds, and active ones with -p of right sign."""
-    for i in range(room.shape[1]):
-        sides[1, i] = -1 if room[0, i] < -FEASIBLE else 1 if room[1, i] < -FEASIBLE else 0
+    for i in range(len(room)):
+        sides[1, i] = -1 if room[i] < -FEASIBLE else 1 if above[i] < -FEASIBLE else 0
     for i in range(len(active)):
         if not sides[0, active[i]] * p[i] > 0.0:
             sides[1, active[i]] = sides[0, active[i]]
@@ -232,7 +239,7 @@ def solve_condensed(
     if not (len(cost.rows) >= soft >= kept and total == sides.shape[1] and own >= 0 and len(found) >= 3 * total):
         raise ValueError("solve_condensed: sizes of cost or results differ from the constraints")
     base_map, upper_rows = memory[:base], memory[base:]
-    if not (memory.shape[1] == width and len(upper_rows) >= (above if above else own) + kept):
+    if not (memory.shape[1] == width and len(memory) >= base + (above if above else own) + kept):
         raise ValueError("solve_condensed: memory for the levels is too small")
     if above == 0:
         if not eliminate_base(rows[own:end], base_map):
@@ -243,7 +250,9 @@ def solve_condensed(
     hard = top + len(active)
     B = assemble(cost, upper_rows[:top], active, sides, end, base_map)
     inverse, z = np.zeros(width), np.empty(width)
-    inverse[:last], z[:last], z[last] = 1.0 / cost.diagonal[base:], cost.target[base:], -1.0
+    for j in range(last):
+        inverse[j], z[j] = 1.0 / cost.diagonal[base + j], cost.target[base + j]
+    z[last] = -1.0
     K, pivots = system_matrix(B, inverse, hard, weights), np.empty(len(B))
     if not factorize(K, hard, pivots):
         return NOT_FOUND, 0.0, 0.0, 0.0
@@ -257,7 +266,7 @@ def solve_condensed(
     lost = largest_of(left[own:top])  # of the kept rows
     for i in range(base):
         found[i] = -dot(base_map[i], z)
-    found[base : base + last] = z[:last]
+    copy(z[:last], found[base:])
     least, largest = residuals(constraints, found)
     if not (largest <= FEASIBLE and lost <= FEASIBLE and least == least):
         return NOT_FOUND, 0.0, least, largest
@@ -265,13 +274,13 @@ def solve_condensed(
     for i in range(len(active)):
         right = right and not sides[0, active[i]] * p[top + i] > 0.0
     if not right:
-        next_set(sides, active, p[top:hard], found[total : 3 * total].reshape(2, total))
+        next_set(sides, active, p[top:hard], found[total : 2 * total], found[2 * total : 3 * total])
         return WRONG_SET, 0.0, least, largest
     for i in range(len(active)):
         if multipliers[active[i]] == 0.0:
             multipliers[active[i]] = -p[top + i]
     for i in range(kept):
-        upper_rows[top + i, :last] = B[hard + i, :last]
+        copy(B[hard + i, :last], upper_rows[top + i])
         upper_rows[top + i, last] = dot(B[hard + i, :last], z[:last])
     # (z - t)ᵀD (z - t) = pᵀB (z - t) and B z = β - E p: the sum of squares is ½ pᵀ(β - B t).
     return SOLVED, 0.5 * dot(p, beta), least, largest
