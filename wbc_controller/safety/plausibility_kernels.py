@@ -88,12 +88,12 @@ def _base_change(before: Array, q: Array, change: Array) -> None:
 
 @part
 def _change(memory: StateMemory, q: Array, nv: int) -> Array:
-    change, first = np.empty(nv), len(memory.base_v)
+    change, before, first = np.empty(nv), memory.before, len(memory.base_v)
     if first:
-        _base_change(memory.before, q, change)
+        _base_change(before, q, change)
     positions = len(memory.base_q)
     for i in range(len(q) - positions):
-        change[first + i] = q[positions + i] - memory.before[positions + i]
+        change[first + i] = q[positions + i] - before[positions + i]
     return change
 
 
@@ -204,18 +204,19 @@ def compare_sample(memory: SampleMemory, position: StridedVector, velocity: Stri
         copy(position, memory.position)
         copy(velocity, memory.velocity)
         return -1
+    change, last = memory.change, memory.position
     if memory.floating:
-        _base_change(memory.position, position, memory.change)
+        _base_change(last, position, change)
     else:
         for i in range(n):
-            memory.change[i] = position[i] - memory.position[i]
+            change[i] = position[i] - last[i]
     for i in range(n):
         integrated, reach = 0.0, memory.tolerance[i]
         if memory.measured:
             integrated = 0.5 * dt * (memory.velocity[i] + velocity[i])
         else:
             reach += dt * memory.fastest[i]
-        if not abs(memory.change[i] - integrated) <= reach:
+        if not abs(change[i] - integrated) <= reach:
             return 1000 * SAMPLE_JUMP + i
     if memory.measured:
         for i in range(n):

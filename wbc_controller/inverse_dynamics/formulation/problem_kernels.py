@@ -66,7 +66,7 @@ def residuals(constraints: Constraints, found: OutVector) -> tuple[float, float]
         outputs[i] = product[m + i] + offset[i]
     for i in range(len(value)):
         room[i], above[i] = value[i] - bounds[0, i], bounds[1, i] - value[i]
-        for side in (room, above):
-            if side[i] < least or side[i] != side[i]:
-                least = side[i]
+        for free in (room[i], above[i]):
+            if free < least or free != free:  # keeps NaN
+                least = free
     return least if largest == largest else math.nan, largest

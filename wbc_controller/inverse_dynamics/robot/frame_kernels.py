@@ -101,8 +101,9 @@ def _ball_rows(motion: LinkMotion, link: int, numbers: Array, out: Array) -> Non
 @part
 def _momentum_rows(motion: LinkMotion, out: Array) -> None:
     copy_rows(motion.centroidal.T, out)
+    drift = motion.drift
     for i in range(len(out)):
-        out[i, out.shape[1] - 1] = -motion.drift[i]
+        out[i, out.shape[1] - 1] = -drift[i]
 
 
 @part

@@ -69,8 +69,9 @@ def link_terms(motion: LinkMotion, velocity: Vector) -> None:
     per_mass, com_velocity, centroidal = motion.per_mass, motion.com_velocity, motion.centroidal
     share = 1.0 / motion.mass
     com_velocity[:] = 0.0
+    com_drift, drift, mass = motion.com_drift, motion.drift, motion.mass
     for k in range(3):
-        motion.com_drift[k] = motion.drift[k] / motion.mass
+        com_drift[k] = drift[k] / mass
     for j in range(len(velocity)):
         for k in range(6):
             per_mass[j, k] = share * centroidal[j, k]

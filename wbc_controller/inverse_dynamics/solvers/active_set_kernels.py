@@ -129,8 +129,9 @@ def factorize(K: Array, hard: int, inverse: Array) -> bool:
             inverse[i] = 1.0 / math.sqrt(square)
         else:  # also NaN
             return False
+        scale = inverse[i]
         for j in range(len(row)):
-            row[j] *= inverse[i]
+            row[j] *= scale
     return True
 
 
@@ -249,10 +250,11 @@ def solve_condensed(
     active, top = np.flatnonzero(sides[0]), above if above else own
     hard = top + len(active)
     B = assemble(cost, upper_rows[:top], active, sides, end, base_map)
-    inverse, z = np.zeros(width), np.empty(width)
-    for j in range(last):
-        inverse[j], z[j] = 1.0 / cost.diagonal[base + j], cost.target[base + j]
+    inverse, z, diagonal = np.zeros(width), np.empty(width), cost.diagonal[base:]
+    copy(cost.target[base:], z)
     z[last] = -1.0
+    for j in range(last):
+        inverse[j] = 1.0 / diagonal[j]
     K, pivots = system_matrix(B, inverse, hard, weights), np.empty(len(B))
     if not factorize(K, hard, pivots):
         return NOT_FOUND, 0.0, 0.0, 0.0
