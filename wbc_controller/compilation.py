@@ -80,6 +80,24 @@ _compiled_names: list[str] = []  # compiled or loaded functions
 part: Callable[[_Function], _Function] = numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
+@part
+def copy(values: _Reals, out: _Reals) -> None:
+    """Copy a vector, (n,), to the beginning of another one, without a check of sizes.
+
+    A slice assignment checks them, but compiles for seconds.
+    """
+    for i in range(len(values)):
+        out[i] = values[i]
+
+
+@part
+def copy_rows(values: _Reals, out: _Reals) -> None:
+    """Copy a matrix, (m, n), as `copy`."""
+    for i in range(len(values)):
+        for j in range(values.shape[1]):
+            out[i, j] = values[i, j]
+
+
 def compiled(function: _Function) -> _Function:
     """Compile a function for the types of its annotations: numbers, arrays and structs."""
     if numba.config.DISABLE_JIT:

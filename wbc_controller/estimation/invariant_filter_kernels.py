@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 
-from wbc_controller.compilation import Indices, Matrix, StridedVector, Vector, compiled, part
-from wbc_controller.inverse_dynamics.array_kernels import copy_rows
+from wbc_controller.compilation import Indices, Matrix, StridedVector, Vector, compiled, copy_rows, part
 from wbc_controller.inverse_dynamics.robot.placement_kernels import (
     Vector3,
     add,

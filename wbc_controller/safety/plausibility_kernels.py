@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 
-from wbc_controller.compilation import Indices, OutVector, StridedVector, Struct, Vector, compiled, part
-from wbc_controller.inverse_dynamics.array_kernels import copy
+from wbc_controller.compilation import Indices, OutVector, StridedVector, Struct, Vector, compiled, copy, part
 from wbc_controller.inverse_dynamics.limits.joint_motion_kernels import clipped
 from wbc_controller.inverse_dynamics.robot.placement_kernels import add, cross, dot, put, scale, subtract, three
 from wbc_controller.records import Array

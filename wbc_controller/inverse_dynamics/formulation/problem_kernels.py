@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 
-from wbc_controller.compilation import Matrix, OutVector, Struct, Vector, compiled, part
-from wbc_controller.inverse_dynamics.array_kernels import copy
+from wbc_controller.compilation import Matrix, OutVector, Struct, Vector, compiled, copy, part
 from wbc_controller.records import Array
 
 

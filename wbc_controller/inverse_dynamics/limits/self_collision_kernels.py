@@ -12,9 +12,9 @@ from wbc_controller.compilation import (
     Struct,
     Vector,
     compiled,
+    copy,
     part,
 )
-from wbc_controller.inverse_dynamics.array_kernels import copy
 from wbc_controller.inverse_dynamics.robot.link_motion_kernels import LinkMotion
 from wbc_controller.inverse_dynamics.robot.placement_kernels import (
     Vector3,

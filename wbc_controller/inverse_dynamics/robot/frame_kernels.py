@@ -4,8 +4,18 @@ import math
 
 import numpy as np
 
-from wbc_controller.compilation import IndexMatrix, Indices, OutMatrix, OutVector, Struct, Vector, compiled, part
-from wbc_controller.inverse_dynamics.array_kernels import copy, copy_rows
+from wbc_controller.compilation import (
+    IndexMatrix,
+    Indices,
+    OutMatrix,
+    OutVector,
+    Struct,
+    Vector,
+    compiled,
+    copy,
+    copy_rows,
+    part,
+)
 from wbc_controller.inverse_dynamics.robot.link_motion_kernels import LinkMotion
 from wbc_controller.inverse_dynamics.robot.placement_kernels import (
     Vector3,

@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 
-from wbc_controller.compilation import OutMatrix, OutVector, Signs, compiled, part
-from wbc_controller.inverse_dynamics.array_kernels import copy, copy_rows
+from wbc_controller.compilation import OutMatrix, OutVector, Signs, compiled, copy, copy_rows, part
 from wbc_controller.inverse_dynamics.formulation.problem_kernels import Constraints, LeastSquares, dot, residuals
 from wbc_controller.records import Array
 
