@@ -67,7 +67,7 @@ class Step:
     slope: complex  # of the swing foot, dz/dx + i dz/dy
 
 
-@dataclass(slots=True)  # not frozen, and no named tuple: faster in every cycle
+@dataclass(slots=True)  # faster than frozen ones and named tuples
 class _Cycle:
     time: float  # s
     dt: float  # time since the last cycle, s

@@ -49,7 +49,7 @@ def residuals(constraints: Constraints, found: OutVector) -> tuple[float, float]
         raise ValueError("residuals: sizes of constraints and results differ")
     if len(offset) > total - n:
         raise ValueError("residuals: more outputs than inequality constraints")
-    value, room, above = found[:total], found[total : 2 * total], found[2 * total : 3 * total]
+    value, to_lower, to_upper = found[:total], found[total : 2 * total], found[2 * total : 3 * total]
     equalities, outputs = found[3 * total :], found[3 * total + m :]
     largest, least = 0.0, math.inf
     point = np.empty(n + 1)  # [x, -1]
@@ -64,8 +64,8 @@ def residuals(constraints: Constraints, found: OutVector) -> tuple[float, float]
     for i in range(len(offset)):
         outputs[i] = product[m + i] + offset[i]
     for i in range(len(value)):
-        room[i], above[i] = value[i] - bounds[0, i], bounds[1, i] - value[i]
-        for free in (room[i], above[i]):
-            if free < least or free != free:  # keeps NaN
-                least = free
+        to_lower[i], to_upper[i] = value[i] - bounds[0, i], bounds[1, i] - value[i]
+        for room in (to_lower[i], to_upper[i]):
+            if room < least or room != room:  # keeps NaN
+                least = room
     return least if largest == largest else math.nan, largest

@@ -47,8 +47,8 @@ class Dynamics:
         self.M: Array = data.M if self._rotors is None else np.zeros_like(data.M)
         self.M_rows: Array = self.M.T  # for compiled code: Pinocchio stores the symmetric M by columns
         self.h: Array = data.nle
-        self._com = data.com[0]  # the only array that does not keep Pinocchio's data alive
-        self.com: Array = np.zeros(3)
+        # A copy: unlike the other arrays, that of Pinocchio does not keep its data alive.
+        self._com, self.com = data.com[0], np.zeros(3)
         self.com_velocity, self.com_drift, self.centroidal_drift = np.zeros(3), np.zeros(3), np.zeros(6)
         self._per_mass = np.zeros((6, model.nv), order="F")
         self.com_jacobian: Array = self._per_mass[:3]

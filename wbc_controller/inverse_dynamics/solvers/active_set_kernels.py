@@ -128,9 +128,7 @@ def factorize(K: Array, hard: int, inverse: Array) -> bool:
             inverse[i] = 1.0 / math.sqrt(square)
         else:  # also NaN
             return False
-        scale = inverse[i]
-        for j in range(len(row)):
-            row[j] *= scale
+        row *= inverse[i]
     return True
 
 
@@ -150,9 +148,7 @@ def solve_factorized(U: Array, inverse: Array, p: Array) -> None:
 @part
 def residual(B: Array, z: Array, p: Array, first_soft: int, weights: Array) -> Array:
     """Compute the residual β - B z - E p, (m,), from [B, β] and [z, -1]."""
-    out: Array = np.dot(B, z)
-    for i in range(len(out)):
-        out[i] = -out[i]
+    out: Array = -np.dot(B, z)
     for i in range(len(weights)):
         out[first_soft + i] -= p[first_soft + i] / weights[i]
     return out
@@ -193,10 +189,10 @@ def largest_of(values: Array) -> float:
 
 
 @part
-def next_set(sides: np.ndarray, active: np.ndarray, p: Array, room: Array, above: Array) -> None:
+def next_set(sides: np.ndarray, active: np.ndarray, p: Array, to_lower: Array, to_upper: Array) -> None:
     """Write the next active set to row 1 of `sides`: violated bounds, and active ones with -p of right sign."""
-    for i in range(len(room)):
-        sides[1, i] = -1 if room[i] < -FEASIBLE else 1 if above[i] < -FEASIBLE else 0
+    for i in range(len(to_lower)):
+        sides[1, i] = -1 if to_lower[i] < -FEASIBLE else 1 if to_upper[i] < -FEASIBLE else 0
     for i in range(len(active)):
         if not sides[0, active[i]] * p[i] > 0.0:
             sides[1, active[i]] = sides[0, active[i]]
