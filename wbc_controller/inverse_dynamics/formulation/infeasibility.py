@@ -16,8 +16,10 @@ multiples of the weight m g, g and the effort limits, smaller ones for contacts.
 other constraint can be relaxed.
 """
 
+import itertools
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import linprog
@@ -51,9 +53,9 @@ class Constraint:
     lower: Array  # (k,)
     upper: Array  # (k,)
     scale: Array  # violation for σ = 1, (k,)
-    factor: float  # from the rows to `units`
     units: tuple[str, ...]  # of the rows
-    offset: Array  # constant part, (k,): h for torques
+    factor: float = 1.0  # from the rows to `units`
+    offset: float = 0.0  # constant part: h for torques
     contact: Contact | None = None  # owner
 
     @property
@@ -74,27 +76,13 @@ def named_constraints(layout: Layout, model: RobotModel, effort: tuple[Array, Ar
     found: list[Constraint] = []
 
     def add(
-        name: str,
-        rows: Array,
-        bounds: tuple[Array, Array],
-        scale: Array | float,
-        units: Sequence[str],
-        factor: float = 1.0,
-        offset: Array | float = 0.0,
-        contact: Contact | None = None,
+        name: str, rows: Array, bounds: tuple[Array, Array], scale: Array | float, units: Sequence[str], **options: Any
     ) -> None:
         rows, lower, upper = np.atleast_2d(rows), np.atleast_1d(bounds[0]), np.atleast_1d(bounds[1])
         there = np.isfinite(lower) | np.isfinite(upper)
-        if not there.any():
-            return
-        count = len(rows)
-        found.append(
-            Constraint(
-                name, rows[there], lower[there], upper[there], np.broadcast_to(scale, count)[there], factor,
-                tuple(unit for unit, kept in zip(units, there, strict=True) if kept),
-                np.broadcast_to(offset, count)[there], contact,
-            )
-        )  # fmt: skip
+        if there.any():
+            scale, units = np.broadcast_to(scale, len(rows))[there], tuple(itertools.compress(units, there))
+            found.append(Constraint(name, rows[there], lower[there], upper[there], scale, units, **options))
 
     identity = np.eye(problem.n)
     for place in layout.places:
@@ -109,8 +97,7 @@ def named_constraints(layout: Layout, model: RobotModel, effort: tuple[Array, Ar
         add(
             f"cone:{contact.name}", problem.C[cone], (problem.lower[cone], problem.upper[cone]),
             CONTACT_SCALE * np.where(moments, force * MOMENT_LENGTH, force),
-            ["N·m" if moment else "N" for moment in moments],
-            FORCE_UNIT, contact=contact,
+            ["N·m" if moment else "N" for moment in moments], factor=FORCE_UNIT, contact=contact,
         )  # fmt: skip
         for kind, first, last in contact.bound_groups:
             k, part = last - first, slice(columns.start + first, columns.start + last)
@@ -120,15 +107,15 @@ def named_constraints(layout: Layout, model: RobotModel, effort: tuple[Array, Ar
             add(
                 f"{kind}:{contact.name}", np.vstack([identity[part]] * 2),
                 (np.append(-none, problem.x_lower[part]), np.append(problem.x_upper[part], none)),
-                np.repeat([scale, pull], k), ["N·m" if moment else "N"] * 2 * k, FORCE_UNIT, contact=contact,
+                np.repeat([scale, pull], k), ["N·m" if moment else "N"] * 2 * k, factor=FORCE_UNIT,
+                contact=contact,
             )  # fmt: skip
     lower, upper = problem.lower[layout.torque], problem.upper[layout.torque]
     rate = np.where(lower > effort[0], lower, -np.inf), np.where(upper < effort[1], upper, np.inf)
     for i, actuator in enumerate(model.actuators):
         row, limit = problem.C[layout.torque][i], max(model.effort_limits[i], _LEAST_TORQUE)
-        h = problem.offset[i]
-        add(f"torque:{actuator}", row, (effort[0][i], effort[1][i]), limit, ["N·m"], offset=h)
-        add(f"torque_rate:{actuator}", row, (rate[0][i], rate[1][i]), limit, ["N·m"], offset=h)
+        for kind, bounds in (("torque", effort), ("torque_rate", rate)):
+            add(f"{kind}:{actuator}", row, (bounds[0][i], bounds[1][i]), limit, ["N·m"], offset=problem.offset[i])
     names = dict(zip(model.v_index.tolist(), model.joints, strict=True))
     for column in range(nv):
         owner = names.get(column, "base")
@@ -153,10 +140,11 @@ def explain(
     question = [constraint for constraint in constraints if constraint.kind not in held]
     given = [constraint for constraint in constraints if constraint.kind in held]
     problem = layout.problem
+    A, b = problem.A[layout.mechanism], problem.b[layout.mechanism]
     fixed = (
-        np.vstack([problem.A[layout.mechanism], *(constraint.rows for constraint in given)]),
-        np.concatenate([problem.b[layout.mechanism], *(constraint.lower for constraint in given)]),
-        np.concatenate([problem.b[layout.mechanism], *(constraint.upper for constraint in given)]),
+        np.vstack([A, *(constraint.rows for constraint in given)]),
+        np.concatenate([b, *(constraint.lower for constraint in given)]),
+        np.concatenate([b, *(constraint.upper for constraint in given)]),
     )
     return _ConflictSearch(fixed, question).run()
 
@@ -177,9 +165,8 @@ class _ConflictSearch:
         right = [high[~equal], -low[~equal]]
         for index, constraint in enumerate(constraints):
             for sign, bound in ((1.0, constraint.upper), (-1.0, -constraint.lower)):
-                block = _widened(sign * constraint.rows / constraint.scale[:, None], count)
-                block[:, A.shape[1] + index] = -1.0
-                blocks.append(block)
+                blocks.append(_widened(sign * constraint.rows / constraint.scale[:, None], count))
+                blocks[-1][:, A.shape[1] + index] = -1.0
                 right.append(bound / constraint.scale)
         h = np.concatenate(right)
         there = np.isfinite(h)
@@ -198,7 +185,7 @@ class _ConflictSearch:
         sentences = []
         for side in sides:
             phrases = []
-            for name in (name for name in self._all if name in side.slack and name not in slack):
+            for name in [name for name in self._all if name in side.slack and name not in slack]:
                 slack[name], units[name], phrase = _largest_violation(self._all[name], side.x)
                 phrases.append(phrase)
             sentences.append(", ".join(phrases))
@@ -258,13 +245,9 @@ class _ConflictSearch:
             return None
         self.programs += 1
         n = self._n
-        bounds = np.zeros((n + len(self._all), 2))
-        bounds[:n] = -np.inf, np.inf
-        bounds[n:, 1] = [np.inf if name in free else 0.0 for name in self._all]
-        cost = np.concatenate([np.zeros(n), np.ones(len(self._all))])
-        result = linprog(
-            cost, *self._unequal, *self._equal, bounds, method="highs-ds", options={"maxiter": _MAX_ITERATIONS}
-        )
+        bounds = [(-np.inf, np.inf)] * n + [(0.0, np.inf if name in free else 0.0) for name in self._all]
+        cost, options = np.repeat([0.0, 1.0], [n, len(self._all)]), {"maxiter": _MAX_ITERATIONS}
+        result = linprog(cost, *self._unequal, *self._equal, bounds, method="highs-ds", options=options)
         if result.status != 0 or not np.isfinite(result.x).all():
             return None
         slack = dict(zip(self._all, result.x[n:].tolist(), strict=True))
@@ -287,7 +270,7 @@ def _largest_violation(constraint: Constraint, x: Array) -> tuple[float, str, st
 
 def _phrase(constraint: Constraint, row: int, slack: float, *, upper: bool) -> str:
     unit, owner, contact = constraint.units[row], constraint.owner, constraint.contact
-    bound = constraint.factor * float((constraint.upper if upper else constraint.lower)[row] + constraint.offset[row])
+    bound = constraint.factor * float((constraint.upper if upper else constraint.lower)[row] + constraint.offset)
     side = f"{'at most' if upper else 'at least'} {bound:.4g} {unit}"
     amount = f"{slack:.3g} {unit}"
     gives = f"{amount} {'more' if upper else 'less'} needed"
