@@ -30,28 +30,6 @@ class _LazySolution(Solution):
     _residuals: Residuals
     _errors: Sequence[Errors]
 
-    def __init__(
-        self, layout: Layout, answer: Answer, residuals: Residuals, errors: Sequence[Errors], nv: int,
-        stages: Mapping[str, float], references: References,
-    ) -> None:  # fmt: skip
-        wrenches = references.external_wrenches
-        vars(self).update(  # faster than the constructor of a frozen record
-            v_dot=residuals.value[:nv],
-            tau=residuals.outputs,
-            relaxed=answer.relaxed,
-            iterations=answer.iterations,
-            stage_seconds=MappingProxyType(stages),
-            external_wrenches=frozen_mapping(wrenches) if wrenches else _NONE,
-            disturbance=references.disturbance,
-            _layout=layout,
-            _labels=layout.labels,
-            _levels=layout.levels,
-            _contact_rows=layout.contact_rows,
-            _answer=answer,
-            _residuals=residuals,
-            _errors=errors,
-        )
-
     @cached_property
     def forces(self) -> Mapping[str, Array]:
         forces = FORCE_UNIT * self._residuals.value[self._layout.forces]
@@ -85,7 +63,20 @@ class _LazySolution(Solution):
     @cached_property
     def binding(self) -> Mapping[str, float]:
         """Binding constraints with multipliers per SI unit of the bound."""
-        return MappingProxyType(_binding(self._labels, self._residuals, self._answer.multipliers))
+        residuals, multipliers, labels = self._residuals, self._answer.multipliers, self._labels
+        # Quick test: the norm bounds each value.
+        value = residuals.value
+        if residuals.least_room > 2.0 * _BINDING * (1.0 + math.sqrt(value.dot(value))):
+            return _NONE
+        room = residuals.room
+        bounds = np.abs([value - room[0], value + room[1]])
+        sides, rows = (room <= _BINDING * np.clip(bounds, 1.0, _LARGEST)).nonzero()
+        found: dict[str, float] = {}
+        for side, row in zip(sides.tolist(), rows.tolist(), strict=True):
+            name, unit = labels[row][side], labels[row][2]
+            if name:
+                found[name] = found.get(name, 0.0) + abs(float(multipliers[row])) / unit
+        return MappingProxyType(found)
 
     @cached_property
     def levels(self) -> Sequence[LevelReport]:
@@ -104,11 +95,7 @@ def unpack(
     references: References,
     stages: Mapping[str, float] = _NONE,
 ) -> Solution:
-    """Make the solution of an answer; `stages` are durations in s.
-
-    Raises:
-        ValueError: for an answer without residuals.
-    """
+    """Make the solution of an answer with residuals, or raise ValueError; `stages` are durations in s."""
     residuals = answer.residuals
     if residuals is None:
         raise ValueError(f"the answer {answer.status!r} has no residuals")
@@ -116,20 +103,22 @@ def unpack(
     value.setflags(write=False)
     residuals.outputs.setflags(write=False)
     formulation.add_effort_errors(value[: layout.problem.n])
-    return _LazySolution(layout, answer, residuals, formulation.task_errors, formulation.model.nv, stages, references)
-
-
-def _binding(labels: Sequence[tuple[str, str, float]], residuals: Residuals, multipliers: Array) -> dict[str, float]:
-    # Quick test: the norm bounds each value.
-    value = residuals.value
-    if residuals.least_room > 2.0 * _BINDING * (1.0 + math.sqrt(value.dot(value))):
-        return {}
-    room = residuals.room
-    bounds = np.abs([value - room[0], value + room[1]])
-    sides, rows = (room <= _BINDING * np.clip(bounds, 1.0, _LARGEST)).nonzero()
-    found: dict[str, float] = {}
-    for side, row in zip(sides.tolist(), rows.tolist(), strict=True):
-        name, unit = labels[row][side], labels[row][2]
-        if name:
-            found[name] = found.get(name, 0.0) + abs(float(multipliers[row])) / unit
-    return found
+    wrenches = references.external_wrenches
+    solution = object.__new__(_LazySolution)
+    vars(solution).update(  # faster than the constructor of a frozen record
+        v_dot=value[: formulation.model.nv],
+        tau=residuals.outputs,
+        relaxed=answer.relaxed,
+        iterations=answer.iterations,
+        stage_seconds=MappingProxyType(stages),
+        external_wrenches=frozen_mapping(wrenches) if wrenches else _NONE,
+        disturbance=references.disturbance,
+        _layout=layout,
+        _labels=layout.labels,
+        _levels=layout.levels,
+        _contact_rows=layout.contact_rows,
+        _answer=answer,
+        _residuals=residuals,
+        _errors=formulation.task_errors,
+    )
+    return solution
