@@ -1,6 +1,7 @@
 """A quadratic program as data."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -152,27 +153,22 @@ class QuadraticProgram:
 
 
 class Residuals:
-    """Residuals of the constraints at a point x.
-
-    Attributes:
-        memory: value, room, equalities and outputs one after the other, for kernels.
-        value: [x; C x], (n + m_in,).
-        outputs: C x + r of the first rows, (k,).
-    """
+    """Residuals of the constraints at a point x."""
 
     __slots__ = ("_sizes", "largest_equality", "least_room", "memory", "outputs", "value")
 
     def __init__(self, problem: QuadraticProgram) -> None:
         total, m = self._sizes = problem.bounds.shape[1], len(problem.b)
+        #: Value, room, equalities and outputs one after the other, for kernels.
         self.memory = np.empty(3 * total + m + len(problem.offset))
-        self.value, self.outputs = self.memory[:total], self.memory[3 * total + m :]
+        self.value = self.memory[:total]  # [x; C x], (n + m_in,)
+        self.outputs = self.memory[3 * total + m :]  # C x + r of the first rows, (k,)
         self.least_room = self.largest_equality = math.nan
 
     @property
     def room(self) -> Array:
         """Distances from lower and upper bounds, (2, n + m_in)."""
-        total = self._sizes[0]
-        return self.memory[total : 3 * total].reshape(2, total)
+        return self.memory[self._sizes[0] : 3 * self._sizes[0]].reshape(2, -1)
 
     @property
     def equalities(self) -> Array:
@@ -194,12 +190,13 @@ class SoftConstraints:
     bounds: Array  # (2, k)
     weights: Array  # w, (k,)
 
-    def joined_with(self, other: "SoftConstraints") -> "SoftConstraints":
-        """Return the union with others."""
-        return SoftConstraints(
-            np.concatenate([self.places, other.places]),
-            np.hstack([self.bounds, other.bounds]),
-            np.concatenate([self.weights, other.weights]),
+    @classmethod
+    def joined(cls, parts: Sequence["SoftConstraints"]) -> "SoftConstraints":
+        """Return the union."""
+        return cls(
+            np.concatenate([part.places for part in parts]),
+            np.hstack([part.bounds for part in parts]),
+            np.concatenate([part.weights for part in parts]),
         )
 
 

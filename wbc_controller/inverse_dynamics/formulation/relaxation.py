@@ -80,7 +80,7 @@ def contacts_preventing_stop(formulation: Formulation, layout: Layout, value: Ar
         return ()
     places = [place for place in layout.places if not place.contact.permanent]
     apart = not all(any(layout.J[place.motion, joint].any() for place in places) for joint in passing)
-    moving = _moving_contacts(formulation, layout, _LOOSE_SPEEDS)
+    moving = slipping_contacts(formulation, layout, _LOOSE_SPEEDS)
     moved = [place.contact.name for place in places if layout.J[place.motion][:, passing].any()]
     return tuple(place.contact.name for place in places if apart or place.contact.name in (*moving, *moved))
 
@@ -98,12 +98,10 @@ def _stopping_demand(formulation: Formulation, layout: Layout, value: Array) -> 
     return np.maximum(lower, -upper), np.maximum(lower - value[joints], value[joints] - upper)
 
 
-def slipping_contacts(formulation: Formulation, layout: Layout) -> tuple[str, ...]:
-    """Return the slipping contacts."""
-    return _moving_contacts(formulation, layout, _SLIP_SPEEDS)
-
-
-def _moving_contacts(formulation: Formulation, layout: Layout, speeds: tuple[float, float]) -> tuple[str, ...]:
+def slipping_contacts(
+    formulation: Formulation, layout: Layout, speeds: tuple[float, float] = _SLIP_SPEEDS
+) -> tuple[str, ...]:
+    """Return the contacts that move faster than speeds in m/s and rad/s."""
     velocity, names = layout.J @ formulation.dynamics.v, []
     for place in layout.places:
         own, turns = velocity[place.motion], place.contact.moments
@@ -128,17 +126,14 @@ def _joint_motion_group(formulation: Formulation, layout: Layout) -> Relaxable:
     weights = np.where(np.isin(group.places, joints[brakes]), _BRAKING_WEIGHT, _JOINT_WEIGHT)
     bounds = SoftConstraints(group.soft.places, group.soft.bounds, weights)
     stops = SoftConstraints(joints[brakes], stopping[:, brakes], np.full(int(brakes.sum()), _JOINT_WEIGHT))
-    return replace(group, soft=bounds.joined_with(stops))
+    return replace(group, soft=SoftConstraints.joined([bounds, stops]))
 
 
 def soften(layout: Layout, groups: Sequence[Relaxable]) -> SoftConstraints:
     """Keep only the hard bounds of groups in the problem, and return their soft constraints."""
-    soft = groups[0].soft
     for group in groups:
         layout.problem.bounds[:, group.places] = group.hard
-    for group in groups[1:]:
-        soft = soft.joined_with(group.soft)
-    return soft
+    return SoftConstraints.joined([group.soft for group in groups])
 
 
 def widen(layout: Layout, groups: Sequence[Relaxable], value: Array, room: float) -> tuple[str, ...]:
