@@ -1,6 +1,8 @@
-"""Fast NumPy equivalents for small arrays (``benchmarks/small_arrays.py``)."""
+"""Slices, and fast NumPy equivalents for small arrays (``benchmarks/small_arrays.py``)."""
 
 import math
+from collections.abc import Iterable
+from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
@@ -15,6 +17,11 @@ def as_slice(index: np.ndarray) -> np.ndarray | slice:
     if len(index) and (np.diff(index) == 1).all():
         return slice(int(index[0]), int(index[-1]) + 1)
     return index
+
+
+def consecutive(sizes: Iterable[int], start: int = 0) -> list[slice]:
+    """Return consecutive slices of given sizes."""
+    return [slice(*ends) for ends in pairwise(accumulate(sizes, initial=start))]
 
 
 def cross(a: Array, b: Array) -> Array:

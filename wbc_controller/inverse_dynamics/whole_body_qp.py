@@ -63,7 +63,8 @@ class WholeBodyQP:
         #: Active set found at the last change from one set of contacts to another.
         self._first_sets: dict[tuple[tuple[str, ...], tuple[str, ...]], Any] = {}
         self._hierarchies: dict[tuple[str, ...], Hierarchy] = {}
-        self._priorities = formulation.has_priorities
+        tasks = formulation.tasks.values()
+        self._priorities = len({task.level for task in tasks}) > 1 or any(task.tolerance is not None for task in tasks)
         if self._priorities and not self._solver_of(self.formulation.layout(())).for_levels:
             raise ConfigurationError(
                 f"solver.name = {solver!r} is not accurate enough for task levels above 0 and for tolerances; valid: "

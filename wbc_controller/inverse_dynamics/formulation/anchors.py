@@ -14,12 +14,9 @@ from wbc_controller.records import Array
 def anchor_feedback(
     rows: int, anchored: Sequence[tuple[AnchoredContact, slice]], dynamics: Dynamics, anchors: Mapping[str, Array]
 ) -> Array:
-    """Return K e, (nf,) in m/s² and rad/s²; 0 for contacts without an anchor.
+    """Return K e, (nf,) in m/s² and rad/s²; raises `ConfigurationError` without an anchor.
 
-    `rows` is nf; `anchored`: contacts with a stiffness, and their rows of J.
-
-    Raises:
-        ConfigurationError: for a contact with a stiffness and without an anchor.
+    `rows` is nf; `anchored`: contacts with a stiffness, and their rows of J, with 0 for the others.
     """
     wanted = np.zeros(rows)
     for contact, own in anchored:

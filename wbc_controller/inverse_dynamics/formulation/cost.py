@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from wbc_controller.inverse_dynamics.arrays import consecutive
 from wbc_controller.inverse_dynamics.formulation.layout import Layout
 from wbc_controller.inverse_dynamics.formulation.plain_qp import ROTATION_LENGTH, Regularization, task_rows
 from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT, Level, QuadraticCost
@@ -30,12 +31,6 @@ class LevelCost:
 
     A second posture task on the same joints adds likewise, with w + ε for ε and b - t for b. Posture tasks have rows
     only if a lower level must keep them.
-
-    Attributes:
-        squares: cost with weights w and ε.
-        rows: compiled rows of tasks, and of contacts for the first level.
-        effort_rows: [R, r] and error slice of each effort task.
-        redundant_rows: [R, r] of redundant contact directions, (nf, n + 1); first level only.
     """
 
     def __init__(
@@ -45,34 +40,33 @@ class LevelCost:
         problem, base = layout.problem, 6 if dynamics.model.floating_base else 0
         n = problem.n
         self._tasks, self._layout, self._dynamics, self._regularization = tasks, layout, dynamics, regularization
-        posture = [
-            (task, instruction)
-            for task in (tasks if last else ())
-            if isinstance(task, PostureTask)
-            and task.tolerance is None
-            and (instruction := task.instruction()) is not None
-        ]
-        self._posture = [task for task, _ in posture]
-        with_rows = [task for task in tasks if task.tolerance is None and task not in self._posture]
+        instructions = {
+            task.name: instruction
+            for task in tasks
+            if isinstance(task, MotionTask) and (instruction := task.instruction()) is not None
+        }
+        strict = [task for task in tasks if task.tolerance is None]
+        self._posture = [t for t in strict if last and isinstance(t, PostureTask) and t.name in instructions]
+        with_rows = [task for task in strict if task not in self._posture]
         self._with_tolerance = [task for task in tasks if task.tolerance is not None]
-        places, errors = _places([*with_rows, *self._posture, *self._with_tolerance])
-        self._errors_of, self._errors = list(places.items()), errors
+        places = _places([*with_rows, *self._posture, *self._with_tolerance])
+        self._errors_of, self._errors = list(places.items()), sum(task.dimension for task in tasks)
         self._rows_of = [(task.name, places[task.name]) for task in with_rows]
         end = sum(task.dimension for task in with_rows)
         count = end + base
         soft = len(layout.J) if first else 0
         top, bottom = problem.room - count, problem.room + len(problem.b)
         whole = problem.memory[top - soft : bottom] if first else np.zeros((count, n + 1))
-        self.redundant_rows, block = whole[:soft], whole[soft:]
-        self._bands, bands = _places(self._with_tolerance)
+        #: [R, r] of redundant contact directions, (nf, n + 1); first level only.
+        self._redundant_rows, block = whole[:soft], whole[soft:]
+        self._bands, bands = _places(self._with_tolerance), sum(task.dimension for task in self._with_tolerance)
         self._band_rows = np.zeros((bands, n + 1))
         self._band_scale, self._band_width = np.zeros(bands), np.zeros(bands)
         self._python_rows = [(task, self._band_rows[self._bands[task.name]]) for task in self._with_tolerance]
 
-        entries = [RowEntry(instruction, task=task, error=places[task.name].start) for task, instruction in posture]
+        entries = [RowEntry(instructions[task.name], 0, task, places[task.name].start) for task in self._posture]
         for task in with_rows:
-            rows = places[task.name]
-            instruction = task.instruction() if isinstance(task, MotionTask) else None
+            rows, instruction = places[task.name], instructions.get(task.name)
             if isinstance(task, MotionTask) and instruction is not None and instruction.kind != JOINTS:
                 entries.append(RowEntry(instruction, rows.start, task, rows.start))
             else:
@@ -81,18 +75,14 @@ class LevelCost:
             entries.append(RowEntry(Instruction(MOMENTUM, np.arange(6)), end))
         if first:
             entries += [RowEntry(instruction, count + row) for instruction, row in layout.instructions]
-        self.effort_rows = [
-            (rows, places[task.name]) for task, rows in self._python_rows if isinstance(task, EffortTask)
-        ]
+        #: [R, r] and error slice of each effort task.
+        self.effort_rows = [(rows, places[t.name]) for t, rows in self._python_rows if isinstance(t, EffortTask)]
         weights = np.ones(soft + count)
-        shared: dict[str, Any] = {
-            "base": base,
-            "diagonal": np.zeros(n),
-            "target": np.zeros(n),
-            "constraints": problem.constraints,
-        }
-        self.squares = LeastSquares(rows=block[:count], weights=weights[soft:], **shared)
+        shared: dict[str, Any] = {"base": base, "diagonal": np.zeros(n), "target": np.zeros(n)}
+        shared["constraints"] = problem.constraints
+        self.squares = LeastSquares(rows=block[:count], weights=weights[soft:], **shared)  # weights w and ε
         self._with_redundant = LeastSquares(rows=whole[: soft + count], weights=weights, **shared)
+        #: Compiled rows of tasks, and of contacts for the first level.
         self.rows = CompiledRows(dynamics, block, self.squares.target, entries)
         self._kept = [block[: 0 if last else end, :n], whole[: 0 if last else soft + end, :n]]
         self.level = Level(
@@ -151,16 +141,13 @@ class LevelCost:
         level.tasks = tuple(task.name for task in self._tasks if task.name not in missing)
         return [(name, place) for name, place in places if name not in missing], errors
 
-    def add_redundant_rows(self) -> None:
-        """Add `redundant_rows` to the cost of this cycle."""
-        cost = self.level.cost
+    def add_redundant_rows(self, rows: Array) -> None:
+        """Add rows [R, r] of redundant contact directions, (nf, nv + 1), to the cost of this cycle."""
+        cost, nv = self.level.cost, self._dynamics.model.nv
+        self._redundant_rows[:, :nv], self._redundant_rows[:, -1] = rows[:, :-1], rows[:, -1]
         cost.update(self._with_redundant, cost.squares_constant)
         self.level.kept = self._kept[1]
 
 
-def _places(tasks: Sequence[Task]) -> tuple[dict[str, slice], int]:
-    places, end = {}, 0
-    for task in tasks:
-        places[task.name] = slice(end, end + task.dimension)
-        end += task.dimension
-    return places, end
+def _places(tasks: Sequence[Task]) -> dict[str, slice]:
+    return {task.name: rows for task, rows in zip(tasks, consecutive(task.dimension for task in tasks), strict=True)}

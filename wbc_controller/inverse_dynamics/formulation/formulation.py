@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -59,10 +58,6 @@ class Formulation:
     """Quadratic program of a state and references; `inverse_dynamics.whole_body_qp` solves it.
 
     Parameters (weights, gains, limits) are written after changes, state and references in every cycle.
-
-    Attributes:
-        task_errors: of each level in the last cycle.
-        redundancy: contacts, True to separate them in every cycle, and examined q (`formulation.redundancy`).
     """
 
     def __init__(
@@ -87,8 +82,9 @@ class Formulation:
         self.row_limits = tuple(row_limits)
         self.period = period
         self.regularization = Regularization(regularization_acceleration, regularization_force)
-        self.task_errors: tuple[Errors, ...] = ()
+        self.task_errors: tuple[Errors, ...] = ()  # of each level in the last cycle
         self.structure: Structure | None = None
+        #: Contacts, True to separate them in every cycle, and examined q (`formulation.redundancy`).
         self.redundancy: tuple[tuple[str, ...], bool, Array] | None = None
         self._owners: tuple[Task | Contact, ...] = (*tasks, *contacts)
         self._levels = sorted({task.level for task in tasks})
@@ -96,11 +92,6 @@ class Formulation:
         self._structures: dict[tuple[tuple[str, ...], tuple[str, ...]], Structure] = {}  # by contacts and tasks
         self._tuning: Tuning | None = None
         self._prepared: RobotState | None = None  # of the present dynamics
-
-    @cached_property
-    def has_priorities(self) -> bool:
-        """True for several levels or tolerances."""
-        return len(self._levels) > 1 or any(task.tolerance is not None for task in self.tasks.values())
 
     def layout(self, names: tuple[str, ...]) -> Layout:
         """Return the layout for one set of active contacts."""
@@ -177,32 +168,25 @@ class Formulation:
         layout.contact_rows = np.column_stack([layout.J, layout.contact_motion])
         layout.problem.A[:nf, :nv], layout.contact_motion[:] = hard[:, :-1], hard[:, -1]
         if self.structure is not None:
-            first = self.structure.costs[0]
-            first.redundant_rows[:, :nv], first.redundant_rows[:, -1] = soft[:, :-1], soft[:, -1]
-            first.add_redundant_rows()
+            self.structure.costs[0].add_redundant_rows(soft)
 
     def add_effort_errors(self, x: Array) -> None:
         """Add the errors of effort tasks at a solution (n,) to `task_errors`."""
         costs = () if self.structure is None else self.structure.costs
-        for level, cost in enumerate(costs):
+        for cost, (_, errors) in zip(costs, self.task_errors, strict=True):
             for rows, place in cost.effort_rows:
-                self.task_errors[level][1][place] = rows[:, :-1] @ x - rows[:, -1]
+                errors[place] = rows[:, :-1] @ x - rows[:, -1]
 
     def _current_structure(self, references: References) -> Structure:
         changes = self.motion_limit.version + self.torque_limit.version
         for owner in self._owners:
             changes += owner.version
-        parameters = Parameters(
-            weights=_read_only(references.weights),
-            activations=_read_only(references.contacts),
-            motion_limit=self.motion_limit,
-            torque_limit=self.torque_limit,
-            changes=changes,
-        )
+        weights, activations = _read_only(references.weights), _read_only(references.contacts)
+        parameters = Parameters(weights, activations, self.motion_limit, self.torque_limit, changes)
         if self.structure is not None and parameters == self.structure.parameters:  # fast for the same objects
             return self.structure
         self.structure = None  # until all are written
-        structure = self._structure_for(parameters.weights, parameters.activations)
+        structure = self._structure_for(weights, activations)
         if structure.parameters != parameters:
             structure.parameters = None
             self._write_parameters(parameters, structure)
@@ -227,8 +211,7 @@ class Formulation:
                 )
                 for level in self._levels
             ]
-            levels = [cost.level for cost in costs]
-            self._structures[contacts, tasks] = Structure(layout, costs, levels)
+            self._structures[contacts, tasks] = Structure(layout, costs, [cost.level for cost in costs])
         structure = self._structures[contacts, tasks]
         layout = structure.layout
         if layout.levels is not structure.levels:
@@ -284,11 +267,11 @@ class Formulation:
         """Raise `MethodError` for NaN in the limits at a finite state."""
         if not (np.isfinite(self.dynamics.q).all() and np.isfinite(self.dynamics.v).all()):
             return
-        for limit, (rows, lower, upper) in zip(self.row_limits, layout.limit_parts, strict=True):
+        for limit, (rows, *bounds) in zip(self.row_limits, layout.limit_parts, strict=True):
             require_finite(limit, "fill", "rows", rows)
-            for name, bounds in (("lower", lower), ("upper", upper)):
-                if np.isnan(bounds).any():
-                    require_finite(limit, "fill", name, bounds)
+            for name, values in zip(("lower", "upper"), bounds, strict=True):
+                if np.isnan(values).any():
+                    require_finite(limit, "fill", name, values)
 
     def effort_bounds(self, references: References) -> tuple[Array, Array]:
         """Return the torque bounds without the rate limit."""

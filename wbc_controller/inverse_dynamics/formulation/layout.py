@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from wbc_controller.inverse_dynamics.arrays import consecutive
 from wbc_controller.inverse_dynamics.contacts import AnchoredContact, Contact
 from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT, Level, QuadraticProgram
 from wbc_controller.inverse_dynamics.limits import RowLimit
@@ -33,69 +34,44 @@ class ContactPlace:
 
 
 class Layout:
-    """Rows and columns of the problem, for one set of active contacts.
-
-    Attributes:
-        places: of each active contact.
-        forces: columns of all contact forces in x.
-        contact_rows: [J, b] of the contacts before `formulation.redundancy`, (nf, nv + 1), or None.
-        contact_motion: right-hand sides of the contacts in b, (nf,).
-        damping: D of each row of J, (nf,) in 1/s.
-        metric: diagonal of W in ½ ε_f fᵀ W f, (nf,).
-        dynamics_rows: equations of motion and torque bounds for the kernel.
-        mechanism: rows of A of mimic joints and equations of motion.
-        torque: rows of C of the torque bounds.
-        available: smallest and largest available torques, and effort limits, (3, na) in N·m.
-        limits: rows of C of each row limit.
-        limit_parts: views of rows and bounds of each row limit.
-        joints: columns of the joint accelerations in x, (nj,).
-        levels: cost of each priority level, highest first.
-        key: names of the active contacts.
-        labels: names of both bounds of each entry of [x; C x], and its unit in SI units.
-    """
+    """Rows and columns of the problem, for one set of active contacts."""
 
     def __init__(
         self, dynamics: Dynamics, contacts: Sequence[Contact], limits: Sequence[RowLimit] = (), cost_rows: int = 0
     ) -> None:
-        model = dynamics.model
-        nv, na, free = model.nv, model.na, model.actuation.free
-        coupling = model.actuation.C
-        self.actuation = model.actuation
-        self.key = tuple(contact.name for contact in contacts)
-        nf = sum(contact.size for contact in contacts)
-        self.mechanism = slice(nf, nf + len(coupling) + free)
-        self.torque = slice(0, na)
-        self.joints = model.v_index
+        model, actuation, coupling = dynamics.model, dynamics.model.actuation, dynamics.model.actuation.C
+        nv, na, sizes = model.nv, model.na, [contact.size for contact in contacts]
+        nf = sum(sizes)
+        self.key = tuple(contact.name for contact in contacts)  # names of the active contacts
+        self.mechanism = slice(nf, nf + len(coupling) + actuation.free)  # rows of A: mimic joints, equations of motion
+        self.torque = slice(0, na)  # rows of C of the torque bounds
+        self.joints = model.v_index  # columns of the joint accelerations in x, (nj,)
+        self.forces = slice(nv, nv + nf)  # columns of all contact forces in x
         self._alone = sum(not contact.internal for contact in contacts) == 1
         cones = [contact.cone_for(1.0, self._alone) for contact in contacts]
-        inequality = na + sum(map(len, cones))
-        self.limits: list[slice] = []
+        cone_rows = consecutive(map(len, cones), na)
         self.row_limits = tuple(limits)
-        for limit in limits:
-            self.limits.append(slice(inequality, inequality + len(limit.names)))
-            inequality += len(limit.names)
+        self.limits = consecutive((len(limit.names) for limit in limits), na + sum(map(len, cones)))  # rows of C
+        inequality = na + sum(map(len, cones)) + sum(len(limit.names) for limit in limits)
         self.problem = problem = QuadraticProgram.empty(nv + nf, self.mechanism.stop, inequality, cost_rows, na)
+        #: Rows and bounds of each row limit, as views.
         self.limit_parts = [(problem.C[rows, :nv], problem.lower[rows], problem.upper[rows]) for rows in self.limits]
         problem.A[nf : nf + len(coupling), :nv] = coupling  # C v̇ = 0
         self._rows_in_A = problem.A[:nf, :nv]
+        #: [J, b] of the contacts before `formulation.redundancy`, (nf, nv + 1), or None.
         self.contact_rows: Array | None = None
-        self.contact_motion = problem.b[:nf]
-        self.damping = np.concatenate([np.zeros(0), *(c.row_damping() for c in contacts)])
-        self.metric = np.concatenate([np.zeros(0), *(c.metric for c in contacts)])
-        self.places: list[ContactPlace] = []
-        row, first = 0, na
-        for contact, cone in zip(contacts, cones, strict=True):
-            motion, columns = slice(row, row + contact.size), slice(nv + row, nv + row + contact.size)
-            rows = slice(first, first + len(cone))
-            lower, upper = problem.bounds[:, columns]
-            self.places.append(
-                ContactPlace(contact, motion, problem.A[motion, :nv], problem.b[motion], rows, columns, lower, upper)
-            )
+        self.contact_motion = problem.b[:nf]  # right-hand sides of the contacts
+        damping = np.concatenate([np.zeros(0), *(c.row_damping() for c in contacts)])
+        self.metric = np.concatenate([np.zeros(0), *(c.metric for c in contacts)])  # diagonal of W in ½ ε_f fᵀ W f
+        self.places: list[ContactPlace] = []  # of each active contact
+        for contact, cone, motion, columns, rows in zip(
+            contacts, cones, consecutive(sizes), consecutive(sizes, nv), cone_rows, strict=True
+        ):
+            views = problem.A[motion, :nv], problem.b[motion]
+            self.places.append(ContactPlace(contact, motion, *views, rows, columns, *problem.bounds[:, columns]))
             problem.C[rows, columns] = cone
             problem.upper[rows] = 0.0
-            row, first = motion.stop, rows.stop
         self._friction: Mapping[str, float] = {}
-        self.forces = slice(nv, nv + nf)
         #: Compiled rows of contacts with their first row; other contacts.
         self.instructions = [
             (instruction, place.motion.start)
@@ -109,15 +85,15 @@ class Layout:
             for place in self.places
             if isinstance(place.contact, AnchoredContact) and place.contact.stiffness > 0.0
         )
-        self.available = np.zeros((3, na))
-        starts, nonzero_columns, values = self.actuation.projection
+        self.available = np.zeros((3, na))  # smallest and largest available torques, and effort limits, N·m
+        starts, nonzero_columns, values = actuation.projection
         self.dynamics_rows = DynamicsRows(
             starts=starts,
             columns=nonzero_columns,
             values=values,
-            damping=self.damping,
+            damping=damping,
             rows=problem.constraints.rows,
-            first=self.mechanism.stop - free,
+            first=self.mechanism.stop - actuation.free,
             lower=problem.lower[:na],
             upper=problem.upper[:na],
             M=dynamics.M_rows,
@@ -125,7 +101,7 @@ class Layout:
             available=self.available,
             bias=problem.offset,
         )
-        self.levels: list[Level] = []
+        self.levels: list[Level] = []  # cost of each priority level, highest first
         self._fixed_labels = self._labels(model)
         self.name_limits()
 
@@ -145,8 +121,8 @@ class Layout:
 
     def name_limits(self) -> None:
         """Write the present names of the row limits to a new list of labels."""
-        names = [name for limit in self.row_limits for name in limit.names]
-        self.labels = self._fixed_labels + [(name, name, 1.0) for name in names]
+        #: Names of both bounds of each entry of [x; C x], and its unit in SI units.
+        self.labels = self._fixed_labels + [(name, name, 1.0) for limit in self.row_limits for name in limit.names]
 
     def set_friction(self, shares: Mapping[str, float]) -> None:
         """Write the cones for a share of the friction of each contact, 1 by default."""
@@ -174,9 +150,7 @@ class Layout:
         if contact not in self.key:
             return None
         columns = self.places[self.key.index(contact)].columns
-        rows = np.zeros((columns.stop - columns.start, self.problem.n))
-        np.fill_diagonal(rows[:, columns], FORCE_UNIT)
-        return rows
+        return FORCE_UNIT * np.eye(columns.stop - columns.start, self.problem.n, columns.start)
 
     def snapshot(self) -> "Layout":
         """Return a copy with its own problem; `places` remain views of this one."""

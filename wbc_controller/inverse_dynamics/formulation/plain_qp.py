@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from wbc_controller.inverse_dynamics.arrays import consecutive
 from wbc_controller.inverse_dynamics.contacts import AnchoredContact, Contact
 from wbc_controller.inverse_dynamics.contacts.contact import motion_of as contact_motion
 from wbc_controller.inverse_dynamics.formulation.anchors import anchor_feedback
@@ -114,9 +115,9 @@ def plain_qp(
     model, actuation, period = dynamics.model, dynamics.model.actuation, limits.period
     activations = {c.name: 1.0 if c.permanent else references.contacts.get(c.name, 0.0) for c in contacts}
     active = [contact for contact in contacts if activations[contact.name] > 0.0]
-    ends = np.cumsum([model.nv, *(contact.size for contact in active)]).tolist()
-    columns = {contact.name: slice(*ends[i : i + 2]) for i, contact in enumerate(active)}
-    nv, n = model.nv, ends[-1]
+    nv, sizes = model.nv, [contact.size for contact in active]
+    columns = dict(zip((contact.name for contact in active), consecutive(sizes, nv), strict=True))
+    n = nv + sum(sizes)
 
     # Equations of motion: N (M v̇ + h - Jᵀf) = 0, τ = T (M v̇ + h - Jᵀf); mimic joints: C v̇ = 0.
     J, J_acceleration = contact_accelerations(dynamics, active, references)

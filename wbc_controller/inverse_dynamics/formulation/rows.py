@@ -32,12 +32,7 @@ class _TaskNumbers:
 
 
 class CompiledRows:
-    """Rows [J, b] of contacts and tasks in one block, filled by `robot.frame_kernels.fill_rows`.
-
-    Attributes:
-        arrays: for the kernel.
-        factors: of joint tasks, (2, size), the last `numbers` of `_joint_targets`.
-    """
+    """Rows [J, b] of contacts and tasks in one block, filled by `robot.frame_kernels.fill_rows` from `arrays`."""
 
     def __init__(self, dynamics: Dynamics, out: Array, target: Array, entries: Sequence[RowEntry]) -> None:
         instructions: list[tuple[int, ...]] = []
@@ -63,7 +58,7 @@ class CompiledRows:
             out=out,
             target=target,
         )
-        self.factors: dict[str, Array] = {}
+        self.factors: dict[str, Array] = {}  # of joint tasks, (2, size), the last `numbers` of `_joint_targets`
         self._tasks: list[_TaskNumbers] = []
         for entry, step_numbers in zip(entries, self.arrays.instructions[:, 8].tolist(), strict=True):
             task = entry.task
@@ -82,14 +77,9 @@ class CompiledRows:
             own.gains[0], own.gains[1] = own.task.stiffness, own.task.damping
 
     def set_references(self, references: Mapping[str, Reference]) -> None:
-        """Copy the references of the tasks.
-
-        Raises:
-            ValueError: for an array of wrong size.
-        """
+        """Copy the references of the tasks; raises ValueError for an array of wrong size."""
         for own in self._tasks:
-            task = own.task
-            wanted = references[task.name]
+            task, wanted = own.task, references[own.task.name]
             if wanted is own.copied:
                 continue
             position, velocity, acceleration = wanted.position, wanted.velocity, wanted.acceleration
