@@ -10,17 +10,6 @@ from wbc_controller.inverse_dynamics.contacts.support import Polygon, Rectangle,
 from wbc_controller.inverse_dynamics.contacts.surface import SurfaceContact
 
 __all__ = [
-    "AnchoredContact",
-    "Contact",
-    "FixedContact",
-    "LoopClosure",
-    "PointContact",
-    "Polygon",
-    "Rectangle",
-    "RollingContact",
-    "SurfaceContact",
-    "UnilateralContact",
-    "placement_of",
-    "polygon_wrench_cone",
-    "wrench_cone",
-]
+    "AnchoredContact", "Contact", "FixedContact", "LoopClosure", "PointContact", "Polygon", "Rectangle",
+    "RollingContact", "SurfaceContact", "UnilateralContact", "placement_of", "polygon_wrench_cone", "wrench_cone",
+]  # fmt: skip

@@ -3,31 +3,15 @@
 from wbc_controller.inverse_dynamics.tasks.alignment import AxisAlignmentTask, GazeTask
 from wbc_controller.inverse_dynamics.tasks.capture_point import CapturePointTask
 from wbc_controller.inverse_dynamics.tasks.com import ComTask
-from wbc_controller.inverse_dynamics.tasks.contact_wrench import ContactWrenchTask
+from wbc_controller.inverse_dynamics.tasks.effort import ContactWrenchTask, TorqueTask
 from wbc_controller.inverse_dynamics.tasks.frame import FrameOrientationTask, FramePoseTask, FramePositionTask
 from wbc_controller.inverse_dynamics.tasks.momentum import AngularMomentumTask, LinearMomentumTask
 from wbc_controller.inverse_dynamics.tasks.posture import PostureTask
 from wbc_controller.inverse_dynamics.tasks.relative import RelativePoseTask
 from wbc_controller.inverse_dynamics.tasks.task import AccelerationTask, EffortTask, MotionTask, RateTask, Task
-from wbc_controller.inverse_dynamics.tasks.torque import TorqueTask
 
 __all__ = [
-    "AccelerationTask",
-    "AngularMomentumTask",
-    "AxisAlignmentTask",
-    "CapturePointTask",
-    "ComTask",
-    "ContactWrenchTask",
-    "EffortTask",
-    "FrameOrientationTask",
-    "FramePoseTask",
-    "FramePositionTask",
-    "GazeTask",
-    "LinearMomentumTask",
-    "MotionTask",
-    "PostureTask",
-    "RateTask",
-    "RelativePoseTask",
-    "Task",
-    "TorqueTask",
-]
+    "AccelerationTask", "AngularMomentumTask", "AxisAlignmentTask", "CapturePointTask", "ComTask", "ContactWrenchTask",
+    "EffortTask", "FrameOrientationTask", "FramePoseTask", "FramePositionTask", "GazeTask", "LinearMomentumTask",
+    "MotionTask", "PostureTask", "RateTask", "RelativePoseTask", "Task", "TorqueTask",
+]  # fmt: skip
