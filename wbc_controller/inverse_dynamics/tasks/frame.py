@@ -10,7 +10,7 @@ from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.frame_kernels import FRAME
 from wbc_controller.inverse_dynamics.robot.instruction import Instruction, placement_numbers, placement_on_link
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of, rotation_of
+from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
 from wbc_controller.inverse_dynamics.tasks.form import ReferenceForm
 from wbc_controller.inverse_dynamics.tasks.task import MotionTask
 from wbc_controller.records import Array
@@ -18,15 +18,13 @@ from wbc_controller.records import Array
 _WORLD_AXES = pin.LOCAL_WORLD_ALIGNED
 
 
-def orientation_error(rotation: Array, quaternion: Array) -> Array:
-    """Return log(R_ref Rᵀ) from R (3, 3) to a quaternion (x, y, z, w), (3,) in rad, world axes."""
-    error: Array = pin.log3(rotation_of(quaternion).dot(rotation.T))
-    return error
-
-
-def pose_error(pose: pin.SE3, position: Array) -> Array:
-    """Return displacement and `orientation_error` from a pose to position and quaternion (7,), (6,)."""
-    return np.concatenate([position[:3] - pose.translation, orientation_error(pose.rotation, position[3:])])
+def pose_error(pose: pin.SE3, position: Array, form: ReferenceForm) -> Array:
+    """Return displacement, m, and rotation vector log(R_ref Rᵀ), rad, from a pose to a reference; parts as its form."""
+    n = form.vector
+    if not form.oriented:
+        return np.asarray(position - pose.translation)
+    turn = pin.log3(rotation_of(position[n:]).dot(pose.rotation.T))
+    return np.concatenate([position[:n] - pose.translation[:n], turn])
 
 
 class _FrameTask(MotionTask):
@@ -48,6 +46,15 @@ class _FrameTask(MotionTask):
         constants = placement_numbers(placement)
         return Instruction(FRAME, self.rows, link, first=self.part.start, size=self.size, constants=constants)
 
+    def position(self, dynamics: Dynamics) -> Array:
+        """Return position in m, quaternion (x, y, z, w), or both, as the reference."""
+        values, first = pin.SE3ToXYZQUAT(dynamics.placement(self._frame_id)), 3 - self.form.vector
+        return np.asarray(values[first : first + self.form.size])
+
+    def error(self, dynamics: Dynamics, position: Array) -> Array:
+        """Return displacement, rotation vector, or both to the reference in world axes, (size,)."""
+        return pose_error(dynamics.placement(self._frame_id), position, self.form)
+
     def velocity(self, dynamics: Dynamics) -> Array:
         """Return the frame's velocity in world axes, linear part first, (size,)."""
         return dynamics.velocity(self._frame_id, _WORLD_AXES)[self.part]
@@ -65,14 +72,7 @@ class FramePositionTask(_FrameTask):
     unit = "m"
     size = 3
     part = slice(0, 3)
-
-    def position(self, dynamics: Dynamics) -> Array:
-        """Return the position, (3,) in m."""
-        return np.array(dynamics.placement(self._frame_id).translation)
-
-    def error(self, dynamics: Dynamics, position: Array) -> Array:
-        """Return the displacement to the reference, (3,) in m."""
-        return np.asarray(position - dynamics.placement(self._frame_id).translation)
+    form = ReferenceForm()
 
 
 class FrameOrientationTask(_FrameTask):
@@ -83,14 +83,6 @@ class FrameOrientationTask(_FrameTask):
     part = slice(3, 6)
     form = ReferenceForm(vector=0, oriented=True)
 
-    def position(self, dynamics: Dynamics) -> Array:
-        """Return the quaternion, (4,)."""
-        return quaternion_of(dynamics.placement(self._frame_id).rotation)
-
-    def error(self, dynamics: Dynamics, position: Array) -> Array:
-        """Return the rotation vector to the reference in world axes, (3,) in rad."""
-        return orientation_error(dynamics.placement(self._frame_id).rotation, position)
-
 
 class FramePoseTask(_FrameTask):
     """Task on a frame's pose in the world; the reference is position and quaternion, (7,)."""
@@ -99,11 +91,3 @@ class FramePoseTask(_FrameTask):
     size = 6
     part = slice(0, 6)
     form = ReferenceForm(oriented=True)
-
-    def position(self, dynamics: Dynamics) -> Array:
-        """Return position and quaternion, (7,)."""
-        return np.asarray(pin.SE3ToXYZQUAT(dynamics.placement(self._frame_id)))
-
-    def error(self, dynamics: Dynamics, position: Array) -> Array:
-        """Return displacement and rotation vector to the reference in world axes, (6,)."""
-        return pose_error(dynamics.placement(self._frame_id), position)

@@ -64,16 +64,13 @@ class RelativePoseTask(MotionTask):
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
         """Return displacement and rotation vector to the reference, (6,)."""
-        return pose_error(self._pose(dynamics), position)
+        return pose_error(self._pose(dynamics), position, self.form)
 
     def velocity(self, dynamics: Dynamics) -> Array:
         """Return ṙ and ω, (6,)."""
         to_a, d = self._axes_and_arm(dynamics)
         a, b = dynamics.velocity(self._a, _WORLD_AXES), dynamics.velocity(self._b, _WORLD_AXES)
-        velocity = np.empty(6)
-        velocity[:3] = to_a @ (b[:3] - a[:3] - pin.skew(a[3:]) @ d)
-        velocity[3:] = to_a @ (b[3:] - a[3:])
-        return velocity
+        return np.concatenate([to_a @ (b[:3] - a[:3] - pin.skew(a[3:]) @ d), to_a @ (b[3:] - a[3:])])
 
     def jacobian(self, dynamics: Dynamics) -> Array:
         """Return the Jacobian of ṙ and ω, (6, nv)."""
@@ -81,10 +78,7 @@ class RelativePoseTask(MotionTask):
         a, b = dynamics.jacobian(self._a, _WORLD_AXES), dynamics.jacobian(self._b, _WORLD_AXES)
         difference = b - a
         difference[:3] += pin.skew(d) @ a[3:]  # -ω_A × d = d × ω_A
-        J = np.empty_like(difference)
-        np.matmul(to_a, difference[:3], out=J[:3])
-        np.matmul(to_a, difference[3:], out=J[3:])
-        return J
+        return np.vstack([to_a @ difference[:3], to_a @ difference[3:]])
 
     def drift(self, dynamics: Dynamics) -> Array:
         """Return r̈ and ω̇ at v̇ = 0, (6,)."""
@@ -92,9 +86,5 @@ class RelativePoseTask(MotionTask):
         a, b = dynamics.velocity(self._a, _WORLD_AXES), dynamics.velocity(self._b, _WORLD_AXES)
         a_dot, b_dot = dynamics.drift_world(self._a), dynamics.drift_world(self._b)
         turn = pin.skew(a[3:])
-        drift = np.empty(6)
-        drift[:3] = to_a @ (
-            b_dot[:3] - a_dot[:3] - pin.skew(a_dot[3:]) @ d - 2.0 * turn @ (b[:3] - a[:3]) + turn @ (turn @ d)
-        )
-        drift[3:] = to_a @ (b_dot[3:] - a_dot[3:] - turn @ b[3:])
-        return drift
+        linear = b_dot[:3] - a_dot[:3] - pin.skew(a_dot[3:]) @ d - 2.0 * turn @ (b[:3] - a[:3]) + turn @ (turn @ d)
+        return np.concatenate([to_a @ linear, to_a @ (b_dot[3:] - a_dot[3:] - turn @ b[3:])])
