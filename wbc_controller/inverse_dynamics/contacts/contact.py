@@ -29,6 +29,7 @@ class Contact(Tunable, ABC):
         wrench_frame: link with the contact frame of the wrench, or ``world``.
         cone: friction or wrench cone C, (rows, k).
         damping: D of the contact velocity, 1/s.
+        stiffness: K of an `AnchoredContact`, 1/s²; 0 for no anchor.
         internal: True between two links.
         metric: diagonal of W in the regularization ½ ε_f fᵀ W f, (k,): 1 for forces, 1/ℓ² for moments, with ℓ the RMS
             lever of the sole's corners (1 m for a point).
@@ -48,13 +49,15 @@ class Contact(Tunable, ABC):
     min_normal_force = -np.inf
 
     def __init__(
-        self, name: str, basis: Array, cone: Array, wrench_frame: str, *, damping: float, internal: bool
-    ) -> None:
+        self, name: str, basis: Array, cone: Array, wrench_frame: str, *, damping: float, internal: bool,
+        stiffness: float = 0.0,
+    ) -> None:  # fmt: skip
         self.name = name
         self.basis = basis
         self.wrench_frame = wrench_frame
         self.cone = cone
         self.damping = damping
+        self.stiffness = stiffness
         self.internal = internal
         self.moments: np.ndarray = np.asarray(basis[3:].any(axis=0))  # components of f that are moments, (k,)
         self.size = basis.shape[1]  # k
@@ -108,24 +111,7 @@ class AnchoredContact(Contact):
     With the displacement e to the anchor,
 
         J v̇ + J̇v = -D J v + K e
-
-    Attributes:
-        stiffness: K, 1/s²; 0 for no anchor.
     """
-
-    def __init__(
-        self,
-        name: str,
-        basis: Array,
-        cone: Array,
-        wrench_frame: str,
-        *,
-        stiffness: float,
-        damping: float,
-        internal: bool,
-    ) -> None:
-        super().__init__(name, basis, cone, wrench_frame, damping=damping, internal=internal)
-        self.stiffness = stiffness
 
     @abstractmethod
     def pose(self, dynamics: Dynamics) -> pin.SE3:

@@ -62,9 +62,9 @@ class LoopClosure(Contact):
             np.zeros((0, len(self._rows))),
             frames[0],
             damping=2.0 * math.sqrt(stiffness),
+            stiffness=stiffness,
             internal=True,
         )
-        self.stiffness = stiffness
         self._a = model.frame_id(frames[0], f"loops.{name}.frame_a")
         b = model.frame_id(frames[1], f"loops.{name}.frame_b")
         if model.pinocchio.frames[self._a].parentJoint == model.pinocchio.frames[b].parentJoint:

@@ -40,8 +40,7 @@ class ReferenceForm:
     def position(self, values: Any, what: str) -> Array:
         """Read a position (size,), and normalize its direction or quaternion.
 
-        Raises:
-            InputRefused: for a wrong size, norm or value; `what` names the values.
+        Raises `InputRefused` for a wrong size, norm or value; `what` names the values.
         """
         array = np.array(finite(values, what))
         if self.size == 1 and array.shape == ():

@@ -27,11 +27,7 @@ Gains = float | Sequence[float]  # one number, or one per axis
 
 
 def gains(values: Gains, size: int, key: str) -> Array:
-    """Read a gain, () or (size,), with values for masked axes.
-
-    Raises:
-        ConfigurationError: for another size; the message begins with the key.
-    """
+    """Read a gain, () or (size,), with values for masked axes; errors begin with the key."""
     array = np.asarray(values, dtype=np.float64)
     if array.shape not in ((), (size,)):
         raise ConfigurationError(
@@ -102,16 +98,15 @@ class Task(Tunable, ABC):
 
 def rest_of(task: Task, dynamics: Dynamics) -> Reference:
     """Return `Task.rest`, checked (`method_calls`)."""
-    reference, form = call(task, "rest", dynamics), task.form
+    reference, rate = call(task, "rest", dynamics), (task.form.rate_size,)
     if not isinstance(reference, Reference):
         raise MethodError(
             f"{task.full_name}: {type(task).__name__}.rest() returned {type(reference).__name__}, expected a Reference"
         )
-    rate = (form.rate_size,)
-    arrays = reference.position, reference.velocity, reference.acceleration
-    position, velocity, acceleration = arrays_of(task, "rest", arrays, ((form.size,), rate, rate))
-    require_finite_result(task, "rest", position, velocity, acceleration)
-    return Reference(position, velocity, acceleration)
+    given = reference.position, reference.velocity, reference.acceleration
+    arrays = arrays_of(task, "rest", given, ((task.form.size,), rate, rate))
+    require_finite_result(task, "rest", *arrays)
+    return Reference(*arrays)
 
 
 class AccelerationTask(Task):
@@ -219,10 +214,7 @@ class EffortTask(Task):
 
     @abstractmethod
     def equation(self, efforts: Efforts, reference: Reference) -> tuple[Array, Array] | None:
-        """Return the rows R x = r in the decision variables x: R (k, n), r (k,).
-
-        None for the force of an inactive contact.
-        """
+        """Return the rows R x = r in the decision variables x, R (k, n), r (k,); None for an inactive contact."""
 
 
 def equation_of(task: EffortTask, efforts: Efforts, reference: Reference, n: int) -> tuple[Array, Array] | None:
@@ -261,9 +253,8 @@ class MotionTask(AccelerationTask):
         """Make a task with a mask, (size,), and gains; the default damping is critical, 2√K."""
         super().__init__(name, mask)
         self.stiffness = gains(stiffness, len(mask), f"tasks.{name}.stiffness")
-        self.damping = np.asarray(2.0 * np.sqrt(self.stiffness))
-        if damping is not None:
-            self.damping = gains(damping, len(mask), f"tasks.{name}.damping")
+        critical = 2.0 * np.sqrt(self.stiffness)
+        self.damping = gains(critical if damping is None else damping, len(mask), f"tasks.{name}.damping")
 
     @abstractmethod
     def velocity(self, dynamics: Dynamics) -> Array:
