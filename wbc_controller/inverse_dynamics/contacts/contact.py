@@ -1,12 +1,21 @@
 """Base classes of contacts."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.errors import MethodError
-from wbc_controller.inverse_dynamics.method_calls import array_from, bounds_of, call, checked, is_finite, raised
+from wbc_controller.errors import ConfigurationError, MethodError
+from wbc_controller.inverse_dynamics.method_calls import (
+    array_from,
+    bounds_of,
+    call,
+    checked,
+    is_finite,
+    raised,
+    require_finite_result,
+)
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.instruction import Instruction
 from wbc_controller.inverse_dynamics.tunable import Tunable
@@ -161,6 +170,29 @@ def points_of(contact: Contact, dynamics: Dynamics) -> Array:
 def anchor_of(contact: AnchoredContact, dynamics: Dynamics) -> Array:
     """Return `AnchoredContact.anchor`, checked (`method_calls`) and read-only."""
     return frozen(array_from(contact, "anchor", (7,), dynamics))
+
+
+def anchor_feedback(
+    rows: int, anchored: Sequence[tuple[AnchoredContact, slice]], dynamics: Dynamics, anchors: Mapping[str, Array]
+) -> Array:
+    """Return K e, (nf,) in m/s² and rad/s²; raises `ConfigurationError` without an anchor.
+
+    `rows` is nf; `anchored`: contacts with a stiffness, and their rows of J, with 0 for the others.
+    """
+    wanted = np.zeros(rows)
+    for contact, own in anchored:
+        anchor = anchors.get(contact.name)
+        if anchor is None:
+            raise ConfigurationError(
+                f"contact {contact.name!r} has stiffness = {contact.stiffness:g} 1/s², but no anchor in the references "
+                f"(anchors: {', '.join(anchors) or 'none'}); make one with `AnchoredContact.anchor`"
+            )
+        displacement = call(contact, "displacement", dynamics, anchor)
+        displacement = checked(contact, "displacement", displacement, (contact.size,))
+        if not is_finite(displacement) and is_finite(anchor):
+            require_finite_result(contact, "displacement", displacement)
+        wanted[own] = contact.stiffness * displacement
+    return wanted
 
 
 def needed_activation(contact: Contact, force: Array) -> float:

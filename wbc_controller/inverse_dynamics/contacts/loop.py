@@ -43,15 +43,12 @@ class LoopClosure(Contact):
         *,
         stiffness: float = 400.0,
     ) -> None:
-        """Make a loop closure.
+        """Make a loop closure; raises `ConfigurationError` also if no joint is between the frames.
 
         Args:
             placements: of A and B in these frames.
             mask: held axes of A: along x, y, z, about x, y, z.
             stiffness: K, 1/s².
-
-        Raises:
-            ConfigurationError: also if no joint is between the frames.
         """
         self._rows = np.flatnonzero(mask)
         if not len(self._rows):

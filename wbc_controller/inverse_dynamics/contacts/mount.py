@@ -71,8 +71,7 @@ class Mount:
         self._other = support_link(model, name, frame, against)
         self._placement = placement
         self._on_link = placement_on_link(model, self._id, placement)
-        frames = model.pinocchio.frames
-        self._other_link = 0 if self._other is None else int(frames[self._other].parentJoint)
+        self._other_link = 0 if self._other is None else int(model.pinocchio.frames[self._other].parentJoint)
 
     def placement(self, dynamics: Dynamics) -> pin.SE3:
         """Return the placement of C in the world."""

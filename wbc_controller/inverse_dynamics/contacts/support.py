@@ -28,10 +28,9 @@ def friction_pyramid(friction: float) -> Array:
 def wrench_cone(friction: float, half_length: float, half_width: float) -> Array:
     """Return the exact wrench cone of a rectangle with pyramids |fx|, |fy| ≤ friction fz at its corners.
 
-    Source: Caron, Pham, Nakamura, "Stability of surface contacts for humanoid robots" (ICRA 2015).
+    A wrench w = [fx, fy, fz, τx, τy, τz] about the centre is feasible if C w ≤ 0, with C (16, 6).
 
-    Returns:
-        C, (16, 6): a wrench w = [fx, fy, fz, τx, τy, τz] about the centre is feasible if C w ≤ 0.
+    Source: Caron, Pham, Nakamura, "Stability of surface contacts for humanoid robots" (ICRA 2015).
     """
     mu, x, y = friction, half_length, half_width
     rows = []

@@ -35,11 +35,9 @@ class SurfaceContact(MountedContact, UnilateralContact):
         friction: float = 0.7,
         **limits: float,
     ) -> None:
-        """Make a surface contact; other arguments as `PointContact`.
+        """Make a surface contact with the shape `support`; other arguments as `PointContact`.
 
-        Args:
-            placement: of the contact in the frame; z points away from the touched surface.
-            support: shape of the contact area.
+        The z axis of `placement`, of the contact in the frame, points away from the touched surface.
         """
         super().__init__(
             name,

@@ -9,8 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from wbc_controller.errors import MethodError
-from wbc_controller.inverse_dynamics.contacts.contact import Contact, motion_of
-from wbc_controller.inverse_dynamics.formulation.anchors import anchor_feedback
+from wbc_controller.inverse_dynamics.contacts.contact import Contact, anchor_feedback, motion_of
 from wbc_controller.inverse_dynamics.formulation.cost import Errors, LevelCost
 from wbc_controller.inverse_dynamics.formulation.formulation_kernels import Program, fill_program
 from wbc_controller.inverse_dynamics.formulation.layout import ContactPlace, Layout

@@ -13,8 +13,8 @@ import numpy as np
 
 from wbc_controller.inverse_dynamics.arrays import consecutive
 from wbc_controller.inverse_dynamics.contacts import AnchoredContact, Contact
+from wbc_controller.inverse_dynamics.contacts.contact import anchor_feedback
 from wbc_controller.inverse_dynamics.contacts.contact import motion_of as contact_motion
-from wbc_controller.inverse_dynamics.formulation.anchors import anchor_feedback
 from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT
 from wbc_controller.inverse_dynamics.formulation.redundancy import separate_redundant_rows
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit, RowLimit, TorqueLimit
