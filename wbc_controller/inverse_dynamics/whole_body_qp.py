@@ -44,13 +44,9 @@ class WholeBodyQP:
     def __init__(
         self, formulation: Formulation, *, solver: str = "daqp", timer: Callable[[], float] = lambda: 0.0
     ) -> None:
-        """Make a controller.
+        """Make a controller with a clock for stage times, s.
 
-        Args:
-            timer: clock for stage times, s.
-
-        Raises:
-            ConfigurationError: if the solver is missing, or too inaccurate for the tasks' priorities.
+        Raises `ConfigurationError` if the solver is missing, or too inaccurate for the tasks' priorities.
         """
         self.formulation = formulation
         self.model, self.dynamics = formulation.model, formulation.dynamics
@@ -125,10 +121,7 @@ class WholeBodyQP:
             hierarchy.recall(remembered)
 
     def _solver_of(self, layout: Layout) -> Solver:
-        """Return the solver for another set of contacts.
-
-        After a change of the set, it starts with the active set that it found at the last such change.
-        """
+        """Return the solver for another set of contacts, with the active set that it found at the last such change."""
         if layout.key not in self._solvers:
             self._solvers[layout.key] = self._make_solver(layout.problem)
         solver = self._solvers[layout.key]
@@ -163,10 +156,8 @@ class WholeBodyQP:
         layout = self.formulation.build(state, references, tau_before)
         built = self._timer()
         answer = self._solve_with_relaxation(layout, references)
-        if answer.relaxed and answer.residuals is not None and not {*answer.relaxed} <= {"torque_rate"}:
-            layout, references, answer = self._release_contacts(
-                layout, references, answer, answer.residuals.value, state, tau_before
-            )
+        if answer.relaxed and not {*answer.relaxed} <= {"torque_rate"}:
+            layout, references, answer = self._release_contacts(layout, references, answer, state, tau_before)
         solved = self._timer()
         if answer.residuals is None:
             failed = layout.snapshot()
@@ -185,17 +176,12 @@ class WholeBodyQP:
         return solution
 
     def _release_contacts(
-        self,
-        layout: Layout,
-        references: References,
-        found: Answer,
-        value: Array,
-        state: RobotState,
-        tau_before: Array | None,
+        self, layout: Layout, references: References, found: Answer, state: RobotState, tau_before: Array | None
     ) -> tuple[Layout, References, Answer]:
         lost = slipping_contacts(self.formulation, layout)
-        given_up = {*lost, *contacts_preventing_stop(self.formulation, layout, value)}
-        if not given_up:
+        value = None if found.residuals is None else found.residuals.value
+        given_up = set() if value is None else {*lost, *contacts_preventing_stop(self.formulation, layout, value)}
+        if value is None or not given_up:
             return layout, references, found
         without = replace(references, contacts={**references.contacts, **dict.fromkeys(given_up, 0.0)})
         built = self.formulation.structure, self.formulation.task_errors

@@ -16,21 +16,16 @@ _TRIES = 8  # active sets per problem before a solver searches, which takes long
 
 
 class LevelWorkspace:
-    """Arrays shared by the levels of one problem, for `solve_condensed`.
-
-    Attributes:
-        rows: N and s of x_base = s - N z, equality constraints in terms of z, and kept rows of the levels above, (m_eq
-            + kept, n + 1 - base).
-        above: number of these rows without N.
-        multipliers: of the bounds of [x; C x], from the first level in which each is active.
-    """
+    """Arrays shared by the levels of one problem, for `solve_condensed`."""
 
     __slots__ = ("above", "multipliers", "residuals", "rows")
 
     def __init__(self, problem: QuadraticProgram, base: int, kept: int = 0) -> None:
         """Allocate arrays for `base` accelerations, and `kept` rows of all levels."""
+        #: N and s of x_base = s - N z, equality constraints in terms of z, and kept rows of the levels above.
         self.rows = np.empty((len(problem.b) + kept, problem.n + 1 - base))
-        self.above = 0
+        self.above = 0  # number of rows without N
+        #: Of the bounds of [x; C x], from the first level in which each is active.
         self.multipliers = np.empty(problem.bounds.shape[1])
         self.residuals = Residuals(problem)
 
@@ -115,10 +110,8 @@ class ActiveSet:
         set strategy: Hintermüller, Ito, Kunisch, SIAM J. Optim. 13, 2002). A failure restores the first set.
 
         `memory` has the kept rows of the levels above, and receives the solution. Lower levels must keep `kept` cost
-        rows; `tries` is the largest number of active sets.
-
-        Returns:
-            Outcome and number of the last try, and the sum of squares.
+        rows; `tries` is the largest number of active sets. Returns outcome and number of the last try, and the sum of
+        squares.
         """
         found, number, side = memory.residuals, 0, None
         while True:

@@ -200,13 +200,7 @@ def next_set(sides: np.ndarray, active: np.ndarray, p: Array, to_lower: Array, t
 
 @compiled
 def solve_condensed(
-    cost: LeastSquares,
-    sides: Signs,
-    memory: OutMatrix,
-    above: int,
-    kept: int,
-    multipliers: OutVector,
-    found: OutVector,
+    cost: LeastSquares, sides: Signs, memory: OutMatrix, above: int, kept: int, multipliers: OutVector, found: OutVector
 ) -> tuple[int, float, float, float]:
     """Minimize a sum of squares for a given active set.
 

@@ -10,10 +10,7 @@ from wbc_controller.inverse_dynamics.solvers.active_set import ActiveSet
 from wbc_controller.inverse_dynamics.solvers.solver import Solver
 from wbc_controller.records import Array
 
-_ACTIVE = 1
-_LOWER = 2
-_EQUALITY = 5
-_SOFT = 8
+_ACTIVE, _LOWER, _EQUALITY, _SOFT = 1, 2, 5, 8  # kinds of constraints
 _OPTIMAL = 1
 _INFINITY = 1.0e30
 #: Searches end within 1000 iterations, or cycle.
@@ -54,9 +51,8 @@ class DaqpSolver(Solver):
 
     def _search(self, problem: QuadraticProgram) -> Answer:
         side, m = self.active_set.side, problem.bounds.shape[1]
-        rows, upper, lower, sense = _constraints(problem)
-        sense[:m] = _ACTIVE * (side != 0) + _LOWER * (side < 0)
-        constraints = rows, upper, lower, sense
+        constraints = _constraints(problem)
+        constraints[-1][:m] = _ACTIVE * (side != 0) + _LOWER * (side < 0)
         answer, _ = _attempt(problem, problem.H, problem.g, constraints, _SETTINGS)
         if answer.x is None:
             iterations, answer = answer.iterations, solve_carefully(problem)
@@ -68,15 +64,12 @@ class DaqpSolver(Solver):
 def solve_carefully(problem: QuadraticProgram, soft: SoftConstraints | None = None) -> Answer:
     """Solve a problem on which DAQP may fail, without warm start.
 
-    The feasible point nearest to 0 decides about feasibility; its active set starts the search.
-
-    Returns:
-        The minimizer, with the multipliers of soft constraints added to their places; without x after a failure.
+    The feasible point nearest to 0 decides about feasibility; its active set starts the search. The multipliers of soft
+    constraints are added to their places; x is None after a failure.
     """
     n, m = problem.n, problem.bounds.shape[1]
     rows, upper, lower, sense = _constraints(problem)
-    end = len(sense)
-    iterations = 0
+    end, iterations = len(sense), 0
     for settings in _CAREFUL_SETTINGS:
         answer, _ = _attempt(problem, np.eye(n), np.zeros(n), (rows, upper, lower, sense), settings)
         iterations += answer.iterations

@@ -67,16 +67,13 @@ class Hierarchy:
     def solve(self, problem: QuadraticProgram, levels: Sequence[Level]) -> Answer:
         """Solve all levels under the constraints of a problem.
 
-        Returns:
-            The solution, with multipliers from the first level in which a constraint binds; x is None if the first
-            level fails. `relaxed` names a failed lower level.
+        The multipliers are from the first level in which a constraint binds; x is None if the first level fails;
+        `relaxed` names a failed lower level.
         """
         answer = self._solve_warm(problem, levels)
-        if answer is not None:
-            return answer
-        if not problem.is_finite:
-            return Answer(None, NOT_FINITE, 0)
-        return self._search(problem, levels)
+        if answer is None:
+            answer = self._search(problem, levels) if problem.is_finite else Answer(None, NOT_FINITE, 0)
+        return answer
 
     def _solve_warm(self, problem: QuadraticProgram, levels: Sequence[Level]) -> Answer | None:
         """Solve with the active sets of the last problem; None after a failure, or while skipped."""
@@ -122,57 +119,51 @@ class Hierarchy:
             return Answer(None, "the equalities contradict each other", 0)
         rows = np.vstack([np.eye(n), problem.C])
         lower, upper = problem.bounds
-        multipliers = np.zeros(len(rows))
-        iterations = 0
-        reports: tuple[LevelReport, ...] = ()
-        unsolved: tuple[str, ...] = ()
+        solved = Answer(x, "optimal", 0, np.zeros(len(rows)))
         self._active_sets = [ActiveSet(n, len(problem.b), len(problem.upper)) for _ in levels]
         for index, level in enumerate(levels):
             last = index == len(levels) - 1
             if not (level.tasks or last) or free.shape[1] + len(level.G) == 0:
                 continue
             started = self._timer()
-            reduced = _reduced_problem(level, x, free, rows, lower, upper, widened=bool(reports))
+            reduced = _reduced_problem(level, x, free, rows, lower, upper, widened=bool(solved.levels))
             size = (index, len(reduced.g), len(reduced.upper))
             if size not in self._solvers:
                 self._solvers[size] = self._make_solver(reduced)
             answer = self._solvers[size].solve(reduced)
-            iterations += answer.iterations
+            solved.iterations += answer.iterations
             tolerance = self._solvers[size].tolerance
-            if reports and (answer.x is None or not (reduced.residuals(answer.x).violation <= tolerance)):
+            if solved.levels and (answer.x is None or not (reduced.residuals(answer.x).violation <= tolerance)):
                 status, answer = answer.status, solve_by_least_distance(reduced)
                 answer.status = f"{status}; {answer.status}"
             found = answer.x
             if found is None or not (reduced.residuals(found).violation <= tolerance):
-                if not reports:
-                    return Answer(None, answer.status, iterations)
-                unsolved += (f"level with {', '.join(level.tasks)}: {answer.status}",)
+                if not solved.levels:
+                    return Answer(None, answer.status, solved.iterations)
+                solved.relaxed += (f"level with {', '.join(level.tasks)}: {answer.status}",)
                 found, answer.multipliers = _least_slack(reduced, free.shape[1]), np.zeros(reduced.bounds.shape[1])
             z, slack = np.split(found, [free.shape[1]])
-            x = x + free @ z
+            x = solved.x = x + free @ z
             # The first rows of the reduced problem are the bounds and rows of the problem.
-            costs = answer.multipliers[len(reduced.g) :][: len(multipliers)]
+            costs = answer.multipliers[len(reduced.g) :][: len(solved.multipliers)]
             self._active_sets[index].adopt_multipliers(costs)
-            multipliers = np.where(multipliers == 0.0, costs, multipliers)
+            solved.multipliers = np.where(solved.multipliers == 0.0, costs, solved.multipliers)
             value = level.G @ x
             rows = np.vstack([rows, level.G])
             lower = np.concatenate([lower, np.minimum(level.lower, value)])
             upper = np.concatenate([upper, np.maximum(level.upper, value)])
             cost = level.cost.value(x) + 0.5 * float(slack @ slack)
-            reports += (LevelReport(level.tasks, cost, answer.iterations, self._timer() - started),)
+            solved.levels += (LevelReport(level.tasks, cost, answer.iterations, self._timer() - started),)
             if not last:
                 directions, _, _, rank = _pivoted_qr(level.kept @ free)
                 free = free @ directions[:, rank:]
-        solved = Answer(x, "optimal", iterations, multipliers)
-        solved.levels, solved.relaxed = reports, unsolved
         return solved
 
 
 def _least_slack(reduced: QuadraticProgram, nz: int) -> Array:
     """Return [z, s] with z = 0 and the least s, (n,), feasible in all lower levels."""
-    ns = reduced.n - nz
-    bands = slice(len(reduced.upper) - ns, None)
-    return np.concatenate([np.zeros(nz), np.clip(np.zeros(ns), reduced.lower[bands], reduced.upper[bands])])
+    first = len(reduced.upper) - (reduced.n - nz)
+    return np.concatenate([np.zeros(nz), np.clip(0.0, reduced.lower[first:], reduced.upper[first:])])
 
 
 def _reduced_problem(

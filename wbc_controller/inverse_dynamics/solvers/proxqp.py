@@ -19,12 +19,10 @@ class ProxqpSolver(Solver):
 
     def __init__(self, n: int, equalities: int, inequalities: int) -> None:
         self._size = (n, equalities, inequalities)
-        self._qp = self._make()
-        self._started = False
+        self._qp: Any = None
 
     def _make(self) -> Any:
-        n, equalities, inequalities = self._size
-        qp = _proxqp.dense.QP(n, equalities, inequalities, True)
+        qp = _proxqp.dense.QP(*self._size, True)
         # With 1e-7, internal forces between the feet were wrong by newtons after a warm start.
         qp.settings.eps_abs = 1.0e-8
         qp.settings.eps_rel = 0.0
@@ -37,19 +35,19 @@ class ProxqpSolver(Solver):
         return qp
 
     def _search(self, problem: QuadraticProgram) -> Answer:
-        qp = self._qp
-        data = (problem.H, problem.g, problem.A, problem.b, problem.C, problem.lower, problem.upper,
-                problem.x_lower, problem.x_upper)  # fmt: skip
-        if self._started:
-            qp.update(*data, update_preconditioner=False)  # similar magnitudes
+        rows = problem.A, problem.b, problem.C, problem.lower, problem.upper
+        data = (problem.H, problem.g, *rows, problem.x_lower, problem.x_upper)
+        if self._qp is not None:
+            self._qp.update(*data, update_preconditioner=False)  # similar magnitudes
         else:
-            qp.init(*data)
-            self._started = True
+            self._qp = self._make()
+            self._qp.init(*data)
+        qp = self._qp
         qp.solve()
         info = qp.results.info
         if info.status == _proxqp.PROXQP_SOLVED:
             z, rows = np.array(qp.results.z), len(problem.upper)  # rows of C, then bounds of x
             return Answer(np.array(qp.results.x), "optimal", int(info.iter), np.concatenate([z[rows:], z[:rows]]))
         status = str(info.status).rsplit(".", 1)[-1].removeprefix("PROXQP_").replace("_", " ").lower()
-        self._qp, self._started = self._make(), False
+        self._qp = None
         return Answer(None, status, int(info.iter))
