@@ -11,7 +11,6 @@ from wbc_controller.records import Array, Tuning
 #: Longest horizon of velocity limits, s: for torque delays up to 26 ms. Above `RETURN_TIME` / 4, the velocity limit
 #: would prevent the return from beyond a position limit.
 VELOCITY_HORIZON = 0.017
-_SIDES = np.array([[1.0], [-1.0]])  # signs of q for upper and lower limits
 
 
 class JointMotionLimit(Tunable):
@@ -36,21 +35,15 @@ class JointMotionLimit(Tunable):
     joint brakes with q̈_max, or reverses at its limit (d < 0: q̈ ≤ -q̇² / (2 (q_max - q))); a stop beyond
     `STOPPING_DISTANCE` permits harder braking. Beyond its limit it returns like a critically damped spring with the
     time constant `RETURN_TIME` / 2. Position limits precede velocity limits.
-
-    Attributes:
-        position: smallest and largest positions, (nj,) in rad, or None.
-        velocity: largest speed, (nj,) in rad/s, or None.
-        acceleration: q̈_max, rad/s².
-        horizon: lower bound of T, s; docs/limits.md has its effect on measurement noise.
     """
 
     def __init__(
         self, position: tuple[Array, Array] | None, velocity: Array | None, *, acceleration: float, horizon: float = 0.0
     ) -> None:
-        self.position = position
-        self.velocity = velocity
-        self.acceleration = acceleration
-        self.horizon = horizon
+        self.position = position  # smallest and largest positions, (nj,) in rad, or None
+        self.velocity = velocity  # largest speed, (nj,) in rad/s, or None
+        self.acceleration = acceleration  # q̈_max, rad/s²
+        self.horizon = horizon  # lower bound of T, s; docs/limits.md has its effect on measurement noise
         # Upper limits of q and of -q, (2, nj) or (2, 0); and largest speeds.
         lower, upper = (np.zeros(0), np.zeros(0)) if position is None else position
         self._limits = np.stack([upper, -lower])
@@ -60,11 +53,7 @@ class JointMotionLimit(Tunable):
     def of(
         cls, model: RobotModel, tuning: Tuning, *, position: bool = True, velocity: bool = True
     ) -> "JointMotionLimit":
-        """Make the limit from URDF and tuning.
-
-        Raises:
-            ConfigurationError: if the margin leaves no range for a joint.
-        """
+        """Make the limit from URDF and tuning; the margin must leave a range for each joint."""
         margin = tuning.position_margin
         lower, upper = model.position_lower + margin, model.position_upper - margin
         for name, low, high, unit in zip(model.joints, lower, upper, model.units, strict=True) if position else ():
@@ -91,11 +80,7 @@ class JointMotionLimit(Tunable):
     def bind(
         self, q_index: np.ndarray, v_index: np.ndarray, period: float, lower: Array, upper: Array
     ) -> kernels.JointMotion:
-        """Return the table for `acceleration_bounds`, with joint indices (nj,) in q, and in v and the bounds.
-
-        Raises:
-            ValueError: for different sizes.
-        """
+        """Return the table for `acceleration_bounds`, with joint indices (nj,) in q, and in v and the bounds."""
         sizes = {len(v_index), self._limits.shape[1] or len(q_index), len(self._fastest) or len(q_index)}
         if sizes != {len(q_index)}:
             raise ValueError(f"expected indices and limits of {len(q_index)} joints, got sizes {sorted(sizes)}")
@@ -119,15 +104,10 @@ class JointMotionLimit(Tunable):
         """
         if self.position is None:
             return np.repeat([[-np.inf], [np.inf]], len(q), axis=1)
-        lower, upper = limits
-        speed = np.multiply(_SIDES, v)
-        distance = kernels.STOPPING_DISTANCE
-        room = np.stack([upper + distance - q, q - (lower - distance)])
-        held = np.maximum(_braking(speed, room), np.stack([bounds[1], -bounds[0]]))
+        (lower, upper), distance = limits, kernels.STOPPING_DISTANCE
+        speed, room = np.stack([v, -v]), np.stack([upper + distance - q, q - (lower - distance)])
+        with np.errstate(divide="ignore"):
+            braking = np.where(room > 0.0, -(speed**2) / (2.0 * room), -np.inf)
+        held = np.maximum(braking, np.stack([bounds[1], -bounds[0]]))
         above, below = np.where((speed > 0.0) & (held < self.acceleration), held, np.inf)
         return np.stack([-below, above])
-
-
-def _braking(speed: Array, room: Array) -> Array:
-    with np.errstate(divide="ignore"):
-        return np.where(room > 0.0, -(speed**2) / (2.0 * room), -np.inf)

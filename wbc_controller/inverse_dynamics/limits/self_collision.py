@@ -1,7 +1,5 @@
 """Minimum distance between links."""
 
-from typing import Any
-
 import coal
 import numpy as np
 import pinocchio as pin
@@ -42,12 +40,6 @@ class SelfCollisionLimit(RowLimit):
 
     Distances are computed only if a pair could not brake within a lower bound (`near_pairs`). With more pairs than
     rows, the largest required d̈ have rows.
-
-    Attributes:
-        margin: least distance, m.
-        acceleration: A, m/s².
-        horizon: lower bound of T, s.
-        computed: number of distances in the last cycle.
     """
 
     kind = "self_collision"
@@ -65,9 +57,10 @@ class SelfCollisionLimit(RowLimit):
         summary: str = "",
     ) -> None:
         self.summary = summary
-        self.margin = margin
-        self.acceleration = acceleration
-        self.horizon = horizon
+        self.margin = margin  # least distance, m
+        self.acceleration = acceleration  # A, m/s²
+        self.horizon = horizon  # lower bound of T, s
+        self.computed = 0  # number of distances in the last cycle
         self.names = (_UNUSED,) * max_pairs
         self._geometry = geometry
         self._data = geometry.createData()
@@ -80,7 +73,10 @@ class SelfCollisionLimit(RowLimit):
         self._pairs = np.array(pairs, dtype=np.int64).reshape(-1, 2)
         self._pair_names = tuple(f"self_collision:{shapes[a].name}/{shapes[b].name}" for a, b in self._pairs)
         links = np.array([shape.parentJoint for shape in shapes], dtype=np.int64)
-        radii = [_radius(shape.geometry) for shape in shapes]
+        for shape in shapes:
+            shape.geometry.computeLocalAABB()
+        boxes = [shape.geometry for shape in shapes]
+        radii = [float(np.linalg.norm(box.aabb_center)) + float(box.aabb_radius) for box in boxes]
         reach = np.array([_reach(model.pinocchio, *shape) for shape in zip(shapes, radii, strict=True)])
         starts, components, levers, ends = _levers(moves, links, reach, self._pairs)
         count = len(self._pairs)
@@ -104,7 +100,6 @@ class SelfCollisionLimit(RowLimit):
             reach=np.zeros(count),
         )
         self._row_pairs: list[int] = []
-        self.computed = 0
 
     def fill(self, dynamics: Dynamics, period: float, rows: Array, lower: Array, upper: Array) -> None:
         """Write rows and bounds in the constant order of the pairs."""
@@ -208,8 +203,3 @@ def _reach(model: pin.Model, shape: pin.GeometryObject, radius: float) -> Array:
         far += float(np.linalg.norm(model.jointPlacements[joint].translation)) + (travel if slides else 0.0)
         joint = model.parents[joint]
     return reach
-
-
-def _radius(geometry: Any) -> float:
-    geometry.computeLocalAABB()
-    return float(np.linalg.norm(geometry.aabb_center)) + float(geometry.aabb_radius)

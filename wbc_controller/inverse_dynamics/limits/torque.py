@@ -29,16 +29,12 @@ class TorqueLimit(Tunable):
     """Limits of available torque, and |τ - τ_before| ≤ rate τ_max Δt if τ_before is given.
 
     A τ_before that is no longer available is clipped to the available range, so the limits never conflict.
-
-    Attributes:
-        rate: effort limits per second.
-        curve: torque-speed curve; None for τ_max at every speed.
     """
 
     def __init__(self, effort_limits: Array, rate: float, curve: TorqueSpeedCurve | None = None) -> None:
         self.effort_limits = effort_limits
-        self.rate = rate
-        self.curve = curve
+        self.rate = rate  # effort limits per second
+        self.curve = curve  # None for τ_max at every speed
 
     def available(self, v: Array) -> tuple[Array, Array]:
         """Return read-only bounds of τ, (na,) in N·m, at speeds v in rad/s."""

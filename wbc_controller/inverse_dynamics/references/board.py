@@ -73,11 +73,7 @@ class BoardPlan:
 
 
 class ReferenceBoard:
-    """Trajectories and ramps of all references; sets of changes are applied completely or not at all.
-
-    Attributes:
-        forces: present force of each active contact, (k,) in N and N·m; updated before changes are applied.
-    """
+    """Trajectories and ramps of all references; sets of changes are applied completely or not at all."""
 
     #: Saved state.
     STATE_FIELDS = (
@@ -90,18 +86,18 @@ class ReferenceBoard:
         self.plans = plan.tasks
         self.contact_plans = plan.contacts
         self._weight_ramp, self._robot_weight = plan.weight_ramp, plan.robot_weight
+        #: Present force of each active contact, (k,) in N and N·m; updated before changes are applied.
         self.forces: Mapping[str, Array] = {}
         self._tuning = TuningRamp.at(plan.tuning)
         self._weights = {name: plan.weight for name, plan in self.plans.items()}
         self._enabled = {name: plan.enabled for name, plan in self.plans.items()}
-        self._weight_ramps = {name: SoftRamp(0.0, 0.0, 0.0, 0.0) for name in self.plans}
-        self._contact_ramps = {name: SoftRamp(0.0, 0.0, 0.0, 0.0) for name in self.contact_plans}
+        self._weight_ramps = dict.fromkeys(self.plans, SoftRamp(0.0, 0.0, 0.0, 0.0))
+        self._contact_ramps = dict.fromkeys(self.contact_plans, SoftRamp(0.0, 0.0, 0.0, 0.0))
         self.slipping: tuple[str, ...] = ()
-        self._friction_ramps = {name: SoftRamp(0.0, 0.0, 1.0, 1.0) for name in self.contact_plans}
+        self._friction_ramps = dict.fromkeys(self.contact_plans, SoftRamp(0.0, 0.0, 1.0, 1.0))
         self._anchors: Mapping[str, Array] = {}
         self._trajectories: dict[str, Trajectory] = {}
-        # Goals of disabled tasks.
-        self._goals: dict[str, SetSetpoint | SetTrajectory] = {}
+        self._goals: dict[str, SetSetpoint | SetTrajectory] = {}  # of disabled tasks
         self._wrenches: dict[str, Array] = {}
         self._ranges: dict[str, PositionRange] = {}  # computed at first use
         self._discard_samples()
@@ -150,10 +146,7 @@ class ReferenceBoard:
                 self._apply(EnableContact(name, contact.enabled), dynamics, time)
 
     def apply(self, changes: Iterable[Change], dynamics: Dynamics, time: float) -> None:
-        """Apply a set of changes at a time, s.
-
-        Raises: InputRefused: as `check`, without any change.
-        """
+        """Apply a set of changes at a time, s, or raise `InputRefused` as `check`, without any change."""
         changes = tuple(changes)
         for change in changes:
             self.check(change, dynamics, time)
@@ -161,11 +154,7 @@ class ReferenceBoard:
             self._apply(change, dynamics, time)
 
     def check(self, change: Change, dynamics: Dynamics, time: float) -> None:
-        """Check a change; arguments as `apply`.
-
-        Raises:
-            InputRefused: for a trajectory in the past, or a setpoint or first point out of range.
-        """
+        """Check a change; refuses a trajectory in the past, and a setpoint or first point out of range."""
         if isinstance(change, SetSetpoint):
             self._range_of(change.task, dynamics).check(self._in_task_frame(change, dynamics, time).position, dynamics)
         elif isinstance(change, SetTrajectory):
@@ -204,7 +193,12 @@ class ReferenceBoard:
                 before = min(before, needed_activation(plan.contact, self.forces[name]))
             self._contact_ramps[name] = SoftRamp(time, duration, before, goal)
         elif isinstance(change, SetSlippingContacts):
-            self._set_slipping(change.contacts, time)
+            for name, ramp in self._friction_ramps.items():
+                if name in change.contacts and name not in self.slipping:
+                    self._friction_ramps[name] = ramp.towards(_SLIPPING_FRICTION, time, _REDUCTION)
+                elif name in self.slipping and name not in change.contacts:
+                    self._friction_ramps[name] = ramp.towards(1.0, time, _RECOVERY)
+            self.slipping = tuple(change.contacts)
         elif isinstance(change, SetExternalWrench):
             self._wrenches[change.frame] = change.wrench
 
@@ -217,22 +211,13 @@ class ReferenceBoard:
         activations = {name: ramp.sample(time) for name, ramp in ramps.items()}
         unloading = [name for name, ramp in ramps.items() if ramp.after <= 0.0 < activations[name]]
         if unloading and self._robot_weight > 0.0:
-            bounds = {
-                name: activations[name] * self.contact_plans[name].capacity for name in ramps if activations[name]
-            }
+            plans = self.contact_plans
+            bounds = {name: share * plans[name].capacity for name, share in activations.items() if share}
             own = sum(bounds[name] for name in unloading)
             missing = self._robot_weight - (sum(bounds.values()) - own)
             for name in unloading if own < missing else ():
                 activations[name] = min(ramps[name].before, activations[name] * missing / own)
         return activations
-
-    def _set_slipping(self, contacts: tuple[str, ...], time: float) -> None:
-        for name, ramp in self._friction_ramps.items():
-            if name in contacts and name not in self.slipping:
-                self._friction_ramps[name] = ramp.towards(_SLIPPING_FRICTION, time, _REDUCTION)
-            elif name in self.slipping and name not in contacts:
-                self._friction_ramps[name] = ramp.towards(1.0, time, _RECOVERY)
-        self.slipping = tuple(contacts)
 
     def anchor_slipping_contacts(self, dynamics: Dynamics) -> None:
         """Anchor slipping contacts at their present pose, so that they do not return."""
@@ -265,9 +250,8 @@ class ReferenceBoard:
             change = replace(change, start=time)
         if not self._enabled[change.task]:
             self._goals[change.task] = change
-        if self._is_inactive(change.task, time):
-            return
-        self._trajectories[change.task] = self._joined_trajectory(change, time)
+        if not self._is_inactive(change.task, time):
+            self._trajectories[change.task] = self._joined_trajectory(change, time)
 
     def _enable(self, task: str, enabled: bool, dynamics: Dynamics, time: float) -> None:
         """Enable or disable a task; an inactive one starts at the present state and moves to its goal."""
@@ -339,13 +323,8 @@ class ReferenceBoard:
             anchors=self._anchors,
             friction=MappingProxyType({name: ramp.sample(time) for name, ramp in self._friction_ramps.items()}),
         )
-        ramps = [
-            self._tuning.share,
-            *self._weight_ramps.values(),
-            *self._contact_ramps.values(),
-            *self._friction_ramps.values(),
-        ]
-        settled = max(ramp.start + ramp.duration for ramp in ramps)
+        ramps = [self._tuning.share, *self._weight_ramps.values(), *self._contact_ramps.values()]
+        settled = max(ramp.start + ramp.duration for ramp in (*ramps, *self._friction_ramps.values()))
         self._settled_ramps = (settled, references) if time >= settled else None
         return references
 
