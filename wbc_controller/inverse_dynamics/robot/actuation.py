@@ -16,13 +16,6 @@ class Actuation(Drive):
         M v̇ + h - Jᵀf = Sᵀτ + Cᵀλ    ⇔    τ = T (M v̇ + h - Jᵀf)  and  N (M v̇ + h - Jᵀf) = 0
 
     where T contains the first na rows of (B Bᵀ)⁻¹ B, and N a basis of the null space of B.
-
-    Attributes:
-        S: actuation matrix, (na, nv).
-        rotors: rotor inertia of transmissions, SᵀIS, added to M, (nv, nv) in kg·m²; or None.
-        C: coupling rows of mimic joints, (nm, nv).
-        free: number of rows of N.
-        projection: [N; T] in compressed rows: starts of rows and end, (free + na + 1,); columns; values.
     """
 
     def __init__(self, drive: Drive, v_index: np.ndarray, coupling: Array) -> None:
@@ -34,9 +27,10 @@ class Actuation(Drive):
         self.S = np.zeros((na, nv))
         self.S[:, v_index] = drive.ratios
         self.S.setflags(write=False)
+        #: Rotor inertia of transmissions, added to M, (nv, nv) in kg·m²; or None.
         self.rotors = self.S.T @ np.diag(self.rotor_inertia) @ self.S if self.rotor_inertia.any() else None
         self.C = frozen(coupling)
-        self.free = nv - na - len(coupling)
+        self.free = nv - na - len(coupling)  # number of rows of N
         B = np.vstack([self.S, self.C])
         # Coordinates without entries in B keep unit rows in N.
         entered = np.flatnonzero(B.any(axis=0))
@@ -49,6 +43,7 @@ class Actuation(Drive):
         self._N_T = np.vstack([N, np.linalg.solve(B @ B.T, B)[:na]])
         rows, columns = self._N_T.nonzero()
         starts = np.searchsorted(rows, np.arange(len(self._N_T) + 1)).astype(np.int64)
+        #: [N; T] in compressed rows: starts of rows and end, (free + na + 1,); columns; values.
         self.projection = (starts, columns.astype(np.int64), self._N_T[rows, columns])
 
     def split(self, force: Array) -> Array:

@@ -102,11 +102,7 @@ class Dynamics:
         pin.updateGeometryPlacements(self._pin, self._data, geometry, placements)
 
     def placement(self, frame_id: int) -> pin.SE3:
-        """Return the placement of a frame in the world.
-
-        Raises:
-            IndexError: for an invalid frame id; also in the methods below.
-        """
+        """Return the placement of a frame in the world; like the methods below, refuses an invalid id (IndexError)."""
         self._require_frame(frame_id)
         return pin.updateFramePlacement(self._pin, self._data, frame_id)
 
@@ -136,8 +132,8 @@ class Dynamics:
 
     def _require_frame(self, frame_id: int) -> None:
         """Refuse invalid frame ids: Pinocchio would read outside its memory."""
-        if not 0 <= frame_id < len(self._link_of):
-            count = len(self._link_of)
+        count = len(self._link_of)
+        if not 0 <= frame_id < count:
             raise IndexError(
                 f"invalid frame id {frame_id}: the model has {count} frames; RobotModel.frame_id returns valid ids"
             )

@@ -27,10 +27,7 @@ def build_model(urdf: str, robot: RobotSettings) -> RobotModel:
     """Build the model of a robot from its URDF.
 
     Mimic joints follow their leader if it is in `robot.joints`; all other joints outside `robot.joints` are locked.
-    Virtual joints of a floating base are removed.
-
-    Raises:
-        ConfigurationError: for an invalid URDF or joint.
+    Virtual joints of a floating base are removed. An invalid URDF or joint raises `ConfigurationError`.
     """
     joints, passive_joints, floating_base = robot.joints, robot.passive_joints, robot.base == "floating"
     tree, urdf = read_robot(urdf, robot.joint_limits)
@@ -60,10 +57,8 @@ def build_model(urdf: str, robot: RobotSettings) -> RobotModel:
     drive = make_drive(robot, np.array(model.upperEffortLimit)[v_index])
     coupling = followers.coupling(model.nv) if followers is not None else np.zeros((0, model.nv))
     actuation = Actuation(drive, v_index, coupling)
-    joint_armature = np.array(model.armature)
     own = [name in drive.names and name not in robot.transmission for name in joints]
-    joint_armature[v_index[own]] = robot.armature
-    model.armature = joint_armature
+    model.armature[v_index[own]] = robot.armature
     lower, upper = np.array(model.lowerPositionLimit)[q_index], np.array(model.upperPositionLimit)[q_index]
     velocity_limits = np.array(model.upperVelocityLimit)[v_index]
     _require_velocity_limits(joints, velocity_limits)

@@ -95,11 +95,8 @@ class RobotModel:
     @cached_property
     def base_link(self) -> str:
         """Name of the floating base's link, or of the link fixed to the world."""
-        wanted = 1 if self.floating_base else 0
-        for frame in self.pinocchio.frames:
-            if frame.type == pin.BODY and frame.parentJoint == wanted and frame.name != "universe":
-                return str(frame.name)
-        return "universe"
+        links = (f for f in self.pinocchio.frames if f.type == pin.BODY and f.parentJoint == int(self.floating_base))
+        return next((str(link.name) for link in links if link.name != "universe"), "universe")
 
     @property
     def name(self) -> str:
@@ -114,15 +111,12 @@ class RobotModel:
     @cached_property
     def size(self) -> float:
         """Twice the length of the longest chain of links, at least 0.1 m."""
+        model, norm = self.pinocchio, np.linalg.norm
         lengths = [0.0]
-        for joint in range(1, self.pinocchio.njoints):
-            placement = self.pinocchio.jointPlacements[joint]
-            lengths.append(lengths[self.pinocchio.parents[joint]] + float(np.linalg.norm(placement.translation)))
-        ends = (
-            lengths[frame.parentJoint] + float(np.linalg.norm(frame.placement.translation))
-            for frame in self.pinocchio.frames
-        )
-        return max(2.0 * float(max(ends)), 0.1)
+        for parent, placement in zip(model.parents[1:], model.jointPlacements[1:], strict=True):
+            lengths.append(lengths[parent] + float(norm(placement.translation)))
+        longest = max(lengths[frame.parentJoint] + norm(frame.placement.translation) for frame in model.frames)
+        return max(2.0 * float(longest), 0.1)
 
     @property
     def gravity(self) -> float:
@@ -130,11 +124,7 @@ class RobotModel:
         return float(np.linalg.norm(self.pinocchio.gravity.linear))
 
     def frame_id(self, name: str, key: str) -> int:
-        """Return the id of the frame of a link, else of a joint.
-
-        Raises:
-            ConfigurationError: for an unknown frame; the message begins with the key.
-        """
+        """Return the id of the frame of a link, else of a joint; for an unknown one, the error begins with the key."""
         known = name.isprintable()  # Pinocchio raises on invalid UTF-8
         if known and self.pinocchio.existFrame(name, pin.BODY):
             return int(self.pinocchio.getFrameId(name, pin.BODY))
@@ -144,11 +134,7 @@ class RobotModel:
         return int(self.pinocchio.getFrameId(name))
 
     def joint_columns(self, names: Sequence[str], key: str) -> np.ndarray:
-        """Return the indices (k,) of joints in `joints`, by default all.
-
-        Raises:
-            ConfigurationError: for an unknown joint.
-        """
+        """Return the indices (k,) of joints in `joints`, by default all; refuses unknown joints."""
         require_known(names, self.joints, f"{key}:", " is not one of robot.joints")
         return np.array([self.joints.index(name) for name in names or self.joints], dtype=np.intp)
 

@@ -12,17 +12,7 @@ _INDEPENDENT = 1.0e-6  # smallest independent part of normalized ratios
 
 
 class Drive:
-    """Actuators and their ratios R to the joints: actuator speeds R q̇, joint torques Rᵀτ.
-
-    Attributes:
-        names: in the order of the command, (na,).
-        effort_limits: before scaling, (na,) in N·m.
-        ratios: R of full row rank, (na, nj).
-        driven: True for joints with an actuator, (nj,).
-        motors: joint of each actuator, (na,); None with several joints per actuator or ratios other than 1.
-        rotor_inertia: of transmissions, (na,) in kg·m²; 0 for motors.
-        by_joint: True for joint torques in the command.
-    """
+    """Actuators and their ratios R to the joints: actuator speeds R q̇, joint torques Rᵀτ."""
 
     def __init__(
         self,
@@ -35,14 +25,16 @@ class Drive:
     ) -> None:
         """Make a drive; raises `ConfigurationError` for dependent actuators."""
         _require_independent(names, ratios)
-        self.names = tuple(names)
-        self.effort_limits = frozen(effort_limits)
-        self.ratios = frozen(ratios)
-        self.driven: np.ndarray = np.any(ratios, axis=0)
+        self.names = tuple(names)  # in the order of the command, (na,)
+        self.effort_limits = frozen(effort_limits)  # before scaling, (na,) in N·m
+        self.ratios = frozen(ratios)  # R of full row rank, (na, nj)
+        self.driven: np.ndarray = np.any(ratios, axis=0)  # True for joints with an actuator, (nj,)
+        #: Of transmissions, (na,) in kg·m²; 0 for motors.
         self.rotor_inertia = frozen(np.zeros(len(names)) if rotor_inertia is None else rotor_inertia)
-        self.by_joint = by_joint
+        self.by_joint = by_joint  # True for joint torques in the command
         self.command_size = int(np.count_nonzero(self.driven)) if by_joint else len(self.names)
         picks = np.count_nonzero(ratios, axis=1) == 1
+        #: Joint of each actuator, (na,); None with several joints per actuator or ratios other than 1.
         self.motors = ratios.argmax(axis=1) if picks.all() and (ratios[ratios != 0.0] == 1.0).all() else None
         self._is_identity = self.motors is not None and np.array_equal(self.motors, np.arange(ratios.shape[1]))
         self._from_joints = np.linalg.solve(ratios @ ratios.T, ratios)
@@ -81,8 +73,7 @@ class Drive:
 def make_drive(robot: RobotSettings, joint_efforts: Array) -> Drive:
     """Make the drive of a robot; `joint_efforts` are the limits in its URDF, (nj,) in N·m.
 
-    Raises:
-        ConfigurationError: for an unknown name, a joint neither driven nor passive, or dependent actuators.
+    Unknown names, joints neither driven nor passive, and dependent actuators raise `ConfigurationError`.
     """
     joints, passive, transmission = robot.joints, robot.passive_joints, robot.transmission
     motors = [name for name in joints if name not in passive]

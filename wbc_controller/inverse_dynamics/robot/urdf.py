@@ -78,9 +78,7 @@ def read_robot(urdf: str, limits: Mapping[str, JointLimitSettings]) -> tuple[Ele
 
     A continuous joint becomes a revolute joint without position limits: Pinocchio would lose its turns. A planar joint
     becomes MoveIt's joints ``NAME/x`` and ``NAME/y`` in its plane, and ``NAME/theta``. Missing limits are refused.
-
-    Returns:
-        The tree, and its text for other readers.
+    Returns the tree, and its text for other readers.
     """
     tree = parse_urdf(urdf)
     changed = _drop_unusable_visuals(tree)
@@ -147,12 +145,13 @@ def _write_limits(joint: ElementTree.Element, values: Mapping[str, float]) -> No
 
 
 def _require_limits(name: str, limit: ElementTree.Element | None) -> None:
-    if limit is None or limit.get("effort") is None or limit.get("velocity") is None:
-        key = "effort" if limit is None or limit.get("effort") is None else "velocity"
-        raise ConfigurationError(
-            f"robot.urdf: joint {name!r}: it has no <limit {key}=…>; add it, or set robot.joint_limits.{name}.{key}"
-        )
-    lower, upper = (float(limit.get(key, "0")) for key in ("lower", "upper"))
+    given = {} if limit is None else limit.attrib
+    for key in ("effort", "velocity"):
+        if key not in given:
+            raise ConfigurationError(
+                f"robot.urdf: joint {name!r}: it has no <limit {key}=…>; add it, or set robot.joint_limits.{name}.{key}"
+            )
+    lower, upper = (float(given.get(key, "0")) for key in ("lower", "upper"))
     if not (lower <= upper):
         raise ConfigurationError(
             f"robot.urdf: joint {name!r}: the lower limit {lower:g} is above the upper limit {upper:g}; correct the "
