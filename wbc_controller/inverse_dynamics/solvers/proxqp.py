@@ -35,8 +35,8 @@ class ProxqpSolver(Solver):
         return qp
 
     def _search(self, problem: QuadraticProgram) -> Answer:
-        rows = problem.A, problem.b, problem.C, problem.lower, problem.upper
-        data = (problem.H, problem.g, *rows, problem.x_lower, problem.x_upper)
+        constraints = problem.A, problem.b, problem.C, problem.lower, problem.upper
+        data = (problem.H, problem.g, *constraints, problem.x_lower, problem.x_upper)
         if self._qp is not None:
             self._qp.update(*data, update_preconditioner=False)  # similar magnitudes
         else:

@@ -23,7 +23,7 @@ from wbc_controller.inverse_dynamics.tasks.form import ReferenceForm
 from wbc_controller.inverse_dynamics.tunable import Tunable
 from wbc_controller.records import Array, Reference, frozen
 
-Gains = float | Sequence[float]  # one number, or one per axis
+Gains = float | Sequence[float] | Array  # one number, or one per axis
 
 
 def gains(values: Gains, size: int, key: str) -> Array:
