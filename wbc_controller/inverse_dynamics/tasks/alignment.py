@@ -19,7 +19,7 @@ _GAZE_DISTANCE = 1.0  # by default, m
 
 
 class _AlignmentTask(MotionTask):
-    """Base of both tasks: turn the axis n towards d = r / ‖r‖, with r the vector to the target.
+    """Base of both tasks: turn the axis n towards d = r / ‖r‖, with r the vector to the target, here a direction.
 
     The spin about n is free. The two rows are along axes b₁, b₂ fixed in the frame and perpendicular to its axis a: b₁
     is the frame axis farthest from a, made perpendicular to it, and b₂ = a × b₁. With the frame's orientation R and
@@ -35,6 +35,7 @@ class _AlignmentTask(MotionTask):
     Source: angle-axis error as in Siciliano et al., Robotics, 2009, section 3.7.3.
     """
 
+    unit = "rad"
     size = 2
 
     def __init__(self, name: str, model: RobotModel, frame: str, axis: Sequence[float], **gains: Any) -> None:
@@ -55,9 +56,12 @@ class _AlignmentTask(MotionTask):
         """Return the axis direction n in the world, a unit vector (3,)."""
         return np.asarray(dynamics.placement(self._frame_id).rotation @ self._axis)
 
-    def _error_towards(self, dynamics: Dynamics, r: Array) -> Array:
-        rotation = dynamics.placement(self._frame_id).rotation
-        target = rotation.T @ r  # in the frame
+    def position(self, dynamics: Dynamics) -> Array:
+        return self.direction(dynamics)
+
+    def error(self, dynamics: Dynamics, position: Array) -> Array:
+        """Return the rotation from the axis to r, (2,) in rad."""
+        target = dynamics.placement(self._frame_id).rotation.T @ position  # in the frame
         distance = math.sqrt(target @ target)
         if distance <= _TINY:
             return np.zeros(2)
@@ -78,6 +82,10 @@ class _AlignmentTask(MotionTask):
         spinning = (self._axis @ omega) * (self._sides @ np.cross(omega, self._axis))
         return Reference(position, to_sides @ rate, to_sides @ rate_dot + spinning)
 
+    def equation(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, Array]:
+        r, r_dot, r_ddot = reference.position, reference.velocity, reference.acceleration
+        return super().equation(dynamics, self._rate_reference(dynamics, r, r, r_dot, r_ddot))
+
     def velocity(self, dynamics: Dynamics) -> Array:
         return np.asarray(self._sides @ dynamics.velocity(self._frame_id, pin.LOCAL)[3:])
 
@@ -95,21 +103,7 @@ class AxisAlignmentTask(_AlignmentTask):
     most 180° apart, it moves along their chord. Control law: `_AlignmentTask`.
     """
 
-    unit = "rad"
     form = ReferenceForm(direction=True)
-
-    def position(self, dynamics: Dynamics) -> Array:
-        """Return n, (3,)."""
-        return self.direction(dynamics)
-
-    def error(self, dynamics: Dynamics, position: Array) -> Array:
-        """Return the rotation from the axis to a direction, (2,) in rad."""
-        return self._error_towards(dynamics, position)
-
-    def equation(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, Array]:
-        """Return the rows for a direction."""
-        r, r_dot, r_ddot = reference.position, reference.velocity, reference.acceleration
-        return super().equation(dynamics, self._rate_reference(dynamics, r, r, r_dot, r_ddot))
 
 
 class GazeTask(_AlignmentTask):
@@ -123,7 +117,6 @@ class GazeTask(_AlignmentTask):
     Error and feed-forward are 0 for a point nearer than 1 nm.
     """
 
-    unit = "rad"
     form = ReferenceForm()
 
     def position(self, dynamics: Dynamics) -> Array:
@@ -132,7 +125,7 @@ class GazeTask(_AlignmentTask):
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
         """Return the rotation from the axis to a point, (2,) in rad."""
-        return self._error_towards(dynamics, position - dynamics.placement(self._frame_id).translation)
+        return super().error(dynamics, position - dynamics.placement(self._frame_id).translation)
 
     def equation(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, Array]:
         """Return the rows for a point."""
@@ -142,7 +135,7 @@ class GazeTask(_AlignmentTask):
         r_dot = reference.velocity - dynamics.velocity(self._frame_id, axes)[:3]
         r_ddot = reference.acceleration - dynamics.drift_world(self._frame_id)[:3]
         turning = self._rate_reference(dynamics, reference.position, r, r_dot, r_ddot)
-        J, right, error = super().equation(dynamics, turning)
+        J, right, error = MotionTask.equation(self, dynamics, turning)
         square = float(r @ r)
         if square > _TINY**2:
             to_sides = self._sides @ placement.rotation.T
