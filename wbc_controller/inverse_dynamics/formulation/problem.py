@@ -71,39 +71,26 @@ class QuadraticCost:
         return float(0.5 * x @ self.H @ x + self.g @ x) + self.constant
 
 
-@dataclass(slots=True)
 class QuadraticProgram:
     """Minimize ½ xᵀHx + gᵀx subject to A x = b, lower ≤ C x ≤ upper, x_lower ≤ x ≤ x_upper.
 
     The arrays are refilled in every cycle.
     """
 
-    cost: QuadraticCost
-    bounds: Array  # of [x; C x], (2, n + m_in)
-    # cost rows, [A, b] and C in one block, (room + m_eq + m_in, n + 1)
-    memory: Array
-    room: int  # cost rows above the equality constraints, for one kernel
-    # r of the outputs C x + r for the first rows of C, (k,)
-    offset: Array = field(default_factory=lambda: np.zeros(0))
-    n: int = field(init=False)
-    A: Array = field(init=False)  # view of `memory`, (m_eq, n)
-    b: Array = field(init=False)  # view of `memory`, (m_eq,)
-    C: Array = field(init=False)  # view of `memory`, (m_in, n)
-    lower: Array = field(init=False)  # view of `bounds`, (m_in,)
-    upper: Array = field(init=False)  # view of `bounds`, (m_in,)
-    x_lower: Array = field(init=False)  # view of `bounds`, (n,)
-    x_upper: Array = field(init=False)  # view of `bounds`, (n,)
-    constraints: Constraints = field(init=False)  # for kernels
-
-    def __post_init__(self) -> None:
-        n = self.n = int(self.memory.shape[1]) - 1
-        self.x_lower, self.x_upper = self.bounds[:, :n]
-        self.lower, self.upper = self.bounds[:, n:]
-        rows = self.memory[self.room :]
+    def __init__(self, cost: QuadraticCost, bounds: Array, memory: Array, room: int, offset: Array) -> None:
+        self.cost = cost
+        self.bounds = bounds  # of [x; C x], (2, n + m_in)
+        self.memory = memory  # cost rows, [A, b] and C in one block, (room + m_eq + m_in, n + 1)
+        self.room = room  # cost rows above the equality constraints, for one kernel
+        self.offset = offset  # r of the outputs C x + r for the first rows of C, (k,)
+        self.n = n = int(memory.shape[1]) - 1
+        self.x_lower, self.x_upper = bounds[:, :n]  # views, (n,)
+        self.lower, self.upper = bounds[:, n:]  # views, (m_in,)
+        rows = memory[room:]
         equalities = len(rows) - len(self.lower)
-        self.A, self.b = rows[:equalities, :n], rows[:equalities, n]
-        self.C = rows[equalities:, :n]
-        self.constraints = Constraints(rows=rows, bounds=self.bounds, offset=self.offset)
+        self.A, self.b = rows[:equalities, :n], rows[:equalities, n]  # views, (m_eq, n) and (m_eq,)
+        self.C = rows[equalities:, :n]  # view, (m_in, n)
+        self.constraints = Constraints(rows=rows, bounds=bounds, offset=offset)  # for kernels
 
     @classmethod
     def empty(cls, n: int, equalities: int, inequalities: int, room: int = 0, outputs: int = 0) -> "QuadraticProgram":
