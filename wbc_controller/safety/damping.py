@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import eigh
 
-from wbc_controller.inverse_dynamics.robot.mobility import Mobility
+from wbc_controller.inverse_dynamics.robot.dynamics import Mobility
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.transmission import Drive
 from wbc_controller.records import Array

@@ -11,9 +11,8 @@ from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.check.preflight import check
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics, Mobility
 from wbc_controller.inverse_dynamics.robot.mimic import read_mimics
-from wbc_controller.inverse_dynamics.robot.mobility import Mobility
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.urdf import parse_urdf
 from wbc_controller.records import RobotState, frozen

@@ -13,7 +13,7 @@ from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.check.preflight import floor_contacts, stance, support_margin, unsupported_passive_joints
 from wbc_controller.controller.check.reserves import com_distance
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.inverse_dynamics.robot.mobility import Mobility
+from wbc_controller.inverse_dynamics.robot.dynamics import Mobility
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings

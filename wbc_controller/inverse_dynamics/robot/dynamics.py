@@ -1,10 +1,11 @@
-"""Rigid-body dynamics at one state."""
+"""Rigid-body dynamics at one state, and inverse inertia."""
 
 from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
 from numpy.lib.stride_tricks import as_strided
+from scipy.linalg import null_space
 
 from wbc_controller.inverse_dynamics.robot.link_motion_kernels import LinkMotion, link_terms
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
@@ -142,6 +143,24 @@ class Dynamics:
         """Return the generalized force Jᵀw, (nv,), of a wrench w, (6,), at a frame's origin in world axes (S4)."""
         J = self.jacobian(self.model.frame_id(frame, "frame"), pin.LOCAL_WORLD_ALIGNED)
         return np.asarray(J.T @ wrench)
+
+
+class Mobility:
+    """Velocity change per generalized impulse: G (Gᵀ M G)⁻¹ Gᵀ with C G = 0 (`Actuation`), or M⁻¹ without followers."""
+
+    def __init__(self, model: RobotModel) -> None:
+        self._model, self._data = model, model.pinocchio.createData()
+        coupling = model.actuation.C
+        self._free = null_space(coupling) if len(coupling) else np.eye(model.nv)
+
+    def __call__(self, q: Array) -> Array:
+        """Return the matrix, (nv, nv), of a configuration, (nq,)."""
+        M = np.triu(pin.crba(self._model.pinocchio, self._data, q))
+        M += np.triu(M, 1).T
+        if self._model.actuation.rotors is not None:
+            M += self._model.actuation.rotors
+        G = self._free
+        return np.asarray(G @ np.linalg.solve(G.T @ M @ G, G.T))
 
 
 def support_matrix(model: pin.Model) -> np.ndarray:
