@@ -14,8 +14,7 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 import numpy as np
 
 from wbc_controller.inverse_dynamics.references.changes import Change
-from wbc_controller.inverse_dynamics.references.trajectories import Knot, Ramp, SoftRamp, Trajectory
-from wbc_controller.inverse_dynamics.references.tuning import TuningRamp
+from wbc_controller.inverse_dynamics.references.trajectories import Knot, Ramp, SoftRamp, Trajectory, TuningRamp
 from wbc_controller.records import (
     Array,
     ChangeSettings,

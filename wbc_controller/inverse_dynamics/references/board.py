@@ -22,8 +22,7 @@ from wbc_controller.inverse_dynamics.references.changes import (
 )
 from wbc_controller.inverse_dynamics.references.ranges import PositionRange
 from wbc_controller.inverse_dynamics.references.relative import in_world
-from wbc_controller.inverse_dynamics.references.trajectories import Knot, SoftRamp, Trajectory
-from wbc_controller.inverse_dynamics.references.tuning import TuningRamp
+from wbc_controller.inverse_dynamics.references.trajectories import Knot, SoftRamp, Trajectory, TuningRamp
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.tasks.task import Task, rest_of
 from wbc_controller.records import Array, Reference, References, Tuning, frozen_mapping
