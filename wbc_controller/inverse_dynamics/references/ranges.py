@@ -4,7 +4,7 @@ Values in range may still be unreachable.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,6 @@ import numpy as np
 from wbc_controller.arguments import shortened
 from wbc_controller.errors import InputRefused
 from wbc_controller.inverse_dynamics.references.changes import Change, SetExternalWrench, SetTrajectory
-from wbc_controller.inverse_dynamics.references.trajectories import Knot
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import GazeTask, PostureTask, RelativePoseTask, Task, TorqueTask
@@ -59,12 +58,10 @@ def check_change(change: Change, tasks: Mapping[str, Task], model: RobotModel) -
     if isinstance(change, SetExternalWrench):
         what = f"the external wrench at {change.frame!r}"
         _require_within(change.wrench, np.zeros(6), _largest_wrench(model), what, "N, N·m")
-    elif isinstance(change, SetTrajectory):
-        _check_points(tasks[change.task], change.points, model)
-
-
-def _check_points(task: Task, points: Sequence[Knot], model: RobotModel) -> None:
-    what, n = f"{task.full_name}: a reference", task.form.vector
+    if not isinstance(change, SetTrajectory):
+        return
+    task, points = tasks[change.task], change.points
+    n = task.form.vector
     times = np.array([point.time for point in points])
     gaps = np.diff(times)
     if not (times[0] >= 0.0 and times[-1] <= LONGEST and (gaps >= SHORTEST).all()):
@@ -76,10 +73,9 @@ def _check_points(task: Task, points: Sequence[Knot], model: RobotModel) -> None
     middle, reach = _middle_and_reach(task, model)
     if middle is None:  # a walking robot moves far
         middle, reach = vectors[0], reach * (1.0 + times - times[0])[:, None]
-    _require_within(vectors, middle, reach, what, task.unit)
-    check_rates(
-        task, model, np.array([point.velocity for point in points]), np.array([point.acceleration for point in points])
-    )
+    _require_within(vectors, middle, reach, f"{task.full_name}: a reference", task.unit)
+    velocities, accelerations = (np.array([getattr(p, name) for p in points]) for name in ("velocity", "acceleration"))
+    check_rates(task, model, velocities, accelerations)
     check_rates(task, model, np.diff(vectors, axis=0) / gaps[:, None])
 
 

@@ -22,29 +22,20 @@ def in_world(task: str, frame: str, position: Array, goal: Array, form: Referenc
     """
     n = form.vector
     reference, heading = own_frames(task)
-    if frame not in (reference, heading):
+    vector = np.concatenate([position[:n], np.zeros(max(0, 3 - n))])
+    turn, target = (rotation_of(values[n:]) if form.oriented else np.eye(3) for values in (position, goal))
+    if frame == heading:
+        axes = _heading(dynamics)
+        vector, turn = axes @ vector, axes @ turn @ axes.T
+    elif frame != reference:
         pose = dynamics.placement(dynamics.model.frame_id(frame, "frame"))
-        vector = pose.rotation @ _padded_vector(position, n) + (0.0 if form.direction else pose.translation)
-        return _assembled(vector[:n], pose.rotation @ _rotation(position[n:]), form)
-    axes = _heading(dynamics) if frame == heading else np.eye(3)
-    offset = (axes @ _padded_vector(position, n))[:n] if frame == heading else position[:n]
-    if form.direction:  # directions have no displacement
-        return offset
-    if not form.oriented:
-        return np.asarray(goal[:n] + offset)
-    return _assembled(goal[:n] + offset, axes @ _rotation(position[n:]) @ axes.T @ _rotation(goal[n:]), form)
-
-
-def _padded_vector(position: Array, n: int) -> Array:
-    return np.concatenate([position[:n], np.zeros(3 - n)])
-
-
-def _assembled(vector: Array, rotation: Array, form: ReferenceForm) -> Array:
-    return np.concatenate([vector, quaternion_of(rotation)]) if form.oriented else vector
-
-
-def _rotation(quaternion: Array) -> Array:
-    return rotation_of(quaternion) if len(quaternion) else np.eye(3)
+        vector = pose.rotation @ vector + (0.0 if form.direction else pose.translation)
+        turn = pose.rotation @ turn
+    if frame in (reference, heading):
+        turn = turn @ target
+        if not form.direction:  # directions have no displacement
+            vector[:n] += goal[:n]
+    return np.concatenate([vector[:n], quaternion_of(turn)]) if form.oriented else vector[:n]
 
 
 def _heading(dynamics: Dynamics) -> Array:
@@ -52,6 +43,6 @@ def _heading(dynamics: Dynamics) -> Array:
     model = dynamics.model
     if not model.floating_base:
         return np.eye(3)
-    x = _rotation(dynamics.q[3:7])[:, 0]
+    x = rotation_of(dynamics.q[3:7])[:, 0]
     yaw = math.atan2(x[1], x[0])
     return np.array([[math.cos(yaw), -math.sin(yaw), 0.0], [math.sin(yaw), math.cos(yaw), 0.0], [0.0, 0.0, 1.0]])

@@ -42,25 +42,23 @@ class Trajectory:
         # Kept, because tasks cache results by the object.
         self._before, self._after = (Reference(frozen(knots[i].position), still, still) for i in (0, -1))
 
-    def _chart(self, a: Knot, b: Knot) -> tuple[Array, Array, Array, Array, Array, Array]:
+    def _chart(self, a: Knot, b: Knot) -> list[Array]:
         n = self._linear
         if n == len(a.position):
-            return a.position, a.velocity, a.acceleration, b.position, b.velocity, b.acceleration
-        start = rotation_of(a.position[n:])
-        turn = pin.log3(start.T @ rotation_of(b.position[n:]))
+            return [a.position, a.velocity, a.acceleration, b.position, b.velocity, b.acceleration]
+        start, end = rotation_of(a.position[n:]), rotation_of(b.position[n:])
+        turn = pin.log3(start.T @ end)
         to_chart = np.linalg.inv(pin.Jexp3(turn))  # body angular velocity to rate of the rotation vector
-        end = rotation_of(b.position[n:])
         rate = to_chart @ end.T @ b.velocity[n:]
-        return (
-            np.concatenate([a.position[:n], np.zeros(3)]),
-            np.concatenate([a.velocity[:n], start.T @ a.velocity[n:]]),
-            np.concatenate([a.acceleration[:n], start.T @ a.acceleration[n:]]),
-            np.concatenate([b.position[:n], turn]),
-            np.concatenate([b.velocity[:n], rate]),
-            np.concatenate(
-                [b.acceleration[:n], to_chart @ (end.T @ b.acceleration[n:] - _jacobian_dot(turn, rate) @ rate)]
-            ),
-        )
+        ends = [
+            (a.position[:n], np.zeros(3)),
+            (a.velocity[:n], start.T @ a.velocity[n:]),
+            (a.acceleration[:n], start.T @ a.acceleration[n:]),
+            (b.position[:n], turn),
+            (b.velocity[:n], rate),
+            (b.acceleration[:n], to_chart @ (end.T @ b.acceleration[n:] - _jacobian_dot(turn, rate) @ rate)),
+        ]
+        return [np.concatenate(parts) for parts in ends]
 
     def sample(self, time: float) -> Reference:
         """Return the reference at a time in s."""
@@ -103,10 +101,9 @@ def _jacobian_dot(turn: Array, rate: Array) -> Array:
     return np.asarray((pin.Jexp3(turn + step * rate) - pin.Jexp3(turn - step * rate)) / (2.0 * step))
 
 
-def _quintic(ends: tuple[Array, Array, Array, Array, Array, Array], duration: float) -> Array:
-    """Return the coefficients, (6, k) by increasing power, of the quintic between given ends."""
+def _quintic(ends: Sequence[Array], T: float) -> Array:
+    """Return the coefficients, (6, k) by increasing power, of the quintic of duration T between given ends."""
     x0, v0, a0, x1, v1, a1 = ends
-    T = duration
     d = x1 - x0 - v0 * T - 0.5 * a0 * T**2
     e = (v1 - v0 - a0 * T) * T
     f = (a1 - a0) * T**2

@@ -160,23 +160,21 @@ def _require_limits(name: str, limit: ElementTree.Element | None) -> None:
 
 
 def _drop_unusable_visuals(tree: ElementTree.Element) -> bool:
-    changed, known = False, set()
+    known: set[str | None] = set()
+    unusable = []
     for material in tree.findall("material"):
         name = material.get("name")
         if not name or name in known:
-            tree.remove(material)
-            changed = True
+            unusable.append((tree, material))
         known.add(name)
     for link in tree.findall("link"):
         for visual in link.findall("visual"):
             if shape_problem(visual) is not None:
-                link.remove(visual)
-                changed = True
-            for material in visual.findall("material"):
-                if not material.get("name"):
-                    visual.remove(material)
-                    changed = True
-    return changed
+                unusable.append((link, visual))
+            unusable += [(visual, material) for material in visual.findall("material") if not material.get("name")]
+    for parent, element in unusable:
+        parent.remove(element)
+    return bool(unusable)
 
 
 def inertia_tensor(inertia: ElementTree.Element) -> Array:

@@ -44,7 +44,12 @@ def check_structure(tree: ElementTree.Element) -> None:
 
     Pinocchio drops invalid parts silently.
     """
-    _check_expanded(tree)
+    for element in tree.iter():
+        space, _, tag = str(element.tag).rpartition("}")
+        if space.rstrip("/").endswith("xacro"):
+            raise ConfigurationError(
+                f"robot.urdf: it contains <xacro:{tag}>; expand the file with xacro first: xacro FILE > ROBOT.urdf"
+            )
     if tree.tag != "robot":
         raise ConfigurationError(f"robot.urdf: the root element is <{tree.tag}>; expected <robot>")
     links, joints = (_unique_names(tree, kind) for kind in ("link", "joint"))
@@ -68,15 +73,6 @@ def check_structure(tree: ElementTree.Element) -> None:
         for element in link.findall("collision"):
             if (problem := shape_problem(element)) is not None:
                 raise ConfigurationError(f"robot.urdf: link {name!r}: its <{element.tag}> {problem}")
-
-
-def _check_expanded(tree: ElementTree.Element) -> None:
-    for element in tree.iter():
-        space, _, tag = str(element.tag).rpartition("}")
-        if space.rstrip("/").endswith("xacro"):
-            raise ConfigurationError(
-                f"robot.urdf: it contains <xacro:{tag}>; expand the file with xacro first: xacro FILE > ROBOT.urdf"
-            )
 
 
 def _unique_names(tree: ElementTree.Element, kind: str) -> dict[str, ElementTree.Element]:
