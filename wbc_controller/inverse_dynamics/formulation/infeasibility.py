@@ -60,13 +60,8 @@ class Constraint:
 
     @property
     def kind(self) -> str:
-        """First part of the name."""
+        """First part of the name; the second is the joint, actuator, contact or pair of links."""
         return self.name.partition(":")[0]
-
-    @property
-    def owner(self) -> str:
-        """Second part of the name: joint, actuator, contact or pair of links."""
-        return self.name.partition(":")[2]
 
 
 def named_constraints(layout: Layout, model: RobotModel, effort: tuple[Array, Array]) -> list[Constraint]:
@@ -269,24 +264,25 @@ def _largest_violation(constraint: Constraint, x: Array) -> tuple[float, str, st
 
 
 def _phrase(constraint: Constraint, row: int, slack: float, *, upper: bool) -> str:
-    unit, owner, contact = constraint.units[row], constraint.owner, constraint.contact
+    kind, _, owner = constraint.name.partition(":")
+    unit, contact = constraint.units[row], constraint.contact
     bound = constraint.factor * float((constraint.upper if upper else constraint.lower)[row] + constraint.offset)
     side = f"{'at most' if upper else 'at least'} {bound:.4g} {unit}"
     amount = f"{slack:.3g} {unit}"
     gives = f"{amount} {'more' if upper else 'less'} needed"
-    if constraint.kind == "torque":
+    if kind == "torque":
         return f"torque of {owner} (limit {abs(bound):.4g} {unit}, {amount} more needed)"
-    if constraint.kind == "torque_rate":
+    if kind == "torque_rate":
         return f"torque rate of {owner} ({side} in this cycle, {gives})"
-    if constraint.kind in ("normal_force", "yaw_moment", "force", "moment"):
-        return f"{constraint.kind.replace('_', ' ')} of {owner} ({side}, {gives})"
-    if constraint.kind == "motion":
+    if kind in ("normal_force", "yaw_moment", "force", "moment"):
+        return f"{kind.replace('_', ' ')} of {owner} ({side}, {gives})"
+    if kind == "motion":
         return f"joint motion of {owner} ({side}, {gives})"
-    if constraint.kind == "self_collision":
+    if kind == "self_collision":
         return f"distance of {owner.replace('/', ' and ')} (has to change by {side}, {gives})"
-    if constraint.kind not in ("cone", "contact_motion"):  # a row limit
-        return f"{constraint.kind} limit of {owner} ({side}, {gives})"
-    if constraint.kind == "cone" and contact is not None:
+    if kind not in ("cone", "contact_motion"):  # a row limit
+        return f"{kind} limit of {owner} ({side}, {gives})"
+    if kind == "cone" and contact is not None:
         what = "friction and centre of pressure" if contact.moments.any() else "friction"
         return f"{what} of {owner} (friction {contact.friction:g}, {amount} more needed)"
     return f"motion of {owner} (must not move, would move by {amount})"

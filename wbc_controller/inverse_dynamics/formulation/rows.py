@@ -38,18 +38,13 @@ class CompiledRows:
         instructions: list[tuple[int, ...]] = []
         places: list[np.ndarray] = [np.zeros(0, dtype=np.int64)]
         numbers: list[Array] = [np.zeros(0)]
-        place = number = 0
         for entry in entries:
-            step, task = entry.instruction, entry.task
-            count = 0 if step.kind == JOINTS else len(step.rows)
-            instructions.append(
-                (step.kind, entry.row, count, step.link, step.other, step.first, step.size, place, number, entry.error)
-            )
-            factors = 2 * step.size if step.kind == JOINTS else 0
-            own = 0 if task is None else 4 * task.size + task.form.size + factors
+            step, task, joints = entry.instruction, entry.task, entry.instruction.kind == JOINTS
+            begin = step.kind, entry.row, 0 if joints else len(step.rows), step.link, step.other, step.first, step.size
+            instructions.append((*begin, sum(map(len, places)), sum(map(len, numbers)), entry.error))
+            own = 0 if task is None else 4 * task.size + task.form.size + (2 * step.size if joints else 0)
             places.append(step.rows)
             numbers += [step.constants, np.zeros(own)]
-            place, number = place + len(step.rows), number + len(step.constants) + own
         self.arrays = FrameRows(
             instructions=np.array(instructions, dtype=np.int64).reshape(-1, 10),
             places=np.concatenate(places).astype(np.int64),

@@ -1,7 +1,5 @@
 """OSQP, an operator-splitting solver."""
 
-from typing import Any
-
 import numpy as np
 import osqp
 from scipy import sparse
@@ -32,11 +30,32 @@ class OsqpSolver(Solver):
         self._a_starts = np.arange(n + 1) * (rows + 1)
 
     def _search(self, problem: QuadraticProgram) -> Answer:
-        m, rows = self._equalities, len(problem.b) + len(problem.upper)
+        n, m, rows = problem.n, self._equalities, len(problem.b) + len(problem.upper)
         self._rows[:m] = problem.A
         self._rows[m:rows] = problem.C
+        h_values = problem.H[self._h_rows, self._h_columns]
+        a_values = self._rows[self._a_rows, self._a_columns]
+        lower = np.concatenate([problem.b, problem.lower, problem.x_lower])
+        upper = np.concatenate([problem.b, problem.upper, problem.x_upper])
         try:
-            result = self._run(problem)
+            if self._solver is None:
+                self._solver = osqp.OSQP()
+                self._solver.setup(
+                    P=sparse.csc_matrix((h_values, self._h_rows, self._h_starts), shape=(n, n)),
+                    q=problem.g,
+                    A=sparse.csc_matrix((a_values, self._a_rows, self._a_starts), shape=self._rows.shape),
+                    l=lower,
+                    u=upper,
+                    verbose=False,
+                    eps_abs=1.0e-5,
+                    eps_rel=1.0e-5,
+                    max_iter=4000,
+                    polishing=self._equalities > 0,  # prints a line without equalities
+                    check_termination=5,
+                )
+            else:
+                self._solver.update(q=problem.g, l=lower, u=upper, Px=h_values, Ax=a_values)
+            result = self._solver.solve(raise_error=False)
         except osqp.OSQPException as error:  # singular matrices
             self._solver = None
             return Answer(None, f"OSQPException: {error}", 0)
@@ -46,28 +65,3 @@ class OsqpSolver(Solver):
             return Answer(np.array(result.x), "optimal", iterations, np.concatenate([y[rows:], y[m:rows]]))
         self._solver = None
         return Answer(None, str(result.info.status), iterations)
-
-    def _run(self, problem: QuadraticProgram) -> Any:
-        n, rows = problem.n, len(self._rows)
-        h_values = problem.H[self._h_rows, self._h_columns]
-        a_values = self._rows[self._a_rows, self._a_columns]
-        lower = np.concatenate([problem.b, problem.lower, problem.x_lower])
-        upper = np.concatenate([problem.b, problem.upper, problem.x_upper])
-        if self._solver is None:
-            self._solver = osqp.OSQP()
-            self._solver.setup(
-                P=sparse.csc_matrix((h_values, self._h_rows, self._h_starts), shape=(n, n)),
-                q=problem.g,
-                A=sparse.csc_matrix((a_values, self._a_rows, self._a_starts), shape=(rows, n)),
-                l=lower,
-                u=upper,
-                verbose=False,
-                eps_abs=1.0e-5,
-                eps_rel=1.0e-5,
-                max_iter=4000,
-                polishing=self._equalities > 0,  # prints a line without equalities
-                check_termination=5,
-            )
-        else:
-            self._solver.update(q=problem.g, l=lower, u=upper, Px=h_values, Ax=a_values)
-        return self._solver.solve(raise_error=False)
