@@ -32,44 +32,30 @@ class Contact(Tunable, ABC):
 
     Settings override `enabled` and `ramp`. Constructors raise `ConfigurationError` for unknown frames, masks without
     held axis, and vectors of zero length.
-
-    Attributes:
-        basis: orthonormal columns, (6, k): the published wrench [force, moment] is basis f.
-        wrench_frame: link with the contact frame of the wrench, or ``world``.
-        cone: friction or wrench cone C, (rows, k).
-        damping: D of the contact velocity, 1/s.
-        stiffness: K of an `AnchoredContact`, 1/s²; 0 for no anchor.
-        internal: True between two links.
-        metric: diagonal of W in the regularization ½ ε_f fᵀ W f, (k,): 1 for forces, 1/ℓ² for moments, with ℓ the RMS
-            lever of the sole's corners (1 m for a point).
-        permanent: True if always active.
-        bound_groups: bounded parts of f: name, first component, end.
-        friction: Coulomb friction coefficient; 0 without a cone.
-        min_normal_force: N; -inf if the contact can pull.
-        enabled: True if active at activation.
-        ramp: duration of loading or unloading, s.
     """
 
-    permanent = False
-    enabled: bool = True
-    ramp: float = 0.2
-    bound_groups: tuple[tuple[str, int, int], ...] = ()
-    friction = 0.0
-    min_normal_force = -np.inf
+    permanent = False  # True if always active
+    enabled: bool = True  # at activation
+    ramp: float = 0.2  # duration of loading or unloading, s
+    bound_groups: tuple[tuple[str, int, int], ...] = ()  # bounded parts of f: name, first component, end
+    friction = 0.0  # Coulomb friction coefficient; 0 without a cone
+    min_normal_force = -np.inf  # N; -inf if the contact can pull
 
     def __init__(
         self, name: str, basis: Array, cone: Array, wrench_frame: str, *, damping: float, internal: bool,
         stiffness: float = 0.0,
     ) -> None:  # fmt: skip
         self.name = name
-        self.basis = basis
-        self.wrench_frame = wrench_frame
-        self.cone = cone
-        self.damping = damping
-        self.stiffness = stiffness
-        self.internal = internal
+        self.basis = basis  # orthonormal columns, (6, k): the published wrench [force, moment] is basis f
+        self.wrench_frame = wrench_frame  # link with the contact frame of the wrench, or ``world``
+        self.cone = cone  # friction or wrench cone C, (rows, k)
+        self.damping = damping  # D of the contact velocity, 1/s
+        self.stiffness = stiffness  # K of an `AnchoredContact`, 1/s²; 0 for no anchor
+        self.internal = internal  # True between two links
         self.moments: np.ndarray = np.asarray(basis[3:].any(axis=0))  # components of f that are moments, (k,)
         self.size = basis.shape[1]  # k
+        #: Diagonal of W in the regularization ½ ε_f fᵀ W f, (k,): 1 for forces, 1/ℓ² for moments, with ℓ the RMS lever
+        #: of the sole's corners (1 m for a point).
         self.metric: Array = np.ones(self.size)
 
     @property
@@ -146,7 +132,7 @@ def evaluate(contact: Contact, dynamics: Dynamics) -> None:
     array_from(contact, "acceleration_at_rest", k, dynamics)
 
 
-def motion_of(contact: Contact, dynamics: Dynamics) -> tuple[Array, Array]:
+def contact_motion(contact: Contact, dynamics: Dynamics) -> tuple[Array, Array]:
     """Return J and `Contact.acceleration_at_rest`, checked (`method_calls`)."""
     k = (contact.size,)
     try:
@@ -204,15 +190,9 @@ def needed_activation(contact: Contact, force: Array) -> float:
 
 
 class UnilateralContact(AnchoredContact):
-    """Contact that can only push, with Coulomb friction.
+    """Contact that can only push, with Coulomb friction."""
 
-    Attributes:
-        normal: index in f of the normal force.
-        max_normal_force: N.
-        max_yaw_moment: largest moment about the normal, N·m; inf for none.
-    """
-
-    normal = 2
+    normal = 2  # index in f of the normal force
 
     def __init__(
         self,
@@ -232,8 +212,8 @@ class UnilateralContact(AnchoredContact):
         super().__init__(name, basis, cone, wrench_frame, stiffness=stiffness, damping=damping, internal=internal)
         self.friction = friction
         self.min_normal_force = min_normal_force
-        self.max_normal_force = max_normal_force
-        self.max_yaw_moment = max_yaw_moment
+        self.max_normal_force = max_normal_force  # N
+        self.max_yaw_moment = max_yaw_moment  # largest moment about the normal, N·m; inf for none
         self.bound_groups = (("normal_force", 2, 3),)
         if max_yaw_moment < np.inf:
             self.bound_groups += (("yaw_moment", 5, 6),)

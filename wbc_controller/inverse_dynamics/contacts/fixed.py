@@ -26,25 +26,15 @@ class FixedContact(MountedContact):
         name: str,
         model: RobotModel,
         frame: str,
-        placement: pin.SE3,
-        mask: Sequence[bool] = (True,) * 6,
+        placement: pin.SE3,  # of the contact in the frame
+        mask: Sequence[bool] = (True,) * 6,  # held axes of the contact frame: along x, y, z, about x, y, z
         *,
-        against: str | None = None,
-        max_force: float = 1000.0,
-        max_moment: float = 100.0,
+        against: str | None = None,  # frame of the holding link; None for the world
+        max_force: float = 1000.0,  # along each axis, N
+        max_moment: float = 100.0,  # about each axis, N·m
         damping: float = 20.0,
-        stiffness: float = 0.0,
+        stiffness: float = 0.0,  # K, 1/s², for holonomic masks only (see `_nonholonomic_axes`)
     ) -> None:
-        """Make a fixed contact.
-
-        Args:
-            placement: of the contact in the frame.
-            mask: held axes of the contact frame: along x, y, z, about x, y, z.
-            against: frame of the holding link; None for the world.
-            max_force: along each axis, N.
-            max_moment: about each axis, N·m.
-            stiffness: K, 1/s², for holonomic masks only (see `_nonholonomic_axes`).
-        """
         self._rows = np.flatnonzero(mask)
         if not len(self._rows):
             raise ConfigurationError(f"contacts.{name}.mask = {list(mask)}: at least one axis must be held")

@@ -38,18 +38,12 @@ class LoopClosure(Contact):
         name: str,
         model: RobotModel,
         frames: tuple[str, str],
-        placements: tuple[pin.SE3, pin.SE3],
-        mask: Sequence[bool] = (True,) * 6,
+        placements: tuple[pin.SE3, pin.SE3],  # of A and B in these frames
+        mask: Sequence[bool] = (True,) * 6,  # held axes of A: along x, y, z, about x, y, z
         *,
-        stiffness: float = 400.0,
+        stiffness: float = 400.0,  # K, 1/s²
     ) -> None:
-        """Make a loop closure; raises `ConfigurationError` also if no joint is between the frames.
-
-        Args:
-            placements: of A and B in these frames.
-            mask: held axes of A: along x, y, z, about x, y, z.
-            stiffness: K, 1/s².
-        """
+        """Make a loop closure; raises `ConfigurationError` also if no joint is between the frames."""
         self._rows = np.flatnonzero(mask)
         if not len(self._rows):
             raise ConfigurationError(f"loops.{name}.mask = {list(mask)}: at least one axis must be held")

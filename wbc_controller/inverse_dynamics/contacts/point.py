@@ -52,23 +52,15 @@ class PointContact(UnilateralContact):
         name: str,
         model: RobotModel,
         frame: str,
-        translation: Array,
-        radius: float,
+        translation: Array,  # centre of the ball in that frame, (3,) in m
+        radius: float,  # m
         *,
-        normal: Array | tuple[float, ...] = UP,
-        against: str | None = None,
+        normal: Array | tuple[float, ...] = UP,  # outward normal of the plane, (3,); in the world, or in `against`
+        against: str | None = None,  # frame of the touched link; None for the world
         friction: float = 0.7,
         **limits: float,
     ) -> None:
-        """Make a point contact.
-
-        Args:
-            translation: centre of the ball in that frame, (3,) in m.
-            radius: m.
-            normal: outward normal of the plane, (3,); in the world, or in `against`.
-            against: frame of the touched link; None for the world.
-            **limits: other keywords of `UnilateralContact`.
-        """
+        """Make a point contact; `limits` are other keywords of `UnilateralContact`."""
         self._axes = axes_with_normal(unit(f"contacts.{name}.normal", np.asarray(normal)))
         super().__init__(
             name,
@@ -104,10 +96,8 @@ class PointContact(UnilateralContact):
 
     def _arms(self, dynamics: Dynamics) -> tuple[Array, Array]:
         """Return the vectors from frame origin to centre and to contact point from there, world axes, m."""
-        centre = dynamics.placement(self._frame_id).rotation @ self._translation
-        return centre, self._constant_arm if self._constant_arm is not None else self.arm(
-            dynamics, self.axes(dynamics)[:, 2]
-        )
+        centre, arm = dynamics.placement(self._frame_id).rotation @ self._translation, self._constant_arm
+        return centre, self.arm(dynamics, self.axes(dynamics)[:, 2]) if arm is None else arm
 
     def instruction(self) -> Instruction | None:
         """Return the instruction, for a ball on the world."""

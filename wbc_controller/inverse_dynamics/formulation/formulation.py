@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from wbc_controller.errors import MethodError
-from wbc_controller.inverse_dynamics.contacts.contact import Contact, anchor_feedback, motion_of
+from wbc_controller.inverse_dynamics.contacts.contact import Contact, anchor_feedback, contact_motion
 from wbc_controller.inverse_dynamics.formulation.cost import Errors, LevelCost
 from wbc_controller.inverse_dynamics.formulation.formulation_kernels import Program, fill_program
 from wbc_controller.inverse_dynamics.formulation.layout import ContactPlace, Layout
@@ -127,7 +127,7 @@ class Formulation:
         if layout.python_contacts:
             link_terms(dynamics.motion, v)
         for place in layout.python_contacts:
-            place.J[:], place.acceleration[:] = motion_of(place.contact, dynamics)
+            place.J[:], place.acceleration[:] = contact_motion(place.contact, dynamics)
             self._bound_force(place, references.contacts)
         known = self.redundancy
         examined = q if known is None or known[0] != layout.key else known[2]

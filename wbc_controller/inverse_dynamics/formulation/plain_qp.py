@@ -12,16 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from wbc_controller.inverse_dynamics.arrays import consecutive
-from wbc_controller.inverse_dynamics.contacts import AnchoredContact, Contact
-from wbc_controller.inverse_dynamics.contacts.contact import anchor_feedback
-from wbc_controller.inverse_dynamics.contacts.contact import motion_of as contact_motion
+from wbc_controller.inverse_dynamics.contacts.contact import AnchoredContact, Contact, anchor_feedback, contact_motion
 from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT
 from wbc_controller.inverse_dynamics.formulation.redundancy import separate_redundant_rows
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit, RowLimit, TorqueLimit
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.tasks import AccelerationTask, EffortTask, Task
-from wbc_controller.inverse_dynamics.tasks.task import Efforts, equation_of
-from wbc_controller.inverse_dynamics.tasks.task import motion_of as task_motion
+from wbc_controller.inverse_dynamics.tasks.task import Efforts, equation_of, task_motion
 from wbc_controller.records import Array, Reference, References
 
 ROTATION_LENGTH = 0.1  # from angular to linear momentum, m
@@ -96,22 +93,16 @@ def bias_forces(dynamics: Dynamics, references: References) -> Array:
 
 def plain_qp(
     dynamics: Dynamics,
-    tasks: Sequence[Task],
+    tasks: Sequence[Task],  # of one priority level, without tolerances
     contacts: Sequence[Contact],
     limits: Limits,
     references: References,
-    tau_before: Array | None = None,
+    tau_before: Array | None = None,  # present torques, (na,) in N·m; None for no torque rate limit
     regularization: Regularization = Regularization(),
     *,
-    first: bool = True,
+    first: bool = True,  # True for the highest level, which has the redundant directions of the contacts
 ) -> PlainQP:
-    """Build the quadratic program at one state.
-
-    Args:
-        tasks: of one priority level, without tolerances.
-        tau_before: present torques, (na,) in N·m; None for no torque rate limit.
-        first: True for the highest level, which has the redundant directions of the contacts.
-    """
+    """Build the quadratic program at one state."""
     model, actuation, period = dynamics.model, dynamics.model.actuation, limits.period
     activations = {c.name: 1.0 if c.permanent else references.contacts.get(c.name, 0.0) for c in contacts}
     active = [contact for contact in contacts if activations[contact.name] > 0.0]

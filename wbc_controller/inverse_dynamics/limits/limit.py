@@ -7,19 +7,12 @@ from wbc_controller.records import Array
 
 
 class RowLimit(ABC):
-    """Inequality constraints lower ≤ G v̇ ≤ upper with a constant number of rows.
+    """Inequality constraints lower ≤ G v̇ ≤ upper with a constant number of rows."""
 
-    Attributes:
-        names: of the rows, ``<kind>:<owner>``, as in `Solution.binding`; `fill` may change them.
-        kind: group of rows for relaxation.
-        unit: of G v̇.
-        summary: one line.
-    """
-
-    names: tuple[str, ...]
-    kind: str
-    unit: str
-    summary: str = ""
+    names: tuple[str, ...]  # of the rows, ``<kind>:<owner>``, as in `Solution.binding`; `fill` may change them
+    kind: str  # group of rows for relaxation
+    unit: str  # of G v̇
+    summary: str = ""  # one line
 
     @property
     def full_name(self) -> str:

@@ -41,27 +41,20 @@ class Task(Tunable, ABC):
 
     Settings override `weight`, `enabled` and `setpoint_duration`. Set `level` and `tolerance` before the controller is
     made. Constructors raise `ConfigurationError` for unknown names and lists of wrong length.
-
-    Attributes:
-        rows: indices of the components selected by the mask, (k,).
-        level: priority level; 0 is the highest.
-        tolerance: deviation without cost, in the unit of the error, () or (size,), or None.
-        enabled: at activation.
-        setpoint_duration: of the motion to a new setpoint, s.
     """
 
     size: int  # before the mask
-    level: int = 0
-    tolerance: Array | None = None
+    level: int = 0  # priority level; 0 is the highest
+    tolerance: Array | None = None  # deviation without cost, in the unit of the error, () or (size,)
     weight: float = 1.0
-    enabled: bool = True
-    setpoint_duration: float = 1.0
+    enabled: bool = True  # at activation
+    setpoint_duration: float = 1.0  # of the motion to a new setpoint, s
     unit: str = ""  # of the task error
     gain_names: tuple[str, ...] = ()  # each () or (size,); first the gain of the task error
 
     def __init__(self, name: str, mask: Sequence[bool]) -> None:
         self.name = name
-        self.rows = np.flatnonzero(np.asarray(mask))
+        self.rows = np.flatnonzero(np.asarray(mask))  # components selected by the mask, (k,)
         self._selects_all = len(self.rows) == len(mask)
 
     @property
@@ -170,7 +163,7 @@ def evaluate(task: AccelerationTask, dynamics: Dynamics, reference: Reference) -
     arrays_from(task, "equation", ((*k, nv), k, k), dynamics, reference)
 
 
-def motion_of(task: AccelerationTask, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, Array]:
+def task_motion(task: AccelerationTask, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, Array]:
     """Return `AccelerationTask.equation`, checked (`method_calls`)."""
     k = (task.dimension,)
     try:
@@ -197,15 +190,11 @@ class Efforts(Protocol):
 
 
 class EffortTask(Task):
-    """Task on contact forces or torques, without gains; velocity and acceleration of the reference are ignored.
-
-    Attributes:
-        target: default reference, (size,).
-    """
+    """Task on contact forces or torques, without gains; velocity and acceleration of the reference are ignored."""
 
     def __init__(self, name: str, mask: Sequence[bool], target: Array) -> None:
         super().__init__(name, mask)
-        self.target = target
+        self.target = target  # default reference, (size,)
 
     def rest(self, dynamics: Dynamics) -> Reference:
         """Return the target."""
@@ -237,15 +226,11 @@ class MotionTask(AccelerationTask):
         ẍ* = ẍ_ref + D (ẋ_ref - ẋ) + K e
 
     with the error e from x to x_ref.
-
-    Attributes:
-        stiffness: K, 1/s², () or (size,).
-        damping: D, 1/s, () or (size,).
     """
 
     gain_names = ("stiffness", "damping")
-    stiffness: Array
-    damping: Array
+    stiffness: Array  # K, 1/s², () or (size,)
+    damping: Array  # D, 1/s, () or (size,)
 
     def __init__(
         self, name: str, mask: Sequence[bool], *, stiffness: Gains = 100.0, damping: Gains | None = None
@@ -275,9 +260,6 @@ class RateTask(AccelerationTask):
         ẋ* = ẋ_ref + k e
 
     Undisturbed, e decays as exp(-k t).
-
-    Attributes:
-        gain: k, 1/s, () or (size,).
     """
 
     gain_names = ("gain",)
@@ -285,7 +267,7 @@ class RateTask(AccelerationTask):
     def __init__(self, name: str, mask: Sequence[bool], *, gain: Gains, key: str) -> None:
         """Make a task with a mask (size,) and a gain k; errors begin with the key."""
         super().__init__(name, mask)
-        self.gain = gains(gain, len(mask), f"tasks.{name}.{key}")
+        self.gain = gains(gain, len(mask), f"tasks.{name}.{key}")  # k, 1/s, () or (size,)
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
         """Return x_ref - x, (size,)."""
