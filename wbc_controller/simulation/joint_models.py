@@ -6,8 +6,7 @@ import mujoco
 
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.mimic import Followers
-from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.inverse_dynamics.robot.passive import PassiveForces
+from wbc_controller.inverse_dynamics.robot.model import PassiveForces, RobotModel
 
 
 def add_mimic_joints(spec: Any, followers: Followers) -> None:

@@ -11,8 +11,7 @@ from wbc_controller.errors import ConfigurationError, require_known
 from wbc_controller.inverse_dynamics.robot.actuation import Actuation
 from wbc_controller.inverse_dynamics.robot.bare_mechanism import bare_mechanism
 from wbc_controller.inverse_dynamics.robot.mimic import Followers, Mimic, read_mimics
-from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.inverse_dynamics.robot.passive import PassiveForces
+from wbc_controller.inverse_dynamics.robot.model import PassiveForces, RobotModel
 from wbc_controller.inverse_dynamics.robot.transmission import make_drive
 from wbc_controller.inverse_dynamics.robot.urdf import read_robot
 from wbc_controller.inverse_dynamics.robot.virtual_base import drop_virtual_joints, virtual_joints
