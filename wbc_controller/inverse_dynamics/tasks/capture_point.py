@@ -1,12 +1,11 @@
 """Capture point task."""
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
-from wbc_controller.inverse_dynamics.tasks.task import Gains, RateTask
+from wbc_controller.inverse_dynamics.tasks.task import Gains, Mask, RateTask
 from wbc_controller.records import Array
 
 _LOWEST_PENDULUM = 0.1  # lower bound of the pendulum height, m, for lying robots
@@ -37,13 +36,7 @@ class CapturePointTask(RateTask):
     size = 2
 
     def __init__(
-        self,
-        name: str,
-        gravity: float,
-        mask: Sequence[bool] | None = None,
-        *,
-        support_height: float = 0.0,
-        gain: Gains = 4.0,
+        self, name: str, gravity: float, mask: Mask | None = None, *, support_height: float = 0.0, gain: Gains = 4.0
     ) -> None:
         """Make a task with gravity g in m/s², support height z_s in m and gain k in 1/s."""
         super().__init__(name, [True, True] if mask is None else mask, gain=gain, key="gain")

@@ -1,13 +1,11 @@
 """Tasks on the centre of mass and the momentum."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.frame_kernels import COM
 from wbc_controller.inverse_dynamics.robot.instruction import Instruction
-from wbc_controller.inverse_dynamics.tasks.task import Gains, MotionTask, RateTask
+from wbc_controller.inverse_dynamics.tasks.task import Gains, Mask, MotionTask, RateTask
 from wbc_controller.records import Array, Reference
 
 
@@ -58,7 +56,7 @@ class _MomentumTask(RateTask):
     size = 3
     part: slice  # rows of A_G
 
-    def __init__(self, name: str, mask: Sequence[bool] | None = None, *, damping: Gains = 10.0) -> None:
+    def __init__(self, name: str, mask: Mask | None = None, *, damping: Gains = 10.0) -> None:
         super().__init__(name, [True] * 3 if mask is None else mask, gain=damping, key="damping")
 
     def position(self, dynamics: Dynamics) -> Array:

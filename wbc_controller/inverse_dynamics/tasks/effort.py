@@ -7,7 +7,7 @@ import numpy as np
 from wbc_controller.errors import ConfigurationError, require_known
 from wbc_controller.inverse_dynamics.contacts import Contact
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.inverse_dynamics.tasks.task import Efforts, EffortTask
+from wbc_controller.inverse_dynamics.tasks.task import Efforts, EffortTask, Mask
 from wbc_controller.records import Array, Reference
 
 _AXES = ("x", "y", "z", "about x", "about y", "about z")
@@ -19,7 +19,7 @@ class ContactWrenchTask(EffortTask):
     unit = "N, N·m"
     size = 6
 
-    def __init__(self, name: str, contact: Contact, mask: Sequence[bool], target: Sequence[float]) -> None:
+    def __init__(self, name: str, contact: Contact, mask: Mask, target: Sequence[float]) -> None:
         """Make a task with a default reference wrench, (6,) in N and N·m; the mask must select a transmitted axis."""
         super().__init__(name, mask, np.array(target, dtype=np.float64))
         borne = np.flatnonzero(contact.basis.any(axis=1))

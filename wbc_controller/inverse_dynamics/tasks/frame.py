@@ -1,6 +1,5 @@
 """Pose, position and orientation tasks."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ from wbc_controller.inverse_dynamics.robot.instruction import Instruction, place
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
 from wbc_controller.inverse_dynamics.tasks.form import ReferenceForm
-from wbc_controller.inverse_dynamics.tasks.task import MotionTask
+from wbc_controller.inverse_dynamics.tasks.task import Mask, MotionTask
 from wbc_controller.records import Array
 
 _WORLD_AXES = pin.LOCAL_WORLD_ALIGNED
@@ -30,9 +29,7 @@ def pose_error(pose: pin.SE3, position: Array, form: ReferenceForm) -> Array:
 class _FrameTask(MotionTask):
     part: slice  # of the frame's twist
 
-    def __init__(
-        self, name: str, model: RobotModel, frame: str, mask: Sequence[bool] | None = None, **gains: Any
-    ) -> None:
+    def __init__(self, name: str, model: RobotModel, frame: str, mask: Mask | None = None, **gains: Any) -> None:
         """Make a task, by default for all axes, with the gains of `MotionTask`."""
         super().__init__(name, [True] * self.size if mask is None else mask, **gains)
         self.frame = frame

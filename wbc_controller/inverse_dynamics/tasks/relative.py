@@ -1,6 +1,5 @@
 """Task on a relative pose."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,7 @@ from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks.form import ReferenceForm
 from wbc_controller.inverse_dynamics.tasks.frame import pose_error
-from wbc_controller.inverse_dynamics.tasks.task import MotionTask
+from wbc_controller.inverse_dynamics.tasks.task import Mask, MotionTask
 from wbc_controller.records import Array
 
 _WORLD_AXES = pin.LOCAL_WORLD_ALIGNED
@@ -37,13 +36,7 @@ class RelativePoseTask(MotionTask):
     form = ReferenceForm(oriented=True)
 
     def __init__(
-        self,
-        name: str,
-        model: RobotModel,
-        frame: str,
-        reference_frame: str,
-        mask: Sequence[bool] | None = None,
-        **gains: Any,
+        self, name: str, model: RobotModel, frame: str, reference_frame: str, mask: Mask | None = None, **gains: Any
     ) -> None:
         super().__init__(name, [True] * 6 if mask is None else mask, **gains)
         self.frame = frame

@@ -23,6 +23,7 @@ from wbc_controller.inverse_dynamics.tasks.form import ReferenceForm
 from wbc_controller.inverse_dynamics.tunable import Tunable
 from wbc_controller.records import Array, Reference, frozen
 
+Mask = Sequence[bool]  # True for selected axes
 Gains = float | Sequence[float] | Array  # one number, or one per axis
 
 
@@ -52,7 +53,7 @@ class Task(Tunable, ABC):
     unit: str = ""  # of the task error
     gain_names: tuple[str, ...] = ()  # each () or (size,); first the gain of the task error
 
-    def __init__(self, name: str, mask: Sequence[bool]) -> None:
+    def __init__(self, name: str, mask: Mask) -> None:
         self.name = name
         self.rows = np.flatnonzero(np.asarray(mask))  # components selected by the mask, (k,)
         self._selects_all = len(self.rows) == len(mask)
@@ -192,7 +193,7 @@ class Efforts(Protocol):
 class EffortTask(Task):
     """Task on contact forces or torques, without gains; velocity and acceleration of the reference are ignored."""
 
-    def __init__(self, name: str, mask: Sequence[bool], target: Array) -> None:
+    def __init__(self, name: str, mask: Mask, target: Array) -> None:
         super().__init__(name, mask)
         self.target = target  # default reference, (size,)
 
@@ -232,9 +233,7 @@ class MotionTask(AccelerationTask):
     stiffness: Array  # K, 1/s², () or (size,)
     damping: Array  # D, 1/s, () or (size,)
 
-    def __init__(
-        self, name: str, mask: Sequence[bool], *, stiffness: Gains = 100.0, damping: Gains | None = None
-    ) -> None:
+    def __init__(self, name: str, mask: Mask, *, stiffness: Gains = 100.0, damping: Gains | None = None) -> None:
         """Make a task with a mask, (size,), and gains; the default damping is critical, 2√K."""
         super().__init__(name, mask)
         self.stiffness = gains(stiffness, len(mask), f"tasks.{name}.stiffness")
@@ -264,7 +263,7 @@ class RateTask(AccelerationTask):
 
     gain_names = ("gain",)
 
-    def __init__(self, name: str, mask: Sequence[bool], *, gain: Gains, key: str) -> None:
+    def __init__(self, name: str, mask: Mask, *, gain: Gains, key: str) -> None:
         """Make a task with a mask (size,) and a gain k; errors begin with the key."""
         super().__init__(name, mask)
         self.gain = gains(gain, len(mask), f"tasks.{name}.{key}")  # k, 1/s, () or (size,)
