@@ -143,14 +143,10 @@ class WholeBodyQP:
 
         If the problem is infeasible, limits become soft: first the torque rate, then also row limits and joint motion,
         with release of contacts that slip or prevent a joint from stopping. `Solution.relaxed` names the groups with
-        violated bounds.
+        violated bounds. `tau_before` are the present torques, (na,) in N·m; None for no rate limit.
 
-        Args:
-            tau_before: present torques, (na,) in N·m; None for no rate limit.
-            explained: find the conflicting constraints, which takes several periods.
-
-        Raises:
-            NoSolution: if equations of motion, contacts and torque limits conflict, or a value is not finite.
+        Raises `NoSolution` if equations of motion, contacts and torque limits conflict, or a value is not finite; if
+        `explained`, with the conflicting constraints, which takes several periods.
         """
         started = self._timer()
         layout = self.formulation.build(state, references, tau_before)
@@ -211,11 +207,8 @@ class WholeBodyQP:
             return answer
         if answer.status == NOT_FINITE:
             self.formulation.require_finite_limits(layout)
-            raise NoSolution(
-                "the state, the references or tau_before contain values that are not finite",
-                "not solved",
-                layout.problem.copy(),
-            )
+            message = "the state, the references or tau_before contain values that are not finite"
+            raise NoSolution(message, "not solved", layout.problem.copy())
         relaxed = self._relax(layout, references, answer)
         relaxed.iterations += answer.iterations
         if self._is_solution(relaxed, layout, solver.tolerance):

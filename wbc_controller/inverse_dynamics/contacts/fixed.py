@@ -46,15 +46,8 @@ class FixedContact(MountedContact):
                 "undefined; set stiffness to 0, or change the mask"
             )
         k = len(self._rows)
-        super().__init__(
-            name,
-            np.eye(6)[:, self._rows],
-            np.zeros((0, k)),
-            frame,
-            stiffness=stiffness,
-            damping=damping,
-            internal=against is not None,
-        )
+        basis, internal = np.eye(6)[:, self._rows], against is not None
+        super().__init__(name, basis, np.zeros((0, k)), frame, stiffness=stiffness, damping=damping, internal=internal)
         self._hinge = hinge_of(mask)
         self._held = np.array(mask[:3], dtype=np.float64)
         self._mount = Mount(model, name, frame, placement, against)

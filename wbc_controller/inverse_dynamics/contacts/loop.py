@@ -47,15 +47,8 @@ class LoopClosure(Contact):
         self._rows = np.flatnonzero(mask)
         if not len(self._rows):
             raise ConfigurationError(f"loops.{name}.mask = {list(mask)}: at least one axis must be held")
-        super().__init__(
-            name,
-            np.eye(6)[:, self._rows],
-            np.zeros((0, len(self._rows))),
-            frames[0],
-            damping=2.0 * math.sqrt(stiffness),
-            stiffness=stiffness,
-            internal=True,
-        )
+        basis, cone, damping = np.eye(6)[:, self._rows], np.zeros((0, len(self._rows))), 2.0 * math.sqrt(stiffness)
+        super().__init__(name, basis, cone, frames[0], damping=damping, stiffness=stiffness, internal=True)
         self._a = model.frame_id(frames[0], f"loops.{name}.frame_a")
         b = model.frame_id(frames[1], f"loops.{name}.frame_b")
         if model.pinocchio.frames[self._a].parentJoint == model.pinocchio.frames[b].parentJoint:

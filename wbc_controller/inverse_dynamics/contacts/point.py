@@ -62,15 +62,9 @@ class PointContact(UnilateralContact):
     ) -> None:
         """Make a point contact; `limits` are other keywords of `UnilateralContact`."""
         self._axes = axes_with_normal(unit(f"contacts.{name}.normal", np.asarray(normal)))
-        super().__init__(
-            name,
-            np.vstack([self._axes, np.zeros((3, 3))]),
-            friction_pyramid(friction),
-            against or "world",
-            internal=against is not None,
-            friction=friction,
-            **limits,
-        )
+        basis, cone = np.vstack([self._axes, np.zeros((3, 3))]), friction_pyramid(friction)
+        internal = against is not None
+        super().__init__(name, basis, cone, against or "world", internal=internal, friction=friction, **limits)
         self._frame_id = model.frame_id(frame, f"contacts.{name}.frame")
         self._other = support_link(model, name, frame, against)
         self._in_world_axes = self._other is None and bool(self._axes[2, 2] == 1.0)

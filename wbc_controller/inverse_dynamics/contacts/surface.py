@@ -39,15 +39,8 @@ class SurfaceContact(MountedContact, UnilateralContact):
 
         The z axis of `placement`, of the contact in the frame, points away from the touched surface.
         """
-        super().__init__(
-            name,
-            np.eye(6),
-            support.cone(friction / math.sqrt(2.0)),
-            frame,
-            internal=against is not None,
-            friction=friction,
-            **limits,
-        )
+        cone, internal = support.cone(friction / math.sqrt(2.0)), against is not None
+        super().__init__(name, np.eye(6), cone, frame, internal=internal, friction=friction, **limits)
         self._mount = Mount(model, name, frame, placement, against)
         self._corners = np.column_stack([support.vertices, np.zeros(len(support.vertices))])
         # For n corners of a rectangle, fᵀ W f / n is the least sum of squares of equivalent corner forces. A narrow

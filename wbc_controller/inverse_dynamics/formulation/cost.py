@@ -46,7 +46,8 @@ class LevelCost:
             if isinstance(task, MotionTask) and (instruction := task.instruction()) is not None
         }
         strict = [task for task in tasks if task.tolerance is None]
-        self._posture = [t for t in strict if last and isinstance(t, PostureTask) and t.name in instructions]
+        posture = [task for task in strict if isinstance(task, PostureTask) and task.name in instructions]
+        self._posture = posture if last else []
         with_rows = [task for task in strict if task not in self._posture]
         self._with_tolerance = [task for task in tasks if task.tolerance is not None]
         places = _places([*with_rows, *self._posture, *self._with_tolerance])
@@ -76,7 +77,9 @@ class LevelCost:
         if first:
             entries += [RowEntry(instruction, count + row) for instruction, row in layout.instructions]
         #: [R, r] and error slice of each effort task.
-        self.effort_rows = [(rows, places[t.name]) for t, rows in self._python_rows if isinstance(t, EffortTask)]
+        self.effort_rows = [
+            (rows, places[task.name]) for task, rows in self._python_rows if isinstance(task, EffortTask)
+        ]
         weights = np.ones(soft + count)
         shared: dict[str, Any] = {"base": base, "diagonal": np.zeros(n), "target": np.zeros(n)}
         shared["constraints"] = problem.constraints

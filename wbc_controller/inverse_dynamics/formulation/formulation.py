@@ -10,18 +10,12 @@ import numpy as np
 
 from wbc_controller.errors import MethodError
 from wbc_controller.inverse_dynamics.contacts.contact import Contact, anchor_feedback, contact_motion
+from wbc_controller.inverse_dynamics.formulation import redundancy
 from wbc_controller.inverse_dynamics.formulation.cost import Errors, LevelCost
 from wbc_controller.inverse_dynamics.formulation.formulation_kernels import Program, fill_program
 from wbc_controller.inverse_dynamics.formulation.layout import ContactPlace, Layout
 from wbc_controller.inverse_dynamics.formulation.plain_qp import Regularization, bias_forces
 from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT, Level
-from wbc_controller.inverse_dynamics.formulation.redundancy import (
-    EXAMINED_MOBILITY,
-    EXAMINED_MOTION,
-    LEAST_MOBILITY,
-    mobilities,
-    separate_redundant_rows,
-)
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit, RowLimit, TorqueLimit
 from wbc_controller.inverse_dynamics.method_calls import bounds_of, call, require_finite
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
@@ -144,27 +138,28 @@ class Formulation:
         if self.row_limits:
             self._fill_row_limits(layout)
         layout.contact_rows = None
-        if known is None or known[0] != layout.key or not moved <= EXAMINED_MOTION:
-            known = self.redundancy = layout.key, self._mobility(layout) < EXAMINED_MOBILITY, q.copy()
+        if known is None or known[0] != layout.key or not moved <= redundancy.EXAMINED_MOTION:
+            known = self.redundancy = layout.key, self._mobility(layout) < redundancy.EXAMINED_MOBILITY, q.copy()
         if known[1]:
             self._separate_contacts(layout)
         return layout
 
     def find_redundancy(self, layout: Layout) -> bool:
         """Separate newly redundant contacts; return True if the problem changes."""
-        if layout.contact_rows is not None or self._mobility(layout) >= LEAST_MOBILITY:
+        if layout.contact_rows is not None or self._mobility(layout) >= redundancy.LEAST_MOBILITY:
             return False
         self.redundancy = layout.key, True, self.dynamics.q.copy()
         self._separate_contacts(layout)
         return True
 
     def _mobility(self, layout: Layout) -> float:
-        return float(mobilities(layout.J, layout.metric, self.dynamics)[0].min(initial=math.inf))
+        return float(redundancy.mobilities(layout.J, layout.metric, self.dynamics)[0].min(initial=math.inf))
 
     def _separate_contacts(self, layout: Layout) -> None:
         nf, nv = layout.J.shape
-        hard, soft = separate_redundant_rows(layout.J, layout.contact_motion, layout.metric, self.dynamics)
-        layout.contact_rows = np.column_stack([layout.J, layout.contact_motion])
+        rows = layout.J, layout.contact_motion
+        hard, soft = redundancy.separate_redundant_rows(*rows, layout.metric, self.dynamics)
+        layout.contact_rows = np.column_stack(rows)
         layout.problem.A[:nf, :nv], layout.contact_motion[:] = hard[:, :-1], hard[:, -1]
         if self.structure is not None:
             self.structure.costs[0].add_redundant_rows(soft)
@@ -172,7 +167,7 @@ class Formulation:
     def add_effort_errors(self, x: Array) -> None:
         """Add the errors of effort tasks at a solution (n,) to `task_errors`."""
         costs = () if self.structure is None else self.structure.costs
-        for cost, (_, errors) in zip(costs, self.task_errors, strict=True):
+        for cost, (_, errors) in zip(costs, self.task_errors, strict=False):
             for rows, place in cost.effort_rows:
                 errors[place] = rows[:, :-1] @ x - rows[:, -1]
 
@@ -198,18 +193,11 @@ class Formulation:
         tasks = tuple(name for name in self.tasks if not weights.get(name, 0.0) <= 0.0)
         contacts = tuple(name for name, c in self.contacts.items() if c.permanent or activations.get(name, 0.0) > 0.0)
         if (contacts, tasks) not in self._structures:
-            layout = self.layout(contacts)
-            costs = [
-                LevelCost(
-                    [self.tasks[name] for name in tasks if self.tasks[name].level == level],
-                    layout,
-                    self.dynamics,
-                    self.regularization,
-                    first=level == self._levels[0],
-                    last=level == self._levels[-1],
-                )
-                for level in self._levels
-            ]
+            layout, levels, costs = self.layout(contacts), self._levels, []
+            for level in levels:
+                own = [self.tasks[name] for name in tasks if self.tasks[name].level == level]
+                ends = {"first": level == levels[0], "last": level == levels[-1]}
+                costs.append(LevelCost(own, layout, self.dynamics, self.regularization, **ends))
             self._structures[contacts, tasks] = Structure(layout, costs, [cost.level for cost in costs])
         structure = self._structures[contacts, tasks]
         layout = structure.layout

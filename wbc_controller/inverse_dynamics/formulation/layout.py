@@ -15,6 +15,7 @@ from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT, Leve
 from wbc_controller.inverse_dynamics.limits import RowLimit
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.dynamics_kernels import DynamicsRows
+from wbc_controller.inverse_dynamics.robot.instruction import Instruction
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
@@ -64,27 +65,23 @@ class Layout:
         damping = np.concatenate([np.zeros(0), *(c.row_damping() for c in contacts)])
         self.metric = np.concatenate([np.zeros(0), *(c.metric for c in contacts)])  # diagonal of W in ½ ε_f fᵀ W f
         self.places: list[ContactPlace] = []  # of each active contact
+        self.instructions: list[tuple[Instruction, int]] = []  # compiled rows of contacts, with their first row
+        self.python_contacts: list[ContactPlace] = []  # contacts without instructions
+        self.anchored: list[tuple[AnchoredContact, slice]] = []  # with their rows of J
         for contact, cone, motion, columns, rows in zip(
             contacts, cones, consecutive(sizes), consecutive(sizes, nv), cone_rows, strict=True
         ):
             views = problem.A[motion, :nv], problem.b[motion]
             self.places.append(ContactPlace(contact, motion, *views, rows, columns, *problem.bounds[:, columns]))
+            if (instruction := contact.instruction()) is not None:
+                self.instructions.append((instruction, motion.start))
+            else:
+                self.python_contacts.append(self.places[-1])
+            if isinstance(contact, AnchoredContact) and contact.stiffness > 0.0:
+                self.anchored.append((contact, motion))
             problem.C[rows, columns] = cone
             problem.upper[rows] = 0.0
         self._friction: Mapping[str, float] = {}
-        #: Compiled rows of contacts with their first row; other contacts.
-        self.instructions = [
-            (instruction, place.motion.start)
-            for place in self.places
-            if (instruction := place.contact.instruction()) is not None
-        ]
-        self.python_contacts = [place for place in self.places if place.contact.instruction() is None]
-        #: Anchored contacts and their rows of J.
-        self.anchored = tuple(
-            (place.contact, place.motion)
-            for place in self.places
-            if isinstance(place.contact, AnchoredContact) and place.contact.stiffness > 0.0
-        )
         self.available = np.zeros((3, na))  # smallest and largest available torques, and effort limits, N·m
         starts, nonzero_columns, values = actuation.projection
         self.dynamics_rows = DynamicsRows(

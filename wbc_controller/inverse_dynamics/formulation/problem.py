@@ -95,13 +95,9 @@ class QuadraticProgram:
     @classmethod
     def empty(cls, n: int, equalities: int, inequalities: int, room: int = 0, outputs: int = 0) -> "QuadraticProgram":
         """Allocate a problem with infinite bounds."""
-        return cls(
-            QuadraticCost(np.zeros((n, n)), np.zeros(n)),
-            np.repeat([[-np.inf], [np.inf]], n + inequalities, axis=1),
-            np.zeros((room + equalities + inequalities, n + 1)),
-            room,
-            np.zeros(outputs),
-        )
+        cost, bounds = QuadraticCost(np.zeros((n, n)), np.zeros(n)), np.array([[-np.inf], [np.inf]])
+        memory = np.zeros((room + equalities + inequalities, n + 1))
+        return cls(cost, np.repeat(bounds, n + inequalities, axis=1), memory, room, np.zeros(outputs))
 
     def copy(self) -> "QuadraticProgram":
         """Return a persistent copy."""

@@ -51,13 +51,8 @@ class Relaxable:
 def relaxations(formulation: Formulation, layout: Layout, references: References) -> Iterator[list[Relaxable]]:
     """Yield groups of limits to relax: first the torque rate, then all limits except available torques."""
     n = layout.problem.n
-    rate = Relaxable.of(
-        layout,
-        "torque_rate",
-        n + np.arange(layout.torque.start, layout.torque.stop),
-        hard=np.stack(formulation.effort_bounds(references)),
-        units=formulation.torque_limit.effort_limits,
-    )
+    torques, hard = n + np.arange(layout.torque.stop), np.stack(formulation.effort_bounds(references))
+    rate = Relaxable.of(layout, "torque_rate", torques, hard=hard, units=formulation.torque_limit.effort_limits)
     first = [rate] if len(rate.places) else []
     if first:
         yield first

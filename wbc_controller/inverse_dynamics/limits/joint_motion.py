@@ -63,12 +63,9 @@ class JointMotionLimit(Tunable):
                     f"limits.position_margin = {margin:g} leaves no range for {name!r}, with the limits "
                     f"{low - margin:g} and {high + margin:g} {unit}{mimics}"
                 )
-        return cls(
-            (lower, upper) if position else None,
-            model.velocity_limits * tuning.velocity_scale if velocity else None,
-            acceleration=tuning.acceleration,
-            horizon=tuning.position_horizon,
-        )
+        positions = (lower, upper) if position else None
+        velocities = model.velocity_limits * tuning.velocity_scale if velocity else None
+        return cls(positions, velocities, acceleration=tuning.acceleration, horizon=tuning.position_horizon)
 
     def bounds(self, q: Array, v: Array, period: float) -> tuple[Array, Array]:
         """Return bounds of q̈ (nj,) for a period in s, at q and v, (nj,) each."""
