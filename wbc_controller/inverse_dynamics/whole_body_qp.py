@@ -127,7 +127,7 @@ class WholeBodyQP:
         solver = self._solvers[layout.key]
         if solver.active_set is not None:
             self._change = self._current or (), layout.key
-            solver.active_set.restart(self._first_sets.get(self._change))
+            solver.active_set.adopt(self._first_sets.get(self._change, 0))
         self._current = layout.key
         return solver
 

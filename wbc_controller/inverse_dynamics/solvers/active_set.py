@@ -66,11 +66,12 @@ class ActiveSet:
 
     def adopt_multipliers(self, multipliers: Array) -> None:
         """Adopt the active set of multipliers, (n + m_in,)."""
-        self._set_sides((multipliers > 0.0).astype(np.int8) - (multipliers < 0.0))
+        self.adopt((multipliers > 0.0).astype(np.int8) - (multipliers < 0.0))
 
-    def restart(self, side: np.ndarray | None) -> None:
-        """Start with an active set, or without active bounds."""
-        self._set_sides(np.zeros_like(self.side) if side is None else side)
+    def adopt(self, side: np.ndarray | int) -> None:
+        """Adopt an active set, or 0 for no active bounds."""
+        self.side[:] = side
+        self._count = int(np.count_nonzero(self.side))
 
     def memory(self) -> dict[str, Any]:
         """Return the active set, for `recall`."""
@@ -80,11 +81,7 @@ class ActiveSet:
         """Restore the result of `memory`, if of the same size."""
         side = np.array(memory["side"], dtype=np.int8)
         if side.shape == self.side.shape:
-            self._set_sides(side)
-
-    def _set_sides(self, side: np.ndarray) -> None:
-        self.side[:] = side
-        self._count = int(np.count_nonzero(side))
+            self.adopt(side)
 
     def solve(self, problem: QuadraticProgram) -> Answer | None:
         """Solve with the stored active set or the next sets; None if all are wrong."""
@@ -122,11 +119,11 @@ class ActiveSet:
             if outcome != kernel.WRONG_SET or number == tries:
                 break
             side = self.side.copy() if side is None else side
-            self._set_sides(self._sides[1])
+            self.adopt(self._sides[1])
         if outcome == kernel.SOLVED:
             memory.above = (memory.above or len(problem.b) - squares.base) + kept
         elif side is not None:
-            self._set_sides(side)
+            self.adopt(side)
         return outcome, number, cost
 
     def _full(self, problem: QuadraticProgram) -> Answer | None:

@@ -113,8 +113,10 @@ class Hierarchy:
         )
 
     def _search(self, problem: QuadraticProgram, levels: Sequence[Level]) -> Answer:
-        n = problem.n
-        x, free = _solution_and_null_space(problem.A, problem.b)
+        n, (Q, R, order, rank) = problem.n, _pivoted_qr(problem.A)
+        # A[order] = (Q R)ᵀ: with x = Q[:, :rank] y, the first `rank` rows are R₁ᵀ y = b.
+        y = np.linalg.solve(R[:rank, :rank].T, problem.b[order[:rank]]) if rank else np.zeros(0)
+        x, free = Q[:, :rank] @ y, Q[:, rank:]
         if not (np.max(np.abs(problem.A @ x - problem.b), initial=0.0) <= _CONSISTENT):
             return Answer(None, "the equalities contradict each other", 0)
         rows = np.vstack([np.eye(n), problem.C])
@@ -189,13 +191,6 @@ def _reduced_problem(
     reduced.C[m:, nz:] = np.eye(ns)
     reduced.lower[m:], reduced.upper[m:] = level.lower - value, level.upper - value
     return reduced
-
-
-def _solution_and_null_space(A: Array, b: Array) -> tuple[Array, Array]:
-    Q, R, order, rank = _pivoted_qr(A)
-    # A[order] = (Q R)ᵀ: with x = Q[:, :rank] y, the first `rank` rows are R₁ᵀ y = b.
-    y = np.linalg.solve(R[:rank, :rank].T, b[order[:rank]]) if rank else np.zeros(0)
-    return Q[:, :rank] @ y, Q[:, rank:]
 
 
 def _pivoted_qr(A: Array) -> tuple[Array, Array, np.ndarray, int]:

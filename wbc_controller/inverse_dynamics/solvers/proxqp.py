@@ -21,28 +21,23 @@ class ProxqpSolver(Solver):
         self._size = (n, equalities, inequalities)
         self._qp: Any = None
 
-    def _make(self) -> Any:
-        qp = _proxqp.dense.QP(*self._size, True)
-        # With 1e-7, internal forces between the feet were wrong by newtons after a warm start.
-        qp.settings.eps_abs = 1.0e-8
-        qp.settings.eps_rel = 0.0
-        # Infeasible problems use all iterations; feasible ones need about ten.
-        qp.settings.max_iter = 50
-        qp.settings.max_iter_in = 50
-        # The default 1e-4 causes false infeasibility with tight cones.
-        qp.settings.eps_primal_inf = 1.0e-12
-        qp.settings.initial_guess = _proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
-        return qp
-
     def _search(self, problem: QuadraticProgram) -> Answer:
         constraints = problem.A, problem.b, problem.C, problem.lower, problem.upper
         data = (problem.H, problem.g, *constraints, problem.x_lower, problem.x_upper)
-        if self._qp is not None:
-            self._qp.update(*data, update_preconditioner=False)  # similar magnitudes
-        else:
-            self._qp = self._make()
-            self._qp.init(*data)
         qp = self._qp
+        if qp is not None:
+            qp.update(*data, update_preconditioner=False)  # similar magnitudes
+        else:
+            qp = self._qp = _proxqp.dense.QP(*self._size, True)
+            # With 1e-7, internal forces between the feet were wrong by newtons after a warm start.
+            qp.settings.eps_abs = 1.0e-8
+            qp.settings.eps_rel = 0.0
+            # Infeasible problems use all iterations; feasible ones need about ten.
+            qp.settings.max_iter = qp.settings.max_iter_in = 50
+            # The default 1e-4 causes false infeasibility with tight cones.
+            qp.settings.eps_primal_inf = 1.0e-12
+            qp.settings.initial_guess = _proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
+            qp.init(*data)
         qp.solve()
         info = qp.results.info
         if info.status == _proxqp.PROXQP_SOLVED:
