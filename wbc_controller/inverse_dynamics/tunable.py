@@ -8,12 +8,9 @@ class Tunable:
 
     Arrays are reused until a version changes (`formulation.formulation`). Changes in place, e.g. ``task.stiffness[0] =
     1.0``, are not counted: assign the attribute.
-
-    Attributes:
-        version: number of assignments to public attributes.
     """
 
-    version: int = 0
+    version: int = 0  # number of assignments to public attributes
 
     if not TYPE_CHECKING:
 

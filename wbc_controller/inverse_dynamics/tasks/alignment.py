@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.errors import ConfigurationError
+from wbc_controller.inverse_dynamics.contacts.point import unit
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks.form import ReferenceForm
@@ -43,10 +43,7 @@ class _AlignmentTask(MotionTask):
         super().__init__(name, [True, True], **gains)
         self.frame = frame
         self._frame_id = model.frame_id(frame, f"tasks.{name}.frame")
-        length = float(np.linalg.norm(axis))
-        if not (length > _TINY):
-            raise ConfigurationError(f"tasks.{name}.axis = {list(axis)}: the length must not be 0")
-        self._axis = np.asarray(axis, dtype=np.float64) / length
+        self._axis = unit(f"tasks.{name}.axis", np.asarray(axis))
         side = np.eye(3)[np.argmin(np.abs(self._axis))]
         b1 = side - self._axis * (self._axis @ side)
         b1 /= np.linalg.norm(b1)

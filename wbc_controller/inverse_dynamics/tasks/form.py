@@ -48,7 +48,10 @@ class ReferenceForm:
         if array.shape != (self.size,):
             raise InputRefused(f"{what} has the shape {array.shape}; it takes ({self.size},)")
         if self.direction:
-            array = unit_vector(array, what)
+            norm = float(np.linalg.norm(array))
+            if not (_SHORTEST_DIRECTION <= norm < np.inf):
+                raise InputRefused(f"{what} {shortened(array)} has no direction (length {norm:.3g})")
+            array /= norm
         if self.oriented:
             array[self.vector :] = unit_quaternion(array[self.vector :], f"{what}: ")
         return array
@@ -59,12 +62,4 @@ def unit_quaternion(values: Array, what: str) -> Array:
     norm = math.hypot(*values.tolist())
     if not (abs(norm - 1.0) <= _QUATERNION_TOLERANCE):
         raise InputRefused(f"{what}{shortened(values)} is not a unit quaternion (norm {norm:.3g})")
-    return values / norm
-
-
-def unit_vector(values: Array, what: str) -> Array:
-    """Normalize a direction; raises `InputRefused` for zero length."""
-    norm = float(np.linalg.norm(values))
-    if not (_SHORTEST_DIRECTION <= norm < np.inf):
-        raise InputRefused(f"{what} {shortened(values)} has no direction (length {norm:.3g})")
     return values / norm
