@@ -22,8 +22,7 @@ def fill_program(
 ) -> tuple[float, float]:  # fmt: skip
     """Call `link_terms`, `fill_rows`, `fill_dynamics` and `acceleration_bounds`, with their arguments.
 
-    Returns:
-        The constant cost, and the largest joint motion since the configuration `examined`, (nq,).
+    Return the constant cost, and the largest joint motion since the configuration `examined`, (nq,).
     """
     if len(examined) != len(q):
         raise ValueError("fill_program: the sizes of q and the examined configuration differ")

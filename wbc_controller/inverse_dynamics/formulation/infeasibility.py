@@ -155,18 +155,18 @@ class _ConflictSearch:
     def __init__(self, fixed: tuple[Array, Array, Array], constraints: Sequence[Constraint]) -> None:
         self._all = {constraint.name: constraint for constraint in constraints}
         A, low, high = fixed
-        count, equal = len(constraints), low == high
-        blocks = [_widened(A[~equal], count), _widened(-A[~equal], count)]
+        slack, equal = ((0, 0), (0, len(constraints))), low == high  # columns of σ
+        blocks = [np.pad(A[~equal], slack), np.pad(-A[~equal], slack)]
         right = [high[~equal], -low[~equal]]
         for index, constraint in enumerate(constraints):
             for sign, bound in ((1.0, constraint.upper), (-1.0, -constraint.lower)):
-                blocks.append(_widened(sign * constraint.rows / constraint.scale[:, None], count))
+                blocks.append(np.pad(sign * constraint.rows / constraint.scale[:, None], slack))
                 blocks[-1][:, A.shape[1] + index] = -1.0
                 right.append(bound / constraint.scale)
         h = np.concatenate(right)
         there = np.isfinite(h)
         self._unequal = np.vstack(blocks)[there], h[there]
-        self._equal = _widened(A[equal], count), low[equal]
+        self._equal = np.pad(A[equal], slack), low[equal]
         self._n = A.shape[1]
         self.programs = 0
 
@@ -248,10 +248,6 @@ class _ConflictSearch:
         slack = dict(zip(self._all, result.x[n:].tolist(), strict=True))
         least = _NO_SLACK * max(slack.values(), default=0.0)
         return _Side(result.x[:n], float(result.fun), {name: given for name, given in slack.items() if given > least})
-
-
-def _widened(rows: Array, columns: int) -> Array:
-    return np.hstack([rows, np.zeros((len(rows), columns))])
 
 
 def _largest_violation(constraint: Constraint, x: Array) -> tuple[float, str, str]:

@@ -83,9 +83,8 @@ class _LazySolution(Solution):
         answer = self._answer
         if answer.levels or answer.cost is None:
             return answer.levels
-        return (
-            LevelReport(self._levels[0].tasks, answer.cost, answer.iterations, self.stage_seconds.get("solve", 0.0)),
-        )
+        seconds = self.stage_seconds.get("solve", 0.0)
+        return (LevelReport(self._levels[0].tasks, answer.cost, answer.iterations, seconds),)
 
 
 def unpack(

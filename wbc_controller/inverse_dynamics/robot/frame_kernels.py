@@ -123,13 +123,9 @@ def _frame_rows(
 ) -> None:  # fmt: skip
     """Fill rows of a frame task in world axes: J v̇ = ẍ_ref + D (ẋ_ref - ẋ) + K e - J̇v.
 
-    Args:
-        first: twist component: 0, or 3 for an orientation.
-        size: number of twist components: 3 or 6.
-        numbers: placement of the frame on its link, (12,); K, D; reference position, quaternion, or both; ẋ_ref, ẍ_ref.
-        rows: selected components, (r,).
-        out: [J, …, b], (r, …).
-        error: out: task error, (r,).
+    `numbers`: placement of the frame on its link, (12,); K, D; reference position, quaternion, or both; ẋ_ref, ẍ_ref.
+    `rows` (r,) are selected from `size` twist components from `first` on: 0, or 3 for an orientation. `out`: [J, …, b],
+    (r, …); `error`: task error, (r,).
     """
     at, twist, drift, wanted = memory[0], memory[1], memory[2], memory[3]
     place(motion.joints[link], numbers, at)
