@@ -58,17 +58,7 @@ def build_model(urdf: str, robot: RobotSettings) -> RobotModel:
     actuation = Actuation(drive, v_index, coupling)
     own = [name in drive.names and name not in robot.transmission for name in joints]
     model.armature[v_index[own]] = robot.armature
-    lower, upper = np.array(model.lowerPositionLimit)[q_index], np.array(model.upperPositionLimit)[q_index]
-    velocity_limits = np.array(model.upperVelocityLimit)[v_index]
-    _require_velocity_limits(joints, velocity_limits)
-    for name, mimic in following.items():
-        leader = joints.index(mimic.leader)
-        _tighten(leader, mimic, model, model.joints[model.getJointId(name)], lower, upper, velocity_limits)
-        if not (lower[leader] <= upper[leader]):
-            raise ConfigurationError(
-                f"robot.urdf: the limits of joint {mimic.leader!r} and of {name!r}, which mimics it, have no position "
-                "in common; correct the limits or the <mimic>"
-            )
+    lower, upper, velocity_limits = _joint_limits(joints, following, model)
     result = RobotModel(
         pinocchio=model,
         urdf=urdf,
@@ -165,21 +155,30 @@ def read_mechanism(
         raise ConfigurationError(f"robot.urdf: not a usable URDF: {error}") from error
 
 
-def _tighten(
-    leader: int, mimic: Mimic, model: pin.Model, joint: pin.JointModel, lower: Array, upper: Array, velocity: Array
-) -> None:
-    if mimic.ratio == 0.0:
-        return
-    ends = [limits[joint.idx_q] - mimic.offset for limits in (model.lowerPositionLimit, model.upperPositionLimit)]
-    low, high = sorted(end / mimic.ratio for end in ends)
-    lower[leader], upper[leader] = max(lower[leader], low), min(upper[leader], high)
-    velocity[leader] = min(velocity[leader], model.upperVelocityLimit[joint.idx_v] / abs(mimic.ratio))
-
-
-def _require_velocity_limits(joints: Sequence[str], limits: np.ndarray) -> None:
-    for name, limit in zip(joints, limits, strict=True):
+def _joint_limits(
+    joints: Sequence[str], following: Mapping[str, Mimic], model: pin.Model
+) -> tuple[Array, Array, Array]:
+    """Return smallest and largest positions, and speeds, (nj,) each, that the mimic joints also permit."""
+    q_index, v_index = _indices_of(joints, model)
+    lower, upper = np.array(model.lowerPositionLimit)[q_index], np.array(model.upperPositionLimit)[q_index]
+    velocity = np.array(model.upperVelocityLimit)[v_index]
+    for name, limit in zip(joints, velocity, strict=True):
         if not (0.0 < limit < np.inf):
             raise ConfigurationError(
                 f"robot.urdf: joint {name!r} has the velocity limit {limit}; it must be positive, in the URDF or by "
                 f"robot.joint_limits.{name}.velocity"
             )
+    for name, mimic in following.items():
+        if mimic.ratio == 0.0:
+            continue
+        joint, leader = model.joints[model.getJointId(name)], joints.index(mimic.leader)
+        ends = [limits[joint.idx_q] - mimic.offset for limits in (model.lowerPositionLimit, model.upperPositionLimit)]
+        low, high = sorted(end / mimic.ratio for end in ends)
+        lower[leader], upper[leader] = max(lower[leader], low), min(upper[leader], high)
+        velocity[leader] = min(velocity[leader], model.upperVelocityLimit[joint.idx_v] / abs(mimic.ratio))
+        if not (lower[leader] <= upper[leader]):
+            raise ConfigurationError(
+                f"robot.urdf: the limits of joint {mimic.leader!r} and of {name!r}, which mimics it, have no position "
+                "in common; correct the limits or the <mimic>"
+            )
+    return lower, upper, velocity
