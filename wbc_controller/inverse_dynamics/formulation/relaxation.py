@@ -42,11 +42,6 @@ class Relaxable:
         asked = np.where(bounds != hard, bounds, [[-np.inf], [np.inf]])
         return cls(name, places, units, bounds, hard, SoftConstraints(places, asked, _VIOLATION_WEIGHT / units**2))
 
-    def missed(self, value: Array) -> bool:
-        """Return True if values of [x; C x], (n + m_in,), violate a bound."""
-        at = value[self.places]
-        return bool((np.maximum(self.bounds[0] - at, at - self.bounds[1]) > _VIOLATION_TOLERANCE * self.units).any())
-
 
 def relaxations(formulation: Formulation, layout: Layout, references: References) -> Iterator[list[Relaxable]]:
     """Yield groups of limits to relax: first the torque rate, then all limits except available torques."""
@@ -133,9 +128,10 @@ def soften(layout: Layout, groups: Sequence[Relaxable]) -> SoftConstraints:
 
 def widen(layout: Layout, groups: Sequence[Relaxable], value: Array, room: float) -> tuple[str, ...]:
     """Set bounds to the original ones, widened to [x; C x] plus `room`; return the groups with a violated bound."""
-    bounds = layout.problem.bounds
+    bounds, violated = layout.problem.bounds, []
     for group in groups:
-        at = value[group.places]
-        bounds[0, group.places] = np.minimum(group.bounds[0], at - room)
-        bounds[1, group.places] = np.maximum(group.bounds[1], at + room)
-    return tuple(dict.fromkeys(group.name for group in groups if group.missed(value)))
+        at, (lower, upper) = value[group.places], group.bounds
+        bounds[0, group.places], bounds[1, group.places] = np.minimum(lower, at - room), np.maximum(upper, at + room)
+        if (np.maximum(lower - at, at - upper) > _VIOLATION_TOLERANCE * group.units).any():
+            violated.append(group.name)
+    return tuple(dict.fromkeys(violated))
