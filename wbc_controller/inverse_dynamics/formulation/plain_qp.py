@@ -93,16 +93,22 @@ def bias_forces(dynamics: Dynamics, references: References) -> Array:
 
 def plain_qp(
     dynamics: Dynamics,
-    tasks: Sequence[Task],  # of one priority level, without tolerances
+    tasks: Sequence[Task],
     contacts: Sequence[Contact],
     limits: Limits,
     references: References,
-    tau_before: Array | None = None,  # present torques, (na,) in N·m; None for no torque rate limit
+    tau_before: Array | None = None,
     regularization: Regularization = Regularization(),
     *,
-    first: bool = True,  # True for the highest level, which has the redundant directions of the contacts
+    first: bool = True,
 ) -> PlainQP:
-    """Build the quadratic program at one state."""
+    """Build the quadratic program at one state.
+
+    Args:
+        tasks: of one priority level, without tolerances.
+        tau_before: present torques, (na,) in N·m; None for no torque rate limit.
+        first: True for the highest level, which has the redundant directions of the contacts.
+    """
     model, actuation, period = dynamics.model, dynamics.model.actuation, limits.period
     activations = {c.name: 1.0 if c.permanent else references.contacts.get(c.name, 0.0) for c in contacts}
     active = [contact for contact in contacts if activations[contact.name] > 0.0]
