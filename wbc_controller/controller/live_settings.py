@@ -1,6 +1,7 @@
 """Settings changed between cycles."""
 
 import logging
+import operator
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -74,43 +75,35 @@ class LiveSettings:
         """Return the results of a change, nested as in a configuration file; errors name its source."""
         settings = parse_settings(merged(self.settings.model_dump(exclude_unset=True), change), source)
         differences = list(_differences(self.settings, settings))
-        fixed = [key for key, live, *_ in differences if not live]
+        fixed = [key for key, _, _, live, _ in differences if not live]
         if fixed:
             raise ConfigurationError(
                 f"{source}: {', '.join(fixed)}: read only when the controller is configured; reconfigure it"
             )
-        beyond = list(_out_of_live_range(self._configured, self.settings, settings))
+        beyond = []
+        for key, _, value, _, (lower, upper) in (each for each in differences if each[-1] is not None):
+            configured = operator.attrgetter(key)(self._configured)
+            low = configured if lower is None else min(lower, configured)
+            high = configured if upper is None else max(upper, configured)
+            if not (low <= value <= high):
+                beyond.append(f"{key} = {value:g}: valid in a running controller: {low:g} to {high:g}")
         if beyond:
             raise ConfigurationError(f"{source}: {'; '.join(beyond)}")
-        return settings, self._derive(settings), tuple(f"{key}: {old} -> {new}" for key, _, old, new in differences)
+        return settings, self._derive(settings), tuple(f"{key}: {old} -> {new}" for key, old, new, *_ in differences)
 
 
-def _differences(old: BaseModel, new: BaseModel, prefix: str = "") -> Iterator[tuple[str, bool, Any, Any]]:
-    """Yield each changed key: dotted key, True if live, old value, new value."""
-    live: tuple[str, ...] = getattr(old, "live", ())
+def _differences(old: BaseModel, new: BaseModel, prefix: str = "") -> Iterator[tuple[str, Any, Any, bool, Any]]:
+    """Yield each changed key: dotted key, old value, new value, True if live, and live range or None."""
+    live, ranges = getattr(old, "live", ()), getattr(old, "live_ranges", {})
     for name in type(old).model_fields:
         before, after, key = getattr(old, name), getattr(new, name), f"{prefix}{name}"
         if before == after:
             continue
         pairs = [(key, before, after)]
         if isinstance(before, dict):  # the tasks, or the contacts
-            entries = dict.fromkeys([*before, *after])
-            pairs = [(f"{key}.{entry}", before.get(entry), after.get(entry)) for entry in entries]
+            pairs = [(f"{key}.{entry}", before.get(entry), after.get(entry)) for entry in {**before, **after}]
         for key, a, b in pairs:
             if isinstance(a, BaseModel) and type(a) is type(b):
                 yield from _differences(a, b, f"{key}.")
             elif a != b:
-                yield key, name in live, a, b
-
-
-def _out_of_live_range(configured: BaseModel, old: BaseModel, new: BaseModel, prefix: str = "") -> Iterator[str]:
-    for name in type(new).model_fields:
-        parts = getattr(configured, name), getattr(old, name), getattr(new, name)
-        if all(isinstance(part, BaseModel) for part in parts):
-            yield from _out_of_live_range(*parts, f"{prefix}{name}.")
-    for name, (lower, upper) in getattr(new, "live_ranges", {}).items():
-        configured_value, value = getattr(configured, name), getattr(new, name)
-        low = configured_value if lower is None else min(lower, configured_value)
-        high = configured_value if upper is None else max(upper, configured_value)
-        if value != getattr(old, name) and not (low <= value <= high):
-            yield f"{prefix}{name} = {value:g}: valid in a running controller: {low:g} to {high:g}"
+                yield key, a, b, name in live, ranges.get(name)
