@@ -39,10 +39,7 @@ class ControlCycle:
     """References, quadratic program and supervisor of one robot, called once per period.
 
     Attributes:
-        model: of the robot.
         dynamics: of the last cycle; at first in the nominal posture with the base at 0.
-        tasks: by name.
-        contacts: by name.
         limits: row limits by kind: ``self_collision`` and the user's limits.
         period: configured, 1 / ``control.rate``, s.
         walker: step planner, or None without a section ``walking``.
@@ -67,15 +64,11 @@ class ControlCycle:
 
         Args:
             config: a configuration, or an argument of `load`.
-            tasks: classes or functions that return a user's `Task` for the model; its attributes apply.
-            contacts: the same for a `Contact`.
-            limits: the same for a `RowLimit`.
+            tasks, contacts, limits: classes or functions that return a user's object for the model; its attributes
+                apply. Failing methods raise `ConfigurationError`, as invalid configurations do.
             preflight: check that the robot can stand.
             model: by default from the configuration.
             timer: clock of the stage times, s.
-
-        Raises:
-            ConfigurationError: if the configuration is invalid, or a method of a user object fails.
         """
         self.config = load(config)
         settings = self.config.settings
@@ -149,7 +142,7 @@ class ControlCycle:
         outcome: Solution | NoSolution | Fault | None = None
         references: References | None = None
         if problem is None and supervisor.solving:
-            outcome, references = self._compute(state, remaining, now, starts, inputs.touching, refused)
+            outcome, references = self._compute(inputs, remaining, starts, refused)
         computed = self._timer()
         was_active = supervisor.mode is Mode.ACTIVE
         command = supervisor.step(now, state, inputs.joint_velocity, problem, outcome)
@@ -176,23 +169,11 @@ class ControlCycle:
         stages = {"compute": computed - started, "supervise": self._timer() - computed}
         if solution is not None:
             stages |= {f"compute/{stage}": duration for stage, duration in solution.stage_seconds.items()}
-        result = CycleResult(
-            qp=self.qp,
-            time=now,
-            mode=supervisor.mode,
-            fault=supervisor.fault,
-            command=command,
-            solution=solution,
-            state=state,
-            references=references,
-            refused=tuple(refused),
-            stage_seconds=stages,
-        )
+        mode, fault, reasons = supervisor.mode, supervisor.fault, tuple(refused)
+        result = CycleResult(self.qp, now, mode, fault, command, solution, state, references, reasons, stages)
         if self.cycle_records is not None:
             given = inputs if problem is inputs.problem else replace(inputs, problem=problem)
-            self.cycle_records.append(
-                CycleRecord(inputs=given, live=self._live, result=result, changed_outside=self._changed_outside)
-            )
+            self.cycle_records.append(CycleRecord(given, self._live, result, self._changed_outside))
             self._changed_outside = False
         return result
 
@@ -249,10 +230,9 @@ class ControlCycle:
                 continue
             try:
                 starts = self._request(word, now, problem) or starts
+                _log.info("command %r accepted", word)
             except InputRefused as refusal:
                 refused.append(str(refusal))
-                continue
-            _log.info("command %r accepted", word)
         return starts
 
     def _request(self, word: str, now: float, problem: Fault | None) -> bool:
@@ -296,21 +276,15 @@ class ControlCycle:
             self._live = newest
 
     def _compute(
-        self,
-        state: RobotState | None,
-        changes: Iterable[tuple[Change, ...]],
-        now: float,
-        starts: bool,
-        touching: Mapping[str, bool],
-        refused: list[str],
+        self, inputs: CycleInputs, changes: Iterable[tuple[Change, ...]], starts: bool, refused: list[str]
     ) -> tuple[Solution | NoSolution | Fault, References | None]:
         """Apply sets of changes, sample the references, and solve the quadratic program.
 
         Returns the solution or failure, and the references. `starts`: the controller starts from this state.
         """
+        state, references = inputs.state, None
         if state is None:
             return Fault("NO_STATE", "no state received"), None
-        references = None
         try:
             if starts:
                 self._start(state)
@@ -325,16 +299,14 @@ class ControlCycle:
                     refused.append(str(refusal))
             self.board.anchor_slipping_contacts(self.qp.dynamics)
             walker = self.walker
-            steps = self._walk(walker, now, seconds(state), touching) if walker is not None and walker.moves else {}
+            steps = self._walk(walker, inputs, seconds(state)) if walker is not None and walker.moves else {}
             references = self.board.sample(seconds(state))
-            if steps:
-                references = replace(references, tasks={**references.tasks, **steps})
-            if self._streamed:
-                references = replace(references, tasks={**references.tasks, **self._streamed})
+            if steps or self._streamed:
+                references = replace(references, tasks={**references.tasks, **steps, **self._streamed})
                 self._streamed = {}
             if not self.model_error.is_idle:
                 references = self._add_disturbance(state, references, refused)
-            self._solution = self.qp.solve(state, references, self.supervisor.torques_before(now), False)
+            self._solution = self.qp.solve(state, references, self.supervisor.torques_before(inputs.now), False)
             if walker is not None:
                 if not walker.moves and walker.fall_prediction.is_due(seconds(state)):
                     active = [name for name, activation in references.contacts.items() if activation > 0.0]
@@ -360,20 +332,19 @@ class ControlCycle:
         for change in changes:  # first: the board refuses no change of a set with a walking command
             if isinstance(change, WalkingChange):
                 command_walker(self.walker, change, self.qp.dynamics, time + self._command_timeout)
-        others = [change for change in changes if not isinstance(change, WalkingChange)]
-        self.board.apply(others, self.qp.dynamics, time)
+        self.board.apply([each for each in changes if not isinstance(each, WalkingChange)], self.qp.dynamics, time)
 
-    def _walk(self, walker: Walker, now: float, time: float, touching: Mapping[str, bool]) -> Mapping[str, Reference]:
+    def _walk(self, walker: Walker, inputs: CycleInputs, time: float) -> Mapping[str, Reference]:
         """Update the walker at the time of the state, s; return the references of its tasks."""
         board, dynamics = self.board, self.qp.dynamics
         orientations = {name: board.present(name, time).position for name in walker.tasks.orientations}
-        decision = walker.update(time, dynamics, orientations, touching)
+        decision = walker.update(time, dynamics, orientations, inputs.touching)
         if decision.changes:
             self._update_contact_forces()
         board.apply(decision.changes, dynamics, time)
         if walker.leaving and not walker.moves:
             walker.leaving = False
-            self.supervisor.request("deactivate", now, None)
+            self.supervisor.request("deactivate", inputs.now, None)
         return decision.references
 
     def _add_disturbance(self, state: RobotState, references: References, refused: list[str]) -> References:

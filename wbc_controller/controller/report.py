@@ -23,8 +23,7 @@ class UserRequests(NamedTuple):
 class LatchedInputs:
     """Inputs latched at the start of one cycle."""
 
-    #: newest state; None until all parts have arrived
-    state: RobotState | None
+    state: RobotState | None  # newest; None until all parts have arrived
     joint_velocity: Array | None  # newest, (nj,) in rad/s; None before the first message
     ages: Mapping[str, float]  # age of each part of the state, s; infinite before the first message
     clock_stall: float = 0.0  # advance of the timestamps during a clock stall, s
@@ -67,8 +66,7 @@ class CycleReport:
     deadlines_missed: int  # missed deadlines since the start
     audit: AuditReport | None = None  # comparison of model and measured motion, or None
     contested: tuple[str, ...] = ()  # one sentence per topic with conflicting publishers
-    #: publishers of each input with several publishers, by topic
-    shared: Mapping[str, str] = field(default_factory=dict)
+    shared: Mapping[str, str] = field(default_factory=dict)  # publishers of each input with several, by topic
 
     @property
     def mode(self) -> Mode:
