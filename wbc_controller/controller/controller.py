@@ -46,10 +46,7 @@ class Controller(ControlCycle):
         """Activate the controller at a state q (nq,), v (nv,), with any time t, s.
 
         References start there, and torques ramp up from zero in ``safety.activation_ramp``. Faults and commands are
-        cleared, changes by `update` are kept.
-
-        Raises:
-            InputRefused: if the state is invalid.
+        cleared, changes by `update` are kept. An invalid state raises `InputRefused`.
         """
         state = self._state(q, v, t)
         problem = self._invalid(state)
@@ -65,14 +62,13 @@ class Controller(ControlCycle):
 
     def stance(self) -> Array:
         """Return the nominal posture with upright base and the lowest contact on the floor z = 0, q (nq,)."""
-        active = [name for name, contact in self.board.contact_plans.items() if contact.enabled]
-        return stance(self.model, self.qp, active)
+        contacts = self.board.contact_plans.items()
+        return stance(self.model, self.qp, [name for name, contact in contacts if contact.enabled])
 
     def step(self, q: npt.ArrayLike, v: npt.ArrayLike, t: float) -> CycleResult:
         """Run one control cycle at time t, s. A state with NaN or without a unit quaternion leads to damping.
 
-        Raises:
-            InputRefused: if the state has another shape, the time decreases, or `reset` was not called.
+        A state of another shape, a decreasing time, or a missing `reset` raises `InputRefused`.
         """
         state = self._state(q, v, t)
         if seconds(state) < self._now():
@@ -80,16 +76,8 @@ class Controller(ControlCycle):
         invalid = self._invalid(state)
         problem = None if invalid is None else Fault("BAD_STATE", invalid)
         self._time = seconds(state)
-        commands, self._commands = self._commands, []
-        result = self.cycle(
-            CycleInputs(
-                now=self._time,
-                state=state,
-                joint_velocity=state.v[self.model.v_places],
-                problem=problem,
-                changes=tuple((change,) for change in commands),
-            )
-        )
+        changes, self._commands = tuple((change,) for change in self._commands), []
+        result = self.cycle(CycleInputs(self._time, state, state.v[self.model.v_places], problem, changes=changes))
         self.explain_failure(self._time)
         return result
 
@@ -157,14 +145,13 @@ class Controller(ControlCycle):
         if seconds.ndim != 1 or not len(seconds) or not (seconds[0] >= 0.0) or not (np.diff(seconds) > 0.0).all():
             raise InputRefused(f"times of task {task!r} must increase from at least 0, not {np.asarray(times)!r}")
         points = [self._position(task, each, f"a position of task {task!r}") for each in _rows(positions, seconds)]
-        size = len(self.board.present(task, self._now()).velocity)
-        still = np.zeros((len(seconds), size))
+        size, still = len(self.board.present(task, self._now()).velocity), [None] * len(seconds)
         rates = [
-            [_finite(each, size, f"{subject} of task {task!r}") for each in _rows(given, seconds)]
-            for subject, given in (
-                ("a velocity", still if velocities is None else velocities),
-                ("an acceleration", still if accelerations is None else accelerations),
-            )
+            [
+                _finite(each, size, f"{what} of task {task!r}")
+                for each in _rows(still if rows is None else rows, seconds)
+            ]
+            for what, rows in (("a velocity", velocities), ("an acceleration", accelerations))
         ]
         knots = tuple(Knot(*each) for each in zip(seconds.tolist(), points, *rates, strict=True))
         self._command(changes.SetTrajectory(task, None, knots))
@@ -172,10 +159,8 @@ class Controller(ControlCycle):
     def enable(self, name: str, enabled: bool = True) -> None:
         """Enable or disable a task or contact along a ramp of its weight or load.
 
-        Ambiguous names are prefixed: ``tasks.<name>``, ``contacts.<name>``.
-
-        Raises:
-            InputRefused: if the name is unknown or ambiguous.
+        Ambiguous names are prefixed: ``tasks.<name>``, ``contacts.<name>``. An unknown or ambiguous name raises
+        `InputRefused`.
         """
         if not isinstance(enabled, bool | np.bool_):
             raise InputRefused(f"enabled = {reprlib.repr(enabled)}: must be True or False")
@@ -199,8 +184,7 @@ class Controller(ControlCycle):
     def set_weight(self, task: str, weight: float) -> None:
         """Set the weight of a task, along a ramp of ``control.weight_ramp``.
 
-        Raises:
-            InputRefused: if the task is unknown, or the weight is not within 0 to 1e6.
+        An unknown task, or a weight outside 0 to 1e6, raises `InputRefused`.
         """
         self._task(task)
         self._command(changes.SetWeight(task, number(weight, f"the weight of task {task!r}", 0.0, 1.0e6)))
@@ -208,8 +192,7 @@ class Controller(ControlCycle):
     def set_external_wrench(self, frame: str, wrench: npt.ArrayLike) -> None:
         """Set a known external wrench, (6,) in N and N·m, world axes, at the origin of a URDF frame.
 
-        Raises:
-            InputRefused: if the frame is unknown or a value is invalid.
+        An unknown frame or an invalid value raises `InputRefused`.
         """
         try:
             self.model.frame_id(str_of(frame), "frame")
@@ -220,20 +203,14 @@ class Controller(ControlCycle):
     def walk(self, forward: float = 0.0, sideways: float = 0.0, turning: float = 0.0) -> None:
         """Walk at a velocity in the axes of the robot's heading, m/s and rad/s, until `stand`; 0 is in place.
 
-        The section ``walking`` limits speeds and accelerations.
-
-        Raises:
-            InputRefused: if a value is not finite, or the configuration has no section ``walking``.
+        The section ``walking`` limits speeds and accelerations. Without it, or with a value that is not finite, the
+        call raises `InputRefused`.
         """
-        velocity = finite([forward, sideways, turning], "the walking velocity")
-        self._require_walker()
-        self._command(changes.Walk(frozen(velocity)))
+        self._command_walker(changes.Walk(frozen(finite([forward, sideways, turning], "the walking velocity"))))
 
     def walk_to(self, x: float, y: float, heading: float) -> None:
         """Walk to a pose in the world, m and rad, and stop there; errors as for `walk`."""
-        pose = finite([x, y, heading], "the goal")
-        self._require_walker()
-        self._command(changes.WalkTo(frozen(pose)))
+        self._command_walker(changes.WalkTo(frozen(finite([x, y, heading], "the goal"))))
 
     def walk_footsteps(self, poses: npt.ArrayLike) -> None:
         """Step on poses of alternating soles (x, y in m and heading in rad in the world), (n, 3), and stop.
@@ -244,24 +221,22 @@ class Controller(ControlCycle):
         values = np.atleast_2d(finite(poses, "the footsteps"))
         if values.ndim != 2 or values.shape[1] != 3 or not len(values):
             raise InputRefused(f"the footsteps have the shape {values.shape}; it must be (n, 3)")
-        self._require_walker()
-        self._command(changes.WalkFootsteps(frozen(values)))
+        self._command_walker(changes.WalkFootsteps(frozen(values)))
 
     def stand(self) -> None:
         """Stop walking after the step that brings the feet side by side."""
         self._command(changes.Walk(None))
 
-    def _require_walker(self) -> None:
+    def _command_walker(self, change: changes.WalkingChange) -> None:
         if self.walker is None:
             raise InputRefused(f"{self.model.name} cannot walk: its configuration has no section 'walking'")
+        self._command(change)
 
     def update(self, changes: Mapping[str, Any]) -> None:
         """Change live settings (docs/configuration.md) by dotted key, such as ``{"tasks.com.stiffness": 200.0}``.
 
-        All or none are applied, along a ramp. `reset` keeps them.
-
-        Raises:
-            ConfigurationError: if a value is invalid, or a key is not live.
+        All or none are applied, along a ramp. `reset` keeps them. An invalid value, or a key that is not live, raises
+        `ConfigurationError`.
         """
         self.live.accept(nested(changes), "update")
         self._apply_live_settings(self._time)
@@ -269,8 +244,7 @@ class Controller(ControlCycle):
     def request(self, word: str) -> None:
         """Request a mode: ``deactivate`` (torques ramp down), ``damp``, or ``estop`` (zero torque at once).
 
-        Raises:
-            InputRefused: if the request is unknown, or invalid in the present mode.
+        A request that is unknown, or invalid in the present mode, raises `InputRefused`.
         """
         if not isinstance(word, str):
             raise InputRefused(f"command {reprlib.repr(word)} is not a string; {valid_choices('', REQUESTS)}")

@@ -12,11 +12,7 @@ _PAUSE = 1.0  # shortest time between two searches, s
 
 
 class FailureExplanation:
-    """Search on a thread, which takes several periods.
-
-    Attributes:
-        failure: to be explained; None without one.
-    """
+    """Search on a thread, which takes several periods."""
 
     def __init__(self) -> None:
         self._executor = ThreadPoolExecutor(max_workers=1, thread_name_prefix="explain")
@@ -25,7 +21,7 @@ class FailureExplanation:
 
     def restart(self) -> None:
         """Forget the failure, and permit a search at once."""
-        self.failure: NoSolution | None = None
+        self.failure: NoSolution | None = None  # to be explained
         self._begun = -math.inf  # of the last search, s
 
     def begin(self, now: float) -> None:

@@ -33,11 +33,7 @@ def save_state(owner: Any) -> dict[str, Any]:
 
 
 def restore_state(owner: Any, memory: Mapping[str, Any]) -> None:
-    """Restore the state of an object from `save_state`.
-
-    Raises:
-        TypeError: if a record has the wrong type.
-    """
+    """Restore the state of an object from `save_state`; a record of the wrong type raises `TypeError`."""
     for name in owner.STATE_FIELDS:
         present, value = getattr(owner, name), memory[name]
         _require_record(name, present, value)

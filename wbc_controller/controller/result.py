@@ -94,11 +94,7 @@ class CycleResult:
         return list(draw(dynamics, self.qp.tasks, self.qp.contacts, self.references, self.forces))
 
     def plot(self) -> Any:
-        """Return a plotly Figure of `shapes` and largest torques.
-
-        Raises:
-            ConfigurationError: if plotly is not installed.
-        """
+        """Return a plotly Figure of `shapes` and largest torques; without plotly, raise `ConfigurationError`."""
         from wbc_controller.controller.visualization.plots import plot_cycle
 
         model = self.qp.model
@@ -123,44 +119,36 @@ class CycleResult:
         return heading + (f"; relaxed {', '.join(self.relaxed)}" if self.relaxed else "")
 
     def _tables(self) -> list[Table]:
-        return [
-            Table(("task", "error", "weight"), tuple(self._task_rows())),
-            Table(("contact", "normal force", "friction used"), tuple(self._contact_rows())),
-            Table(("largest torques", "torque", "of its limit"), tuple(self._torque_rows())),
-            Table(("binding constraint", "multiplier"), tuple((n, f"{m:.3g}") for n, m in self.binding.items())),
-        ]
-
-    def _task_rows(self) -> list[tuple[str, ...]]:
+        model, tau, used = self.qp.model, self.tau, self.friction_used()
         weights = self.references.weights if self.references is not None else {}
-        return [
+        tasks = [
             (name, f"{error:.3g} {self.qp.tasks[name].unit}", f"{weights.get(name, 0.0):g}")
             for name, error in self.task_errors.items()
         ]
-
-    def _contact_rows(self) -> list[tuple[str, ...]]:
-        rows: list[tuple[str, ...]] = []
-        used = self.friction_used()
+        contacts = []
         for name, force in self.forces.items():
             contact = self.qp.contacts[name]
             if isinstance(contact, UnilateralContact):
                 share = f"{100.0 * used[name]:.0f} % of µ = {contact.friction:g}" if used[name] >= 0.0 else "not loaded"
-                rows.append((name, f"{force[contact.normal]:.1f} N", share))
+                contacts.append((name, f"{force[contact.normal]:.1f} N", share))
             else:
-                rows.append((name, f"‖f‖ = {math.sqrt(float(force @ force)):.1f}", ""))
-        return rows
-
-    def _torque_rows(self) -> list[tuple[str, ...]]:
-        model, tau = self.qp.model, self.tau
+                contacts.append((name, f"‖f‖ = {np.linalg.norm(force):.1f}", ""))
         shares = np.abs(tau) / model.effort_limits
-        order = np.argsort(-shares)[:_LARGEST_SHOWN].tolist()
-        return [(model.actuators[i], f"{tau[i]:.2f} N·m", f"{100.0 * shares[i]:.0f} %") for i in order if tau[i]]
+        largest = [i for i in np.argsort(-shares)[:_LARGEST_SHOWN].tolist() if tau[i]]
+        torques = [(model.actuators[i], f"{tau[i]:.2f} N·m", f"{100.0 * shares[i]:.0f} %") for i in largest]
+        binding = [(name, f"{multiplier:.3g}") for name, multiplier in self.binding.items()]
+        return [
+            Table(("task", "error", "weight"), tuple(tasks)),
+            Table(("contact", "normal force", "friction used"), tuple(contacts)),
+            Table(("largest torques", "torque", "of its limit"), tuple(torques)),
+            Table(("binding constraint", "multiplier"), tuple(binding)),
+        ]
 
 
 def plot(results: Sequence[CycleResult]) -> Any:
     """Return a plotly Figure of a run: task errors, normal forces, friction, largest torque, binding constraints.
 
-    Raises:
-        ConfigurationError: if plotly is not installed.
+    A missing plotly raises `ConfigurationError`.
     """
     from wbc_controller.controller.visualization.plots import Line, Panel, line_panels
 
@@ -168,16 +156,9 @@ def plot(results: Sequence[CycleResult]) -> Any:
         raise InputRefused(f"results = {reprlib.repr(results)}: must be a list of results of cycles")
     if not results:
         raise InputRefused("cannot plot: no results")
-    contacts = results[0].qp.contacts
-    normals = [
-        {
-            name: float(f[c.normal])
-            for name, f in each.forces.items()
-            if isinstance(c := contacts[name], UnilateralContact)
-        }
-        for each in results
-    ]
-    limits = results[0].qp.model.effort_limits
+    contacts, limits = results[0].qp.contacts, results[0].qp.model.effort_limits
+    normal = {name: each.normal for name, each in contacts.items() if isinstance(each, UnilateralContact)}
+    normals = [{name: float(f[normal[name]]) for name, f in each.forces.items() if name in normal} for each in results]
     torque = np.array([100.0 * float(np.max(np.abs(each.tau) / limits)) for each in results])
     names = dict.fromkeys(name for each in results for name in each.binding)
     time = np.array([each.time for each in results])

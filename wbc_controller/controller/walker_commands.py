@@ -21,8 +21,7 @@ def prepare_gait(walker: Walker, qp: WholeBodyQP, plan: BoardPlan) -> None:
     state = RobotState(0, frozen(model.configuration(model.posture)), frozen(np.zeros(model.nv)))
     board.reset(qp.dynamics, 0.0)
     standing = board.sample(0.0)
-    own = {name: board.plans[name].weight for name in walker.tasks.own}
-    begins = {**standing.weights, **own}
+    begins = {**standing.weights, **{name: board.plans[name].weight for name in walker.tasks.own}}
     walks = {**begins, **dict.fromkeys(walker.tasks.suspended, 0.0)}
     both = dict.fromkeys(standing.contacts, 0.0) | dict.fromkeys(walker.contact_sets[0], 1.0)
     qp.prepare(state, replace(standing, weights=begins, contacts=both))
@@ -32,11 +31,7 @@ def prepare_gait(walker: Walker, qp: WholeBodyQP, plan: BoardPlan) -> None:
 
 
 def command_walker(walker: Walker | None, change: WalkingChange, dynamics: Dynamics, until: float) -> None:
-    """Pass a command to the walker; a streamed velocity ends at the time `until`, s.
-
-    Raises:
-        InputRefused: without a walker, or by it.
-    """
+    """Pass a command to the walker, or raise `InputRefused`; a streamed velocity ends at the time `until`, s."""
     if walker is None:
         raise InputRefused("this robot cannot walk: its configuration has no section 'walking'")
     if isinstance(change, WalkTo):
