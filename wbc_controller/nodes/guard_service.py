@@ -37,10 +37,8 @@ from wbc_controller.safety.guard import Guard, GuardInputs, GuardMode
 from wbc_controller.settings import Settings
 
 _LONGEST_REASON = 300  # of a refusal, characters
-
 _WARNING_PERIOD = 1.0  # shortest time between two log lines, s
 _RECHECK_DELAY = 0.001  # in which late commands of a busy computer can still arrive, s
-
 _CONTROLLER_KEYS = ("joint_commands", "controller_state")  # topics of the controller alone
 _TAKEOVER_MODES = (GuardMode.DAMPING, GuardMode.ZERO, GuardMode.RELEASED)
 _LARGEST_TORQUE = 1.0 + 1.0e-6  # multiple of the effort limit, for rounding
@@ -83,14 +81,9 @@ class GuardService:
         self._published_text, self._limit = "", LogLimit()
         self._unlogged, self._logged_at = 0, -math.inf  # changes since the last log line, and its time, s
         self._lock = threading.Lock()
-        self._drive, self._effort_limits = robot.drive, robot.effort_limits
+        self._drive, self._effort_limits, zeros = robot.drive, robot.effort_limits, np.zeros(len(robot.effort_limits))
         self._received = GuardInputs(
-            command_at=-math.inf,
-            torques=np.zeros(len(robot.effort_limits)),
-            unanswered_at=math.inf,
-            mode=None,
-            velocity=None,
-            velocity_at=-math.inf,
+            command_at=-math.inf, torques=zeros, unanswered_at=math.inf, mode=None, velocity=None, velocity_at=-math.inf
         )
         self._joint_states: tuple[float, bytes] | None = None
         self._refused: dict[str, str] = {}
@@ -124,7 +117,14 @@ class GuardService:
         now, self._processed["joint_commands"] = self._clock.now(), payload
         try:
             command = reader.read(payload)
-            tau = self._torques_of(command.effort)
+            tau, limits = self._drive.from_joints(command.effort), self._effort_limits
+            within = np.abs(tau) <= _LARGEST_TORQUE * limits
+            if not within.all():
+                i = int((~within).argmax())
+                raise InputRefused(
+                    f"torque of {self._drive.names[i]!r} is {tau[i]:.4g} N·m (limit {limits[i]:.4g} N·m): not a "
+                    "command of the controller"
+                )
         except InputRefused as refusal:  # does not count as a command
             self._refuse("joint_commands", refusal)
             return
@@ -134,17 +134,6 @@ class GuardService:
         with self._lock:
             self._received = replace(self._received, **values)
             self._refused.pop(topic, None)
-
-    def _torques_of(self, effort: Array) -> Array:
-        tau, limits = self._drive.from_joints(effort), self._effort_limits
-        within = np.abs(tau) <= _LARGEST_TORQUE * limits
-        if not within.all():
-            i = int((~within).argmax())
-            raise InputRefused(
-                f"torque of {self._drive.names[i]!r} is {tau[i]:.4g} N·m (limit {limits[i]:.4g} N·m): not a command of "
-                "the controller"
-            )
-        return tau
 
     def _process_mode(self, payload: bytes) -> None:
         self._processed["controller_state"] = payload
@@ -231,14 +220,12 @@ class GuardService:
             hint = f"; {others} earlier changes not logged: guard.patience ({patience:g} ms) may be too short"
             _log.warning("%s%s", text, hint if others > 1 else "")  # a takeover and its end are two changes
             self._unlogged, self._logged_at = 0, now
-        if changed or now >= self._diagnostics_due:
-            self._diagnostics_due = now + self._diagnostics_period
-            self._publish["diagnostics"](encode(self._diagnostics(now, received, text)))
-
-    def _diagnostics(self, now: float, received: GuardInputs, text: str) -> Any:
+        if not changed and now < self._diagnostics_due:
+            return
+        self._diagnostics_due = now + self._diagnostics_period
         values = {
-            "mode": self.guard.mode.value,
-            "takeovers": str(self.guard.takeovers),
+            "mode": guard.mode.value,
+            "takeovers": str(guard.takeovers),
             "age/joint_commands": f"{now - received.command_at:.4f} s",
             "age/joint_states": f"{now - received.velocity_at:.4f} s",
             "controller": received.mode.value if received.mode is not None else "unknown",
@@ -246,8 +233,9 @@ class GuardService:
         refused = dict(self._refused)
         values |= {f"refused/{topic}": reason for topic, reason in refused.items()}
         values |= {f"publishers/{topic}": names for topic, names in self._shared.items()}
-        level = ERROR if self.guard.reason else WARN if refused or self._shared else OK
-        return diagnostics(time.time_ns(), level, self._name, text, self._hardware, values)
+        level = ERROR if guard.reason else WARN if refused or self._shared else OK
+        content = diagnostics(time.time_ns(), level, self._name, text, self._hardware, values)
+        self._publish["diagnostics"](encode(content))
 
     def run(self, stop: threading.Event) -> None:
         """Run until stopped; the last message is never a damping torque."""

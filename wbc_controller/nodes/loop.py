@@ -66,16 +66,14 @@ class ControlLoop:
         self._outputs = outputs
         self._takeover = takeover
         self._torques_sent: Array | None = None  # (na,) in N·m, if not those of the last result
-        settings, model = controller.config.settings, controller.model
-        self._audit = ModelAudit(model, settings.audit, controller.period)
-        self._bring_up = BringUpWatch(
-            model, settings.safety.bring_up_time, settings.safety.bring_up_speed, controller.period
-        )
+        settings, model, self.period = controller.config.settings, controller.model, controller.period
+        safety = settings.safety
+        self._audit = ModelAudit(model, settings.audit, self.period)
+        self._bring_up = BringUpWatch(model, safety.bring_up_time, safety.bring_up_speed, self.period)
         self._ownership = ownership
         inputs.shared = lambda: ownership.shared
         self._clock = clock
         self._timer = timer
-        self.period = controller.period
         self.triggered = settings.control.trigger == "joint_states"
         self._cycle = 0
         self._deadlines_missed = 0
@@ -110,12 +108,11 @@ class ControlLoop:
         if "reset" in requests and (before not in IN_CONTROL or "damp" in requests[: requests.index("reset")]):
             self._inputs.restart_estimator()
             ages = self._inputs.ages()
-        problem = (
-            Fault("CLOCK", clock_fault) if clock_fault else self._inputs.fault(ages, timeout) or self._bring_up.fault
-        )
+        problem = None if clock_fault else self._inputs.fault(ages, timeout) or self._bring_up.fault
         if not clock_fault and (problem is not None or before not in IN_CONTROL):
-            coarse = self._coarse_clock(stall, timeout)
-            problem = Fault("CLOCK", coarse) if coarse else problem
+            clock_fault = self._coarse_clock(stall, timeout)
+        if clock_fault:
+            problem = Fault("CLOCK", clock_fault)
         self._ownership.refresh(now)
         refused: tuple[str, ...] = ()
         if requests or self._activate_when_fresh:
@@ -144,15 +141,9 @@ class ControlLoop:
             if before not in IN_CONTROL:  # no torques were sent yet
                 withdrawn, self._activate_when_fresh = _CANCEL_ACTIVATION, waiting
                 refused += (f"command 'activate' is refused: after the computation of the torques, {late.sentence}",)
-            repeated_inputs = CycleInputs(
-                now=now + passed,
-                state=latched.state,
-                joint_velocity=None,
-                problem=late,
-                requests=withdrawn,
-                torques_sent=torques_sent,
+            result = controller.cycle(
+                CycleInputs(now + passed, latched.state, None, late, withdrawn, torques_sent=torques_sent)
             )
-            result = controller.cycle(repeated_inputs)
         decided = timer()
         self._torques_sent = None
         if result.command is not None and result.mode in _RATE_LIMITED:
@@ -227,8 +218,7 @@ class ControlLoop:
         return requests, ()
 
     def _log_changes(self, report: CycleReport, now: float) -> None:
-        if any(not (0.0 <= now - at < _WARNING_PERIOD) for at in self._logged.values()):
-            self._logged = {topic: at for topic, at in self._logged.items() if 0.0 <= now - at < _WARNING_PERIOD}
+        self._logged = {topic: at for topic, at in self._logged.items() if 0.0 <= now - at < _WARNING_PERIOD}
         for refused in report.refused:
             self._log(logging.WARNING, f"refused {refused}", now)
         if report.fault is not None:
@@ -257,23 +247,12 @@ class ControlLoop:
         refused: tuple[str, ...] = (),
         audit: AuditReport | None = None,
     ) -> CycleReport:
-        return CycleReport(
-            cycle=self._cycle,
-            inputs=latched,
-            result=result,
-            refused=latched.refused + refused + result.refused,
-            stage_seconds=stages,
-            deadlines_missed=self._deadlines_missed,
-            audit=audit,
-            contested=self._ownership.contested,
-            shared=self._ownership.shared,
-        )
+        reasons, missed = latched.refused + refused + result.refused, self._deadlines_missed
+        contested, shared = self._ownership.contested, self._ownership.shared
+        return CycleReport(self._cycle, latched, result, reasons, stages, missed, audit, contested, shared)
 
     def run(self, stop: threading.Event, *, activate: bool = False) -> None:
-        """Run cycles until stopped.
-
-        `activate` activates without a command when the inputs are fresh and the robot has no other owner.
-        """
+        """Run cycles until stopped; `activate` once the inputs are fresh, unless the robot has another owner."""
         self._activate_when_fresh = activate
         switch_interval = sys.getswitchinterval()
         sys.setswitchinterval(_SWITCH_INTERVAL)

@@ -15,7 +15,6 @@ from wbc_controller.settings import Settings
 _log = logging.getLogger(__name__)
 
 _LARGEST = LARGEST_URDF + 16  # bytes: URDF, length, terminator and padding
-
 _WARNING_PERIOD = 5.0  # s
 
 
@@ -32,10 +31,7 @@ def find_urdf(settings: Settings, transport: Transport, stop: threading.Event, t
 
 
 def wait_for_urdf(transport: Transport, stop: threading.Event, topics: Iterable[Endpoint]) -> str:
-    """Wait for the first valid URDF on the latched topic ``robot_description``; log warnings.
-
-    The result is empty within 5 s after `stop` was set.
-    """
+    """Wait for the first valid URDF on ``robot_description``; return an empty text within 5 s after `stop` was set."""
     (endpoint,) = (topic for topic in topics if topic.key == "robot_description")
     stream, refused = transport.stream(endpoint, 1), False
     while True:
@@ -50,12 +46,7 @@ def wait_for_urdf(transport: Transport, stop: threading.Event, topics: Iterable[
         if stop.is_set():
             return ""
         if not arrived:
-            cause = _missing_cause(transport, endpoint)
+            names = ", ".join(transport.publishers(endpoint))
+            latched = f"publisher {names} must be latched (durability transient local), not volatile"
+            cause = latched if names else "no publisher"
             _log.warning("robot.urdf is empty: still waiting for the URDF on %s; %s", endpoint.name, cause)
-
-
-def _missing_cause(transport: Transport, endpoint: Endpoint) -> str:
-    names = transport.publishers(endpoint)
-    if not names:
-        return "no publisher"
-    return f"publisher {', '.join(names)} must be latched (durability transient local), not volatile"

@@ -61,13 +61,10 @@ class Shortfall:
 
 
 def _distance(error: Array, unit: str) -> str:
-    parts = []
-    linear = error[:3] if unit == "m, rad" else error if unit == "m" else error[:0]
-    angular = error[3:] if unit == "m, rad" else error if unit == "rad" else error[:0]
-    if np.linalg.norm(linear) >= _MIN_ERROR["m"]:
-        parts.append(f"{1e3 * np.linalg.norm(linear):.0f} mm")
-    if np.linalg.norm(angular) >= _MIN_ERROR["rad"]:
-        parts.append(f"{np.linalg.norm(angular):.2f} rad")
+    size = {"m": len(error), "rad": 0}.get(unit, 3)  # of the linear part
+    linear, angular = np.linalg.norm(error[:size]), np.linalg.norm(error[size:])
+    parts = [f"{1e3 * linear:.0f} mm"] if linear >= _MIN_ERROR["m"] else []
+    parts += [f"{angular:.2f} rad"] if angular >= _MIN_ERROR["rad"] else []
     return " and ".join(parts)
 
 
@@ -108,10 +105,7 @@ class TaskStates:
             self._remaining.extend(name for name in self._tasks if name in names)
 
     def next(self, stamp: int, dynamics: Dynamics, references: References) -> tuple[str, dict[str, bytes]] | None:
-        """Return name and messages of the next task, with the stamp of the state, ns; None at the end of the round.
-
-        Rows of the topic table are ``task_reference``, and ``task_value`` for a motion task.
-        """
+        """Return name and messages, by row of the topic table, of the next task at a stamp, ns; None after the last."""
         if not self._remaining:
             return None
         name = self._remaining.popleft()

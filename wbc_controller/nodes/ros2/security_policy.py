@@ -73,13 +73,13 @@ def security_policy(
             publishes.append(resolve(LIFECYCLE_PUBLISHES, node, namespace))
         served = [resolve(name, node, namespace) for name in serves]
         commanded += served
-        _enclave(enclaves, node, namespace, publishes, [*subscribes, CLOCK], {"reply": served})
+        _enclave(enclaves, node, namespace, publishes, [*subscribes, CLOCK], reply=served)
     everything = [endpoint for used in opened.values() for endpoint in used]
     requested = [end.name for end in everything if end.direction is Direction.IN and end.qos == REQUEST]
     published = [end.name for end in everything if end.direction is Direction.OUT]
+    publishes, subscribes = [*requested, *NODE_PUBLISHES], [*published, "/rosout", CLOCK]
     own = [resolve(f"~/{name}", OPERATOR, namespace) for name in NODE_SERVES]
-    services = {"request": commanded, "reply": own}
-    _enclave(enclaves, OPERATOR, namespace, [*requested, *NODE_PUBLISHES], [*published, "/rosout", CLOCK], services)
+    _enclave(enclaves, OPERATOR, namespace, publishes, subscribes, request=commanded, reply=own)
     ElementTree.indent(policy)
     return ElementTree.tostring(policy, encoding="unicode", xml_declaration=True) + "\n"
 
@@ -107,16 +107,13 @@ def _enclave(
     namespace: str,
     publishes: Iterable[str],
     subscribes: Iterable[str],
-    services: Mapping[str, Iterable[str]],
+    **services: Iterable[str],
 ) -> None:
     enclave = ElementTree.SubElement(enclaves, "enclave", path=resolve(node, "", namespace))
     profiles = ElementTree.SubElement(enclave, "profiles")
     profile = ElementTree.SubElement(profiles, "profile", ns=namespace, node=node)
-    for qualifier, names in (("publish", publishes), ("subscribe", subscribes)):
-        topics = ElementTree.SubElement(profile, "topics", {qualifier: "ALLOW"})
+    for qualifier, names in {"publish": publishes, "subscribe": subscribes, **services}.items():
+        kind = "service" if qualifier in services else "topic"
+        group = ElementTree.SubElement(profile, f"{kind}s", {qualifier: "ALLOW"})
         for name in sorted(set(names)):
-            ElementTree.SubElement(topics, "topic").text = name
-    for qualifier, names in services.items():
-        group = ElementTree.SubElement(profile, "services", {qualifier: "ALLOW"})
-        for name in sorted(set(names)):
-            ElementTree.SubElement(group, "service").text = name
+            ElementTree.SubElement(group, kind).text = name
