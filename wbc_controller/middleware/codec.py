@@ -24,15 +24,13 @@ def message(type_name: str, **fields: Any) -> Any:
         if name not in fields:
             fields[name] = _zero(node, detail)
         elif node is _MESSAGE:
-            fields[name] = _nested(str(detail), fields[name])
+            kind, value = str(detail), fields[name]
+            if isinstance(value, dict):
+                fields[name] = message(kind, **value)
+            elif isinstance(value, np.ndarray):
+                omitted = len(TYPES.fielddefs[kind][1]) - len(value)
+                fields[name] = TYPES.types[kind](*value.tolist(), *[0.0] * omitted)
     return TYPES.types[type_name](**fields)
-
-
-def _nested(type_name: str, value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        omitted = len(TYPES.fielddefs[type_name][1]) - len(value)
-        return TYPES.types[type_name](*value.tolist(), *[0.0] * omitted)
-    return message(type_name, **value) if isinstance(value, dict) else value
 
 
 def _zero(node: Nodetype, detail: Any) -> Any:
@@ -97,13 +95,9 @@ def diagnostics(wall: int, level: int, name: str, text: str, hardware: str, valu
 def odometry(
     stamp: int, frame: str, base: str, pose: Array, twist: Array, covariances: tuple[Array, Array] | None = None
 ) -> Any:
-    """Make a nav_msgs/Odometry with a stamp in ns.
+    """Make a nav_msgs/Odometry from a stamp in ns, a pose, (7,), and a twist in the axes of the base link, (6,).
 
-    Args:
-        base: link with the axes of the twist.
-        pose: position in m and quaternion x, y, z, w, (7,).
-        twist: linear, then angular, (6,) in m/s and rad/s.
-        covariances: of position and rotations about the axes of `frame`, and of the twist, (6, 6); None for zeros.
+    The covariances are of position and rotations about the axes of `frame`, and of the twist, (6, 6); None for zeros.
     """
     of_pose, of_twist = covariances if covariances is not None else (np.zeros(36), np.zeros(36))
     return message(

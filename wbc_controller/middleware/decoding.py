@@ -3,6 +3,7 @@
 import difflib
 import itertools
 import math
+import operator
 import reprlib
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -55,14 +56,7 @@ _FORMS: Mapping[str, ReferenceForm] = {
 }
 
 
-def _xyz(vector: Any) -> tuple[float, float, float]:
-    return vector.x, vector.y, vector.z
-
-
-def _xyzw(quaternion: Any) -> tuple[float, float, float, float]:
-    return quaternion.x, quaternion.y, quaternion.z, quaternion.w
-
-
+_xyz, _xyzw = operator.attrgetter("x", "y", "z"), operator.attrgetter("x", "y", "z", "w")
 WORLD_FRAMES = ("", "world", "odom", "map")  # of the world in headers
 #: Kinds of task with references that may be given in a frame of the robot.
 _WORLD_KINDS = ("com", "frame_position", "frame_orientation", "frame_pose", "axis_alignment", "gaze", "capture_point")
@@ -74,22 +68,17 @@ def _require_world_frame(content: Any, what: str) -> None:
         raise InputRefused(f"frame_id is {frame!r}; valid for {what}: {', '.join(WORLD_FRAMES[1:])}")
 
 
-def _require_reference_frame(vocabulary: Vocabulary, task: str, content: Any) -> None:
-    wanted = vocabulary.reference_frames.get(task)
-    if wanted is None:
-        _require_world_frame(content, "a trajectory")
-    elif content.header.frame_id != wanted:
-        raise InputRefused(
-            f"frame_id is {content.header.frame_id!r}; valid for a trajectory of task {task!r}: its reference frame "
-            f"{wanted!r}"
-        )
-
-
 def _frame_of_setpoint(vocabulary: Vocabulary, task: str, frame: str, what: str = "frame_id") -> str:
     home = vocabulary.reference_frames.get(task)
     if frame == home or (home is None and frame in WORLD_FRAMES):
         return ""
-    own, placed = setpoint_frames(vocabulary.kinds[task], task), vocabulary.kinds[task] in _WORLD_KINDS
+    kind = vocabulary.kinds[task]
+    own: tuple[str, ...] = own_frames(task)  # relative to the reference, and to the heading
+    if kind == "axis_alignment":  # directions have no displacement
+        own = own[1:]
+    elif kind in ("relative_pose", "contact_wrench", *JOINT_FIELDS):  # without heading
+        own = own[:1]
+    placed = kind in _WORLD_KINDS
     if frame in own or (placed and frame in vocabulary.robot_frames):
         return frame
     where = f"its reference frame {home!r}" if home is not None else f"the world ({', '.join(WORLD_FRAMES[1:])})"
@@ -99,19 +88,6 @@ def _frame_of_setpoint(vocabulary: Vocabulary, task: str, frame: str, what: str 
     close = difflib.get_close_matches(frame, [*own, *(vocabulary.robot_frames if placed else ())], n=1)
     hint = f"; did you mean {close[0]!r}?" if close else ""
     raise InputRefused(f"{what} is {reprlib.repr(frame)}; valid for setpoints of task {task!r}: {valid}{hint}")
-
-
-def setpoint_frames(kind: str, task: str) -> tuple[str, ...]:
-    """Return the valid frames of relative setpoints (`relative.own_frames`).
-
-    Relative poses, contact wrenches and joints have no heading; directions have no displacement.
-    """
-    reference, heading = own_frames(task)
-    if kind == "axis_alignment":
-        return (heading,)
-    if kind in ("relative_pose", "contact_wrench", *JOINT_FIELDS):
-        return (reference,)
-    return (reference, heading)
 
 
 def _read_setpoint(vocabulary: Vocabulary, task: str, content: Any) -> tuple[changes.Change, ...]:
@@ -172,7 +148,14 @@ def _read_trajectory(vocabulary: Vocabulary, task: str, content: Any) -> tuple[c
         order = np.array([names.index(name) for name in joints], dtype=np.intp)
         knots = [_joint_knot(order, point) for point in content.points]
     else:
-        _require_reference_frame(vocabulary, task, content)
+        wanted = vocabulary.reference_frames.get(task)
+        if wanted is None:
+            _require_world_frame(content, "a trajectory")
+        elif content.header.frame_id != wanted:
+            raise InputRefused(
+                f"frame_id is {content.header.frame_id!r}; valid for a trajectory of task {task!r}: its reference "
+                f"frame {wanted!r}"
+            )
         if len(content.joint_names) > 1:
             raise InputRefused(f"the trajectory has {len(content.joint_names)} joint names; valid: at most one frame")
         knots = [_frame_knot(_FORMS[kind], point) for point in content.points]
@@ -324,16 +307,12 @@ def _update_field(vocabulary: Vocabulary, section: str, name: str, key: Any, val
             raise InputRefused(f"tasks.{name}.frame is {reprlib.repr(frame)}; it must be the name of a frame")
         if frame:
             frame = _frame_of_setpoint(vocabulary, name, frame, f"tasks.{name}.frame")
-        return changes.SetSetpoint(name, _setpoint_values(vocabulary, name, value), frame=frame)
+        kind = vocabulary.kinds[name]
+        form = ReferenceForm(vector=len(vocabulary.joints[name])) if kind in JOINT_FIELDS else _FORMS[kind]
+        return changes.SetSetpoint(name, form.position(value, f"tasks.{name}.setpoint"), frame=frame)
     if not isinstance(value, bool):
         raise InputRefused(f"{section}.{name}.enabled is {reprlib.repr(value)}; valid: true or false")
     return changes.EnableTask(name, value) if section == "tasks" else changes.EnableContact(name, value)
-
-
-def _setpoint_values(vocabulary: Vocabulary, task: str, value: Any) -> Array:
-    kind = vocabulary.kinds[task]
-    form = ReferenceForm(vector=len(vocabulary.joints[task])) if kind in JOINT_FIELDS else _FORMS[kind]
-    return form.position(value, f"tasks.{task}.setpoint")
 
 
 #: Decoders by row of the topic table.

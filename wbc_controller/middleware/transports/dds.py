@@ -37,13 +37,8 @@ _MAX_BLOCKING_TIME = 10_000_000
 class DdsTransport:
     """One node on a DDS domain, with callbacks on one thread.
 
-    Args:
-        domain_id: domain, 0 to 232; default ``ROS_DOMAIN_ID``.
-        discovery_range: ``SUBNET``, ``LOCALHOST``, ``OFF`` or ``SYSTEM_DEFAULT``; default
-            ``ROS_AUTOMATIC_DISCOVERY_RANGE``, then ``LOCALHOST``.
-
-    Raises:
-        TransportError: for an invalid setting, enforced security, or a failure of DDS.
+    The defaults are ``ROS_DOMAIN_ID`` (0 to 232) and ``ROS_AUTOMATIC_DISCOVERY_RANGE`` (one of `DISCOVERY_RANGES`),
+    then ``LOCALHOST``. An invalid setting, enforced security, or a failure of DDS raises `TransportError`.
     """
 
     discovery_time = 1.5  # 1.1 s between Fast DDS and Cyclone
@@ -52,6 +47,7 @@ class DdsTransport:
         self, node: str, namespace: str = "/", domain_id: int | None = None, discovery_range: str | None = None
     ) -> None:
         self._settings = domain_settings(os.environ, domain_id, discovery_range)
+        self.domain = self._settings.domain_id
         self._lock = threading.Lock()
         self._closing = threading.Lock()
         self._closed = False
@@ -66,13 +62,13 @@ class DdsTransport:
             try:
                 # ROS 2 requires the name of a security enclave.
                 qos = DdsQos(Policy.Userdata(b"enclave=/;"))
-                self._participant = DomainParticipant(self._settings.domain_id, qos)
+                self._participant = DomainParticipant(self.domain, qos)
                 after_failure.callback(dds_raw.delete, self._participant)
                 self._announcement = NodeAnnouncement(self._participant, node, namespace)
                 after_failure.callback(self._announcement.delete)
                 self._dispatcher = _Dispatcher(self._participant, f"dds {node}")
             except Exception as error:
-                raise TransportError(f"cannot join DDS domain {self._settings.domain_id}: {error}") from error
+                raise TransportError(f"cannot join DDS domain {self.domain}: {error}") from error
             after_failure.pop_all()
 
     def advertise(self, endpoint: Endpoint) -> "DdsPublication":
@@ -84,11 +80,6 @@ class DdsTransport:
             self._publications.setdefault(endpoint.name, []).append(publication)
             self._announcement.add(writer)
             return publication
-
-    @property
-    def domain(self) -> int:
-        """DDS domain."""
-        return self._settings.domain_id
 
     def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
         """See `Transport`."""
@@ -118,7 +109,8 @@ class DdsTransport:
 
     def close(self) -> None:
         """See `Transport`; a call from a callback raises `TransportError`."""
-        self._dispatcher.refuse_own_thread()
+        if threading.current_thread() is self._dispatcher.thread:
+            raise TransportError("close() was called from a callback: it would wait forever for the callback's end")
         with self._closing:
             with self._lock:
                 if self._closed:
@@ -126,7 +118,13 @@ class DdsTransport:
                 self._closed = True
             # Without `_lock`: `stop` waits for a callback, which may open a topic.
             self._dispatcher.stop()
-            self._delete_entities()
+            publications = itertools.chain.from_iterable(self._publications.values())
+            for part in (*publications, *self._streams, self._dispatcher, self._announcement, self._graph):
+                if part is not None:
+                    part.delete()
+            for entity in (*self._topics.values(), self._participant):
+                dds_raw.delete(entity)
+            close_domain(self._settings)
 
     def _reader(self, endpoint: Endpoint) -> Any:
         require_open(self._closed, "open", endpoint.name)
@@ -135,19 +133,10 @@ class DdsTransport:
         return reader
 
     def _topic(self, endpoint: Endpoint) -> Any:
-        check_type(self._types, endpoint.name, endpoint.type)
+        check_type(self._types, endpoint)
         if endpoint.name not in self._topics:
             self._topics[endpoint.name] = Topic(self._participant, _dds_name(endpoint), idl_type(endpoint.type))
         return self._topics[endpoint.name]
-
-    def _delete_entities(self) -> None:
-        publications = itertools.chain.from_iterable(self._publications.values())
-        for part in (*publications, *self._streams, self._dispatcher, self._announcement, self._graph):
-            if part is not None:
-                part.delete()
-        for entity in (*self._topics.values(), self._participant):
-            dds_raw.delete(entity)
-        close_domain(self._settings)
 
 
 def _translated(attempt: str) -> contextlib.AbstractContextManager[None]:
@@ -237,20 +226,16 @@ class _Dispatcher:
         self._stop_number = self._triggers.attach(self._stop)
         self._readers: dict[int, tuple[Endpoint, Any, _Callback]] = {}
         self._adding = threading.Lock()
-        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
-        self._thread.start()
+        self.thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self.thread.start()
 
     def add(self, endpoint: Endpoint, reader: Any, callback: _Callback) -> None:
         with self._adding:
             self._readers[self._triggers.attach_reader(reader)] = (endpoint, reader, callback)
 
-    def refuse_own_thread(self) -> None:
-        if threading.current_thread() is self._thread:
-            raise TransportError("close() was called from a callback: it would wait forever for the callback's end")
-
     def stop(self) -> None:
         self._stop.set(True)
-        self._thread.join()
+        self.thread.join()
 
     def delete(self) -> None:
         self._triggers.delete()
@@ -294,8 +279,7 @@ def _reader_qos(endpoint: Endpoint) -> Any:
 
 
 def _writer_qos(endpoint: Endpoint) -> Any:
-    history = Policy.History.KeepLast(endpoint.qos.depth)
-    unlimited = -1
+    history, unlimited = Policy.History.KeepLast(endpoint.qos.depth), -1
     return DdsQos(
         # Cyclone has separate histories for late readers and for retransmission.
         Policy.DurabilityService(0, history, unlimited, unlimited, unlimited),

@@ -48,7 +48,6 @@ _INTERNAL = (
 #: the topics. Without announced types Cyclone compares their names, as with ROS 2's other middleware.
 _COMPATIBILITY = "<Compatibility><IgnoreTypeInformation>1.15</IgnoreTypeInformation></Compatibility>"
 
-
 DISCOVERY_RANGES = ("SUBNET", "LOCALHOST", "OFF", "SYSTEM_DEFAULT")  # ranges of a participant's automatic discovery
 
 
@@ -109,10 +108,15 @@ def configuration(settings: DomainSettings, uri: str = "", *, network_card: bool
         discovery = f"<ParticipantIndex>none</ParticipantIndex><Tag>ros_discovery_off_{os.getpid()}</Tag>"
     else:
         general = _MULTICAST_DISCOVERY if reach == "SUBNET" else _MULTICAST_OFF
-        if not _names_interfaces(uri):
-            general += _interfaces(network_card and (reach == "SUBNET" or bool(peers)))
+        if not _names_interfaces(uri):  # the loopback, and with peers Cyclone's choice of network card
+            # Cyclone 11 ignores announcements on other interfaces.
+            named = network_card and (reach == "SUBNET" or bool(peers))
+            card = '<NetworkInterface autodetermine="true"/>' if named else ""
+            general += f'<Interfaces>{card}<NetworkInterface address="127.0.0.1" multicast="false"/></Interfaces>'
         # Discovery contacts each index (port) of a peer: many on the loopback, otherwise as in Jazzy.
-        largest = _JAZZY_MAX_PARTICIPANT_INDEX if peers else _max_participant_index(settings.domain_id)
+        first = _PORT_BASE + _PORTS_PER_DOMAIN * settings.domain_id
+        ports = min(_PORTS_PER_DOMAIN, 65536 - first) - _FIRST_UNICAST_PORT
+        largest = _JAZZY_MAX_PARTICIPANT_INDEX if peers else (ports - 2) // _PORTS_PER_PARTICIPANT
         addresses = "".join(f'<Peer Address={quoteattr(peer)} PruneDelay="inf"/>' for peer in ("localhost", *peers))
         discovery = (
             f"<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>{largest}</MaxAutoParticipantIndex>"
@@ -144,21 +148,6 @@ def _refuse_security(environment: Mapping[str, str]) -> None:
     _log.warning(
         "ROS_SECURITY_ENABLE is true, but the embedded DDS does not support security: messages are not secured"
     )
-
-
-def _interfaces(network_card: bool) -> str:
-    """Select the loopback, and optionally Cyclone's choice of network card.
-
-    Cyclone 11 ignores announcements on other interfaces.
-    """
-    card = '<NetworkInterface autodetermine="true"/>' if network_card else ""
-    return f'<Interfaces>{card}<NetworkInterface address="127.0.0.1" multicast="false"/></Interfaces>'
-
-
-def _max_participant_index(domain_id: int) -> int:
-    first = _PORT_BASE + _PORTS_PER_DOMAIN * domain_id + _FIRST_UNICAST_PORT
-    last = min(first - _FIRST_UNICAST_PORT + _PORTS_PER_DOMAIN - 1, 65535)
-    return (last - first - 1) // _PORTS_PER_PARTICIPANT
 
 
 @dataclass(slots=True)

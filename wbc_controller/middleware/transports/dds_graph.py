@@ -86,10 +86,7 @@ class Graph:
         self._announcements = DataReader(participant, self._topic, qos)
 
     def publishers(self, topic: str) -> tuple[str, ...]:
-        """Return the sorted node names (or `UNNAMED`) of a topic's writers in other participants.
-
-        A failure of the reading raises `DDSException`.
-        """
+        """Return the sorted nodes (or `UNNAMED`) of a topic's writers in other participants; raise `DDSException`."""
         with self._lock:
             self._update()
             writers = [(owner, guid) for guid, (owner, name) in self._writers.items() if name == topic]

@@ -43,8 +43,7 @@ def take(reader: Any, limit: int) -> list[bytes]:
 def take_writers(reader: Any, limit: int) -> list[tuple[bytes, bytes, str | None]]:
     """Take the changes of the domain's writers (4 µs each) from a `BuiltinDataReader`; errors as for `take`.
 
-    Returns:
-        GUIDs of the writer and its participant, and the topic's name or None for a removed writer.
+    A change contains the GUIDs of the writer and its participant, and the topic's name, or None for a removed writer.
     """
     samples = ddspy_take_endpoint(reader._ref, limit, lambda *values: values, lambda qos: None)
     if isinstance(samples, int):

@@ -31,10 +31,7 @@ def type_hash(type_name: str) -> str:
 
 @functools.cache
 def idl_type(type_name: str) -> Any:
-    """Generate the topic class of a type; an unsupported type raises `TransportError`.
-
-    Cached, because cyclonedds compares different classes slowly by content.
-    """
+    """Generate the topic class of a type, or raise `TransportError`; cached: cyclonedds compares classes slowly."""
     require_known(type_name, TYPES.fielddefs, "unknown message type", error=TransportError)
     _, fields = TYPES.fielddefs[type_name]
     generated = make_idl_struct(

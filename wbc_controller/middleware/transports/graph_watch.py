@@ -16,7 +16,7 @@ OtherPublishers = Mapping[str, tuple[str, ...]]  # node names by row of the topi
 
 
 class GraphWatch:
-    """Monitor of the other publishers on some topics.
+    """Monitor of the other publishers on some topics; `changed` receives all of them at each change.
 
     Unnamed nodes count from the second check on, because names arrive after publishers.
     """
@@ -24,7 +24,6 @@ class GraphWatch:
     def __init__(
         self, transport: Transport, topics: Iterable[Endpoint], changed: Callable[[OtherPublishers], None]
     ) -> None:
-        """Watch topics; `changed` receives all other publishers at each change."""
         self._transport = transport
         self._topics = {topic.key: topic for topic in topics}
         self._changed = changed

@@ -81,7 +81,7 @@ class MemoryTransport:
 
     def _check(self, endpoint: Endpoint) -> None:
         require_open(self.closed, "open", endpoint.name)
-        check_type(self._bus.types, endpoint.name, endpoint.type)
+        check_type(self._bus.types, endpoint)
 
 
 class _Stream:

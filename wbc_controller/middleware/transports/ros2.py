@@ -152,7 +152,7 @@ class Ros2Transport:
 
     def _check(self, endpoint: Endpoint) -> Any:
         require_open(self._closed, "open", endpoint.name)
-        check_type(self._types, endpoint.name, endpoint.type)
+        check_type(self._types, endpoint)
         return _message_class(endpoint.type)
 
 

@@ -28,10 +28,7 @@ class ReaderGroup(ReentrantCallbackGroup):  # type: ignore[misc]  # rclpy has no
 
 
 class Reader:
-    """Thread that passes messages to their callbacks, one at a time.
-
-    Its persistent wait set is faster than rclpy's executor.
-    """
+    """Thread that passes messages to callbacks, one at a time; its lasting wait set is faster than rclpy's executor."""
 
     def __init__(self, context: Any) -> None:
         self._context = context
@@ -93,10 +90,7 @@ class Reader:
 
 
 class RawStream:
-    """Subscription with the newest `depth` messages taken by hand.
-
-    After the shutdown of the context no more messages arrive.
-    """
+    """Subscription with the newest `depth` messages taken by hand; none arrive after the shutdown of the context."""
 
     def __init__(self, topic: str, depth: int, subscription: Any, context: Any) -> None:
         self._topic, self._depth = topic, depth

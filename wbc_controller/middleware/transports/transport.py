@@ -60,6 +60,7 @@ class TransportWrapper:
 
     def __init__(self, transport: Transport) -> None:
         self._transport, self.discovery_time = transport, transport.discovery_time
+        self.publishers = transport.publishers
 
     def _receiver(self, endpoint: Endpoint) -> Callable[[bytes], bool]:
         """Return a function that receives each message of a topic; it drops the message by returning False."""
@@ -82,10 +83,6 @@ class TransportWrapper:
     def stream(self, endpoint: Endpoint, depth: int) -> Stream:
         """See `Transport`."""
         return _WrappedStream(self._transport.stream(endpoint, depth), self._receiver(endpoint))
-
-    def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
-        """See `Transport`."""
-        return self._transport.publishers(endpoint)
 
     def has_reader(self, endpoint: Endpoint) -> bool:
         """See `Transport`."""
@@ -122,8 +119,8 @@ def require_open(closed: bool, attempt: str, topic: str) -> None:
         raise TransportError(f"cannot {attempt} {topic}: the transport is closed")
 
 
-def check_type(types: dict[str, str], topic: str, type_name: str) -> None:
+def check_type(types: dict[str, str], endpoint: Endpoint) -> None:
     """Record a topic's message type among those of the open topics; another type raises `TransportError`."""
-    known = types.setdefault(topic, type_name)
-    if known != type_name:
-        raise TransportError(f"topic {topic} is already open with type {known}, not {type_name}")
+    known = types.setdefault(endpoint.name, endpoint.type)
+    if known != endpoint.type:
+        raise TransportError(f"topic {endpoint.name} is already open with type {known}, not {endpoint.type}")
