@@ -278,10 +278,7 @@ class ControlCycle:
     def _compute(
         self, inputs: CycleInputs, changes: Iterable[tuple[Change, ...]], starts: bool, refused: list[str]
     ) -> tuple[Solution | NoSolution | Fault, References | None]:
-        """Apply sets of changes, sample the references, and solve the quadratic program.
-
-        Returns the solution or failure, and the references. `starts`: the controller starts from this state.
-        """
+        """Apply sets of changes, sample the references, and solve; `starts`: the controller starts from this state."""
         state, references = inputs.state, None
         if state is None:
             return Fault("NO_STATE", "no state received"), None

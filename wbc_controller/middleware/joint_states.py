@@ -127,8 +127,7 @@ class JointStateReader(StateReader):
                 + (f"; unknown joints: {unknown}" if unknown else "")
                 + (_SPLIT_HINT if self._partial.issuperset(self._joints) else "")
             )
-        places = {name: i for i, name in enumerate(names)}
-        return np.array([places[name] for name in self._joints], dtype=np.intp)
+        return np.array([names.index(name) for name in self._joints], dtype=np.intp)
 
 
 def require_unique(names: Sequence[str]) -> None:

@@ -58,12 +58,7 @@ class MessageLayout:
 
 
 class Template:
-    """Serializer of messages with variable timestamp and numbers.
-
-    Args:
-        content: message with the other values.
-        fields: groups of numbers for `write`, each with the paths of consecutive fields.
-    """
+    """Serializer of messages with variable timestamp and numbers; `fields` are groups of consecutive paths."""
 
     def __init__(self, content: Any, *fields: Sequence[str]) -> None:
         layout = MessageLayout(content)
@@ -73,10 +68,7 @@ class Template:
         self._fields = [numbers[_as_slice(layout.index_of(*paths))] for paths in fields]  # views
 
     def write(self, nanoseconds: int, *values: Array) -> bytes:
-        """Serialize a timestamp (ignored without a header) and the numbers of each group.
-
-        Raises `ValueError` for a wrong number or size of groups.
-        """
+        """Serialize a timestamp (ignored without a header) and groups of numbers; wrong sizes raise `ValueError`."""
         if self._stamp is not None:
             _STAMP.pack_into(self._payload, self._stamp, *divmod(nanoseconds, 1_000_000_000))
         for field, numbers in zip(self._fields, values, strict=True):

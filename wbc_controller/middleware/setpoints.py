@@ -17,15 +17,11 @@ WRENCH = tuple(f"wrench.{part}.{axis}" for part in ("force", "torque") for axis 
 def setpoint_message(
     type_name: str, kind: str, position: Array, *, frame: str = "world", stamp: int = 0, joints: Sequence[str] = ()
 ) -> Any:
-    """Make the message of a task's setpoint.
+    """Make the message of a task's setpoint, of a type in `TASK_TYPES`.
 
-    Args:
-        type_name: type of `TASK_TYPES`.
-        position: in the task's reference form; missing coordinates become 0.
-        joints: names, for a joint task.
+    The position has the task's reference form; missing coordinates become 0. A joint task needs its joints.
     """
-    values = np.asarray(position, dtype=np.float64)
-    top = header(stamp, frame)
+    values, top = np.asarray(position, dtype=np.float64), header(stamp, frame)
     if kind in JOINT_FIELDS:
         return message(type_name, header=top, name=list(joints), **{JOINT_FIELDS[kind]: values})
     if type_name == "geometry_msgs/msg/PoseStamped":
@@ -66,5 +62,5 @@ def trajectory_message(
         message(f"trajectory_msgs/msg/{kind}Point", **point, time_from_start=time_fields(round(1e9 * time)))
         for time, point in zip(times, points, strict=True)
     ]
-    top = header(stamp, "world")
-    return message(f"trajectory_msgs/msg/{kind}", header=top, joint_names=list(names), points=made)
+    kind = f"trajectory_msgs/msg/{kind}"
+    return message(kind, header=header(stamp, "world"), joint_names=list(names), points=made)

@@ -54,16 +54,13 @@ class StampTracker:
     - Timestamps must increase. A lead above `_MAX_LEAD` is refused until the successors confirm it for `_CONFIRMATION`,
       as is a shorter latency. Others, and leads above `_MAX_ADVANCE`, count after `_REBASE` as a new time.
 
-    Attributes:
-        clock_stall: advance of the timestamps, including refused ones, during a stall of the local clock, s.
-
-    Args:
-        clock_offset: returns sender's minus local clock, s; None to estimate it.
-        tolerance: largest lead of a timestamp over a known clock, s.
+    `clock_offset` returns sender's minus local clock, s; None to estimate it. `tolerance` is the largest lead of a
+    timestamp over a known clock, s.
     """
 
     def __init__(self, clock_offset: Callable[[], float] | None = None, tolerance: float = 0.0) -> None:
         self._clock_offset, self._tolerance = clock_offset, tolerance
+        #: Advance of the timestamps, including refused ones, during a stall of the local clock, s.
         self.clock_stall = 0.0
         self._newest_stamp, self._newest_arrival = 0, -math.inf  # of the newest message, accepted or refused
         self._stamp, self._arrival = 0, -math.inf  # of the newest accepted message, ns and s

@@ -132,11 +132,7 @@ class PoseReader(StateReader):
 
 
 class ContactForceReader(StateReader):
-    """Decoder of a force sensor's geometry_msgs/WrenchStamped, without the torque.
-
-    Args:
-        normals: unit normal of the contact, (3,), by valid frame of the force.
-    """
+    """Decoder of a force sensor's geometry_msgs/WrenchStamped; `normals` are unit normals, (3,), by valid frame."""
 
     type = "geometry_msgs/msg/WrenchStamped"
     paths = _axes("wrench.force")

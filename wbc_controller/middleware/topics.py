@@ -257,10 +257,7 @@ class Endpoint:
 
 
 def resolve(name: str, node: str, namespace: str = "/", remappings: Mapping[str, str] | None = None) -> str:
-    """Return the full name of a relative, private (``~/…``) or absolute name, by the rules of ROS 2.
-
-    The remappings are expanded likewise.
-    """
+    """Return the full name of a relative, private (``~/…``) or absolute name, remapped, by the rules of ROS 2."""
     expanded = _expand(name, node, namespace)
     for source, target in (remappings or {}).items():
         if _expand(source, node, namespace) == expanded:

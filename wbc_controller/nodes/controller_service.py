@@ -53,11 +53,8 @@ def run_controller(
 ) -> None:
     """Run the controller until the event is set.
 
-    `record` names a file; None keeps only the last seconds. Other options: `wbc run --help`.
-
-    Raises:
-        ConfigurationError: if settings and model do not fit together.
-        TransportError: if a topic cannot be opened.
+    `record` names a file; None keeps only the last seconds. Other options: `wbc run --help`. Settings that do not fit
+    the model raise `ConfigurationError`; a topic that cannot be opened raises `TransportError`.
     """
     with recording(settings, record, name=NODE_NAME) as recorder:  # starts its process before `apply_realtime`
         urdf = None

@@ -72,13 +72,7 @@ class _Input:
 class Inputs:
     """Subscriptions of all incoming topics, latched at the start of each cycle.
 
-    Args:
-        prepare: validates a change; raises `ConfigurationError` or `InputRefused`.
-        estimator: None for odometry.
-
-    Attributes:
-        clock_tolerance: largest lead of a timestamp over the clock, s; None without synchronized clocks.
-        shared: returns the publishers of inputs with several, by topic name, for messages.
+    `prepare` validates a change; it raises `ConfigurationError` or `InputRefused`. `estimator` is None for odometry.
     """
 
     def __init__(
@@ -99,6 +93,7 @@ class Inputs:
         self._clock = clock
         self.requests = Requests(vocabulary, prepare, self.wake)
         self._woken = False
+        #: Largest lead of a timestamp over the clock, s; None without synchronized clocks.
         self.clock_tolerance = safety.clock_tolerance if safety.synchronized_clocks else None
         self._velocity_filter = velocity_filter = make_velocity_filter(settings)
         self.estimator = estimator
@@ -109,7 +104,7 @@ class Inputs:
         self._detector = ContactDetector(make_sensing(settings, model, contacts) if estimated else _NO_SENSORS)
         self.holding: Collection[str] = ()  # active contacts of the base estimate in the last cycle
         self._refusals: dict[str, str] = {}  # by topic with a refused newest message
-        self.shared: Callable[[], Mapping[str, str]] = dict
+        self.shared: Callable[[], Mapping[str, str]] = dict  # publishers of inputs with several, by topic name
         columns = ("position", "velocity") if velocity_filter is None else ("position",)
         readers: dict[tuple[str, str], StateReader] = {("joint_states", ""): JointStateReader(model.joints, *columns)}
         checks = {"joint_states": SampleCheck.of_joints(model, safety, measured=velocity_filter is None)}
@@ -201,10 +196,8 @@ class Inputs:
     def latch(self, holding: Collection[str] = (), *, controlled: bool = False, walking: bool = False) -> LatchedInputs:
         """Decode the newest states, assemble the robot's state, and take the decoded requests.
 
-        Args:
-            holding: commanded contacts, for the base estimate unless contact sensors disagree.
-            controlled: True if the robot is under control: contradicting absolute poses must not move its world.
-            walking: True if the robot walks (`BaseEstimator.update`).
+        The commanded contacts `holding` serve the base estimate, unless contact sensors disagree. Contradicting
+        absolute poses must not move the world of a `controlled` robot. `walking`: see `BaseEstimator.update`.
         """
         refused: list[str] = []
         for source in self._inputs.values():

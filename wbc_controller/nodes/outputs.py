@@ -30,12 +30,7 @@ _QUERY_PERIOD = 0.1  # of the subscriptions, s
 
 
 class Outputs:
-    """Publisher of the results of a controller's cycles.
-
-    Args:
-        node: name with namespace.
-        values: returns other diagnostics.
-    """
+    """Publisher of the results of a controller's cycles; `values` returns other diagnostics."""
 
     def __init__(
         self,
@@ -43,7 +38,7 @@ class Outputs:
         vocabulary: Vocabulary,
         endpoints: Iterable[Endpoint],
         transport: Transport,
-        node: str,
+        node: str,  # name with namespace
         scheduling: str,
         values: Callable[[], Mapping[str, str]],
     ) -> None:
@@ -109,10 +104,7 @@ class Outputs:
         self._publish["effort", ""](self._zeros)
 
     def publish_report(self, report: CycleReport, now: float, wall: int) -> None:
-        """Send a changed mode, and compose due diagnostics, task states and markers.
-
-        `now` is in s, `wall`, the time of headers, in ns.
-        """
+        """Send a changed mode, and compose due messages at the time `now`, s; `wall` is the time of headers, ns."""
         mode, fault, walker = report.mode, report.fault, self._walker
         if mode is not self._published_mode or (fault is not self._published_fault and fault != self._published_fault):
             self._published_mode, self._published_fault = mode, fault

@@ -17,10 +17,7 @@ _SINGLE_PUBLISHER = ("odom", "clock")
 
 
 class Ownership:
-    """Monitor of the other publishers on the controller's topics.
-
-    A real-time loop checks the graph on a separate thread (`start`), a lockstep loop in its cycles (`refresh`).
-    """
+    """Monitor of other publishers on the controller's topics, on a thread (`start`) or in lockstep (`refresh`)."""
 
     def __init__(
         self, transport: Transport, topics: Iterable[Endpoint], allowed: Sequence[str], node: str, *, simulated: bool

@@ -31,13 +31,9 @@ class Processes:
         *,
         own_sessions: bool = False,
     ) -> None:
-        """Write the configuration; start no process yet.
+        """Write the configuration, with `changes` by dotted key, into a folder for logs; start no process yet.
 
-        Args:
-            robot: shipped robot, path of a configuration, or a configuration.
-            folder: of configuration and logs, created if missing.
-            changes: settings by dotted key.
-            own_sessions: one session per process, against Ctrl-C and a busy browser.
+        With `own_sessions` each process has its own session, against Ctrl-C and a busy browser.
         """
         config = load(robot).replace(changes or {})
         self.settings = config.settings
@@ -110,10 +106,7 @@ class Processes:
         retry: Callable[[], Any] = lambda: None,
         patience: float = TIMEOUT,
     ) -> None:
-        """Wait for a condition; raise `WbcError` after `patience` seconds, with the description `what`.
-
-        Four times per second, `retry` is called, and `check`.
-        """
+        """Wait for a condition; four times per second, `check` and `retry`. Raise `WbcError` after `patience`, s."""
         deadline, due = time.monotonic() + patience, 0.0
         while not condition():
             now = time.monotonic()
@@ -148,8 +141,7 @@ def end_with_parent() -> None:
 
 def memory(process: int) -> int:
     """Return the resident memory of a process, kB."""
-    pages = int(Path(f"/proc/{process}/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGESIZE") // 1024
+    return int(Path(f"/proc/{process}/statm").read_text().split()[1]) * os.sysconf("SC_PAGESIZE") // 1024
 
 
 def processor_time(process: int) -> float:

@@ -33,10 +33,7 @@ _NO_REQUESTS = UserRequests()
 
 
 class Requests:
-    """Queue of requests between transport and cycles.
-
-    `prepare` validates a change (`ConfigurationError`, `InputRefused`); `stop` is called at an emergency stop.
-    """
+    """Queue between transport and cycles. `prepare` raises for an invalid change; an emergency stop calls `stop`."""
 
     def __init__(
         self,
@@ -91,10 +88,7 @@ class Requests:
                 self.drop_unread(endpoint, _TOO_MANY)
 
     def take(self) -> UserRequests:
-        """Take up to `_MOST_PER_CYCLE` decoded requests, an emergency stop first.
-
-        Without a reader thread, decode all requests first.
-        """
+        """Take up to `_MOST_PER_CYCLE` requests, an emergency stop first; decode them here without a reader thread."""
         if self._reader is None:
             while self._requests:
                 self._decoded_requests.append(self._decode(*self._requests.popleft()))

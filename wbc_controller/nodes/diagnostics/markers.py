@@ -24,12 +24,11 @@ _KINDS = {ARROW: 0, LINE_STRIP: 4, LINE_LIST: 5, SPHERE_LIST: 7}  # field `type`
 
 
 class MarkerScene:
-    """Drawing of one state with its references and solution."""
+    """Drawing of one state with its references and solution; the markers expire after `lifetime`, s (inf: never)."""
 
     def __init__(
         self, model: RobotModel, tasks: Mapping[str, Task], contacts: Mapping[str, Contact], lifetime: float
     ) -> None:
-        """Create a scene with markers that expire after `lifetime`, s (inf: never)."""
         self._tasks, self._contacts = tasks, contacts
         lasting = time_fields(round(1.0e9 * lifetime) if math.isfinite(lifetime) else 0)
         self._template = message("visualization_msgs/msg/Marker", lifetime=lasting)

@@ -35,12 +35,9 @@ class _ReportWindow:
 
 
 class StatusSummary:
-    """Collector of the reports between two messages.
+    """Collector of the reports between two messages; `others` returns further values.
 
-    Args:
-        node: name with namespace, because robots in one graph share the topic.
-        scheduling: of the process; empty if unknown.
-        others: returns further values.
+    The messages name the node with its namespace, because robots in one graph share the topic.
     """
 
     def __init__(

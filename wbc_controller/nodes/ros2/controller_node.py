@@ -54,10 +54,7 @@ _PARAMETERS: dict[str, tuple[Any, str]] = {
 
 
 class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
-    """The controller as a managed node.
-
-    Transitions: docs/ros2.md. `leave` receives the status of a failed autostart.
-    """
+    """The controller as a managed node (docs/ros2.md). `leave` receives the status of a failed autostart."""
 
     def __init__(
         self,

@@ -14,7 +14,6 @@ from wbc_controller.settings.nesting import nested
 
 _log = logging.getLogger(__name__)
 
-
 _FILE_PARAMETERS: Mapping[str, tuple[Any, str]] = {
     ROBOT: ("", "Name of a shipped robot; other parameters override its configuration."),
     CONFIG: ("", "Path of a robot's configuration; other parameters override it."),
@@ -34,8 +33,7 @@ def declare(node: Any, parameters: Mapping[str, tuple[Any, str]]) -> tuple[str, 
 
 def values(node: Any) -> dict[str, Any]:
     """Return the set parameters of a node by name."""
-    parameters = node.get_parameters_by_prefix("").items()
-    return {name: parameter.value for name, parameter in parameters if parameter.value is not None}
+    return {name: each.value for name, each in node.get_parameters_by_prefix("").items() if each.value is not None}
 
 
 class LiveParameters:
@@ -106,9 +104,8 @@ class LiveParameters:
             _log.error("%s", error)
 
     def _on_change(self) -> None:
-        executor = self._node.executor
-        if executor is not None:
-            executor.create_task(self._update_parameters)
+        if self._node.executor is not None:
+            self._node.executor.create_task(self._update_parameters)
 
     def _update_parameters(self) -> None:
         if self._live is None:

@@ -47,14 +47,13 @@ def flatten(settings: BaseModel, prefix: str = "") -> Iterator[tuple[str, Any, s
 def settings_from(
     parameters: Mapping[str, Any], node: str, arguments: Sequence[str], own: Sequence[str] = ()
 ) -> tuple[Settings, str]:
-    """Return the validated settings of a node's parameters.
+    """Return the validated settings of a node's parameters, and their source.
 
     - With ``robot`` or ``config``, the other parameters override the named configuration.
     - Without them, the parameters are the whole configuration; relative paths start at the last parameter file.
     - Without any parameter (no section of the file matches the node), the file's section ``wbc_controller`` is used.
 
-    Returns:
-        The settings and their source; `ConfigurationError` has one line per error.
+    A `ConfigurationError` has one line per error.
     """
     given = {name: value for name, value in parameters.items() if is_robot_parameter(name, own)}
     path, files = _named_file(parameters, node), parameter_files(arguments)

@@ -57,11 +57,9 @@ def _serve(
     service: Callable[..., None],
     parameters: Mapping[str, tuple[Any, str]] = MappingProxyType({}),
 ) -> None:
-    """Run a service on its own node until the event is set.
+    """Run a service with settings, transport, `stop`, namespace and the values of `parameters`, on its own node.
 
-    Args:
-        start_message: log message with ``{source}`` of the settings and full name ``{node}``.
-        service: called with settings, transport, `stop`, namespace and the values of `parameters`.
+    The start message may contain the ``{source}`` of the settings and the full name of the ``{node}``.
     """
     node = Node(name, allow_undeclared_parameters=True, automatically_declare_parameters_from_overrides=True)
     own, full_name = declare(node, parameters), node.get_fully_qualified_name()

@@ -26,10 +26,7 @@ _PAUSE = 0.02  # between two waits, s
 
 
 class Pacer(Waitable):  # type: ignore[misc]  # rclpy has no types
-    """Pause of a node's executor between two waits.
-
-    rclpy visits all entities before each wait, and blocks the control loop for half a millisecond.
-    """
+    """Pause of a node's executor: before each wait, rclpy blocks the control loop for half a millisecond."""
 
     def __init__(self) -> None:
         super().__init__(ReentrantCallbackGroup())
