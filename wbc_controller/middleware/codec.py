@@ -81,13 +81,9 @@ def torques(tau: Any) -> Any:
 
 def diagnostics(wall: int, level: int, name: str, text: str, hardware: str, values: Mapping[str, str]) -> Any:
     """Make a DiagnosticArray with one status, named ``node: subject``, at the time `wall`, ns."""
+    pairs = [TYPES.types["diagnostic_msgs/msg/KeyValue"](*pair) for pair in values.items()]
     status = message(
-        "diagnostic_msgs/msg/DiagnosticStatus",
-        level=level,
-        name=name,
-        message=text,
-        hardware_id=hardware,
-        values=[TYPES.types["diagnostic_msgs/msg/KeyValue"](*pair) for pair in values.items()],
+        "diagnostic_msgs/msg/DiagnosticStatus", level=level, name=name, message=text, hardware_id=hardware, values=pairs
     )
     return message("diagnostic_msgs/msg/DiagnosticArray", header=header(wall), status=[status])
 
@@ -111,22 +107,15 @@ def odometry(
 
 def pose_with_covariance(stamp: int, frame: str, pose: Array, position: float, turn: float) -> Any:
     """Make a PoseWithCovarianceStamped from standard deviations of position, m, and rotation, rad."""
-    covariance = np.diag([position**2] * 3 + [turn**2] * 3)
-    return message(
-        "geometry_msgs/msg/PoseWithCovarianceStamped",
-        header=header(stamp, frame),
-        pose={"pose": _pose_fields(pose), "covariance": covariance.ravel()},
-    )
+    covariance = np.diag([position**2] * 3 + [turn**2] * 3).ravel()
+    fields = {"pose": _pose_fields(pose), "covariance": covariance}
+    return message("geometry_msgs/msg/PoseWithCovarianceStamped", header=header(stamp, frame), pose=fields)
 
 
 def transform(stamp: int, frame: str, base: str, pose: Array) -> Any:
     """Make a tf2_msgs/TFMessage from a frame to the base's pose, (7,)."""
-    content = message(
-        "geometry_msgs/msg/TransformStamped",
-        header=header(stamp, frame),
-        child_frame_id=base,
-        transform={"translation": pose[:3], "rotation": pose[3:]},
-    )
+    top, motion = header(stamp, frame), {"translation": pose[:3], "rotation": pose[3:]}
+    content = message("geometry_msgs/msg/TransformStamped", header=top, child_frame_id=base, transform=motion)
     return message("tf2_msgs/msg/TFMessage", transforms=[content])
 
 

@@ -42,15 +42,12 @@ class Vocabulary:
 
 #: Reference form by kind of task, except the kinds of `JOINT_FIELDS`, with joints by name.
 _FORMS: Mapping[str, ReferenceForm] = {
-    "com": ReferenceForm(),
-    "frame_position": ReferenceForm(),
+    **dict.fromkeys(("com", "frame_position", "linear_momentum", "angular_momentum"), ReferenceForm()),
     "frame_orientation": tasks.FrameOrientationTask.form,
     "frame_pose": tasks.FramePoseTask.form,
     "relative_pose": tasks.RelativePoseTask.form,
     "axis_alignment": tasks.AxisAlignmentTask.form,
     "gaze": tasks.GazeTask.form,
-    "linear_momentum": ReferenceForm(),
-    "angular_momentum": ReferenceForm(),
     "capture_point": ReferenceForm(vector=2),
     "contact_wrench": ReferenceForm(vector=6),
 }

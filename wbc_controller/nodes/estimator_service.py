@@ -17,14 +17,7 @@ from wbc_controller.controller.build.estimation import make_estimator
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.codec import OK, WARN, diagnostics, encode, odometry, transform
-from wbc_controller.middleware.topics import (
-    CONTACT_SENSORS,
-    ESTIMATOR_NODE,
-    ESTIMATOR_TOPICS,
-    Direction,
-    Endpoint,
-    endpoints,
-)
+from wbc_controller.middleware.topics import ESTIMATOR_NODE, ESTIMATOR_TOPICS, Direction, Endpoint, endpoints
 from wbc_controller.middleware.transports.transport import Publish, Transport
 from wbc_controller.nodes.clock import Clock, MonotonicClock
 from wbc_controller.nodes.inputs import Inputs
@@ -65,11 +58,9 @@ class EstimatorService:
             topic.key: transport.advertise(topic) for topic in topics if topic.direction is Direction.OUT
         }
         self._forces = {topic.subject: transport.stream(topic, 1) for topic in topics if topic.key == "contact_wrench"}
-        sensors = [topic for topic in topics if topic.key in ("joint_states", "imu", "pose", *CONTACT_SENSORS)]
-        vocabulary = make_vocabulary(settings, model)
-        self._inputs = Inputs(
-            settings, model, contacts, vocabulary, sensors, transport, clock, estimator=self.estimator
-        )
+        sensors = [topic for topic in topics if topic.key != "contact_wrench"]  # of the controller
+        words = make_vocabulary(settings, model)
+        self._inputs = Inputs(settings, model, contacts, words, sensors, transport, clock, estimator=self.estimator)
         self._stamp = -math.inf
         self._transform_due = self._diagnostics_due = -math.inf
         self._diagnostics_period = 1.0 / settings.control.diagnostics_rate

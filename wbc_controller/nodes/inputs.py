@@ -39,13 +39,8 @@ from wbc_controller.safety.sample_plausibility import SampleCheck
 from wbc_controller.settings import Settings
 
 #: Largest state message, bytes, by row of the topic table.
-_MAX_BYTES = {
-    "joint_states": 1 << 18,
-    "odom": 1 << 16,
-    "imu": 1 << 16,
-    "pose": 1 << 16,
-    **dict.fromkeys(CONTACT_SENSORS, 1 << 14),
-}
+_MAX_BYTES = {"joint_states": 1 << 18, "odom": 1 << 16, "imu": 1 << 16, "pose": 1 << 16}
+_MAX_BYTES |= dict.fromkeys(CONTACT_SENSORS, 1 << 14)
 _MAX_IMU_SAMPLES = 20  # newest of one cycle, for an IMU faster than the loop
 _MAX_POSES = 4  # newest absolute poses of one cycle
 _STATE_DEPTH = 10  # an oversized message must not displace a valid one
@@ -217,16 +212,10 @@ class Inputs:
             q.setflags(write=False)
             v.setflags(write=False)
             state = RobotState(joints.stamp, q, v)
-        return LatchedInputs(
-            state=state,
-            joint_velocity=None if joints is None else joints.velocity,
-            ages=self.ages(),
-            clock_stall=max([part.stamps.clock_stall for part in self._parts.values()]),
-            refused_states=tuple(refused),
-            requests=self.requests.take(),
-            estimate=self._pose_notes(),
-            touching=self._detector.measured,
-        )
+        velocity = None if joints is None else joints.velocity
+        stall = max([part.stamps.clock_stall for part in self._parts.values()])
+        ages, requests, notes = self.ages(), self.requests.take(), self._pose_notes()
+        return LatchedInputs(state, velocity, ages, stall, tuple(refused), requests, notes, self._detector.measured)
 
     def compare_odometry(self, holding: Collection[str], *, controlled: bool) -> None:
         """Compare the newest odometry with the legs; arguments as for `latch`."""

@@ -120,17 +120,11 @@ class ControlLoop:
         solving = problem is None and not requests and before in IN_CONTROL
         slips = self._changed_slips() if solving else ()
         read, torques_sent = timer() - started, controller.supervisor.torques_sent
-        cycle_inputs = CycleInputs(
-            now=now,
-            state=latched.state,
-            joint_velocity=latched.joint_velocity if ages["joint_states"] <= timeout else None,
-            problem=problem,
-            requests=requests,
-            changes=latched.requests.changes + slips,
-            touching=latched.touching,
-            torques_sent=self._torques_sent,
+        state, changes, touching = latched.state, latched.requests.changes + slips, latched.touching
+        velocity = latched.joint_velocity if ages["joint_states"] <= timeout else None
+        result = controller.cycle(
+            CycleInputs(now, state, velocity, problem, requests, changes, touching, self._torques_sent)
         )
-        result = controller.cycle(cycle_inputs)
         late = None
         clock.refresh()
         passed = max(0.0, clock.now() - now)

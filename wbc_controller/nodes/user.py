@@ -23,12 +23,9 @@ class User:
     """Sends messages to the controller."""
 
     def __init__(self, settings: Settings, model: RobotModel, topics: Sequence[Endpoint], transport: Transport) -> None:
-        self.requests = {
-            (topic.key, topic.subject): topic
-            for topic in topics
-            if topic.direction is Direction.IN
-            and topic.key not in ("joint_states", "odom", "clock", "robot_description")
-        }
+        drivers = ("joint_states", "odom", "clock", "robot_description")
+        incoming = [topic for topic in topics if topic.direction is Direction.IN and topic.key not in drivers]
+        self.requests = {(topic.key, topic.subject): topic for topic in incoming}
         self.settings = settings
         self.model = model
         self._publish = {key: transport.advertise(counterpart(topic)) for key, topic in self.requests.items()}

@@ -48,14 +48,9 @@ def controller_endpoints(
     unused = set() if settings.walking is not None else set(WALKING_KEYS)
     if not settings.control.markers_rate:
         unused.add("markers")
-    return endpoints(
-        [topic for topic in CONTROLLER_TOPICS if topic.key not in unused],
-        node,
-        settings,
-        frames=dict.fromkeys([model.base_link, *named_frames(settings)]),
-        namespace=namespace,
-        remappings=remappings,
-    )
+    topics = [topic for topic in CONTROLLER_TOPICS if topic.key not in unused]
+    frames = dict.fromkeys([model.base_link, *named_frames(settings)])
+    return endpoints(topics, node, settings, frames=frames, namespace=namespace, remappings=remappings)
 
 
 def topics_of(

@@ -29,9 +29,8 @@ class NodeAnnouncement:
 
     def __init__(self, participant: Any, node: str, namespace: str) -> None:
         self._participant_gid = _gid(participant)
-        self._node, self._namespace = node, namespace
-        self._readers: list[Any] = []
-        self._writers: list[Any] = []
+        self._node = {"node_namespace": namespace, "node_name": node}
+        self._gids: dict[str, list[Any]] = {"reader_gid_seq": [], "writer_gid_seq": []}
         qos = Qos(
             Policy.Reliability.Reliable(max_blocking_time=0),
             Policy.Durability.TransientLocal,
@@ -46,8 +45,7 @@ class NodeAnnouncement:
 
     def add(self, entity: DataReader | DataWriter) -> None:
         """Announce a reader or writer."""
-        gids = self._writers if isinstance(entity, DataWriter) else self._readers
-        gids.append(_gid(entity))
+        self._gids["writer_gid_seq" if isinstance(entity, DataWriter) else "reader_gid_seq"].append(_gid(entity))
         self._publish()
 
     def delete(self) -> None:
@@ -56,13 +54,7 @@ class NodeAnnouncement:
         dds_raw.delete(self._topic)
 
     def _publish(self) -> None:
-        node = message(
-            "rmw_dds_common/msg/NodeEntitiesInfo",
-            node_namespace=self._namespace,
-            node_name=self._node,
-            reader_gid_seq=self._readers,
-            writer_gid_seq=self._writers,
-        )
+        node = message("rmw_dds_common/msg/NodeEntitiesInfo", **self._node, **self._gids)
         announcement = message(_TYPE, gid=self._participant_gid, node_entities_info_seq=[node])
         dds_raw.write(self._writer, encode(announcement))
 

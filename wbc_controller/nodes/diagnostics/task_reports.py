@@ -3,7 +3,6 @@
 import re
 from collections import deque
 from collections.abc import Collection, Mapping
-from functools import partial
 
 import numpy as np
 
@@ -114,12 +113,9 @@ class TaskStates:
         if isinstance(task, AccelerationTask):
             positions["task_value"] = array_from(task, "position", (task.form.size,), dynamics)
         words, kind = self._vocabulary, self._vocabulary.kinds[name]
-        make = partial(
-            setpoint_message,
-            TASK_TYPES[kind]["setpoint"],
-            kind,
-            frame=words.reference_frames.get(name, "world"),
-            stamp=stamp,
-            joints=words.joints.get(name, ()),
-        )
-        return name, {key: encode(make(position)) for key, position in positions.items()}
+        type_name, joints = TASK_TYPES[kind]["setpoint"], words.joints.get(name, ())
+        frame = words.reference_frames.get(name, "world")
+        return name, {
+            key: encode(setpoint_message(type_name, kind, position, frame=frame, stamp=stamp, joints=joints))
+            for key, position in positions.items()
+        }

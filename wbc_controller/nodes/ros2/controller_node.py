@@ -37,15 +37,6 @@ _log = logging.getLogger(__name__)
 
 _REMINDER = 5.0  # of a missing URDF, s
 _TIMEOUT = 5.0  # of the shutdown on a possibly failed executor, s
-#: State of the node after each transition.
-_STATES = {
-    "configure": "inactive",
-    "activate": "active",
-    "deactivate": "inactive",
-    "clean up": "unconfigured",
-    "shut down": "finalized",
-    "process the error": "unconfigured",
-}
 _NOT_ACTIVE = "the node is not active; check its state with ros2 lifecycle get"
 _PARAMETERS: dict[str, tuple[Any, str]] = {
     "autostart": (True, "Configure and activate the node at start-up; the process ends on a failure."),
@@ -116,34 +107,34 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
 
     def on_configure(self, state: Any) -> Any:
         """Read and check the parameters; build the model, the topics and the loop."""
-        return self._attempt("configure", self._configure)
+        return self._attempt("configure", self._configure, "inactive")
 
     def on_activate(self, state: Any) -> Any:
         """Start the loop."""
-        return self._attempt("activate", self._activate)
+        return self._attempt("activate", self._activate, "active")
 
     def on_deactivate(self, state: Any) -> Any:
         """End the loop, with zero torques."""
-        return self._attempt("deactivate", self._deactivate)
+        return self._attempt("deactivate", self._deactivate, "inactive")
 
     def on_cleanup(self, state: Any) -> Any:
         """Close the topics and delete the model."""
-        return self._attempt("clean up", self._clean_up)
+        return self._attempt("clean up", self._clean_up, "unconfigured")
 
     def on_shutdown(self, state: Any) -> Any:
         """End the loop, with zero torques, and close the topics."""
         self._finalized = True
-        return self._attempt("shut down", self._clean_up)
+        return self._attempt("shut down", self._clean_up, "finalized")
 
     def on_error(self, state: Any) -> Any:
         """Close everything and return to unconfigured."""
         _log.error("error processing: topics and loop are closed, the node is unconfigured; configure it again")
-        return self._attempt("process the error", self._clean_up)
+        return self._attempt("process the error", self._clean_up, "unconfigured")
 
     def _value(self, name: str) -> Any:
         return own_values(values(self), {name: _PARAMETERS[name][0]}, self.get_fully_qualified_name())[name]
 
-    def _attempt(self, what: str, transition: Callable[[], None]) -> Any:
+    def _attempt(self, what: str, transition: Callable[[], None], state: str) -> Any:
         try:
             transition()
         except WbcError as error:
@@ -152,7 +143,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         except Exception:
             _log.exception("cannot %s", what)
             return TransitionCallbackReturn.ERROR
-        _log.info("lifecycle transition: %s; the node is %s", what, _STATES[what])
+        _log.info("lifecycle transition: %s; the node is %s", what, state)
         return TransitionCallbackReturn.SUCCESS
 
     def _configure(self) -> None:

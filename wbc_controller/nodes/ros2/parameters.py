@@ -8,14 +8,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from wbc_controller.errors import ConfigurationError, valid_choices
-from wbc_controller.settings import NODE_NAME, Settings
-from wbc_controller.settings.files import (
-    find_configuration,
-    load_settings,
-    parse_settings,
-    resolve_paths,
-    shipped_configurations,
-)
+from wbc_controller.settings import NODE_NAME, Settings, files
 from wbc_controller.settings.nesting import merged, nested
 
 #: Parameters of ROS 2 itself, by the first part of their names.
@@ -56,23 +49,25 @@ def settings_from(
     A `ConfigurationError` has one line per error.
     """
     given = {name: value for name, value in parameters.items() if is_robot_parameter(name, own)}
-    path, files = _named_file(parameters, node), parameter_files(arguments)
+    path = _named_file(parameters, node)
+    passed = [Path(text) for flag, text in itertools.pairwise(arguments) if flag == "--params-file"]
     if path is None and not given:
-        if not files:
+        if not passed:
             raise ConfigurationError(
-                f"{node} has no robot: pass -p robot:=<name> ({valid_choices('', shipped_configurations())}), "
+                f"{node} has no robot: pass -p robot:=<name> ({valid_choices('', files.shipped_configurations())}), "
                 f"-p config:=<file>, or --params-file <file> with the section {NODE_NAME!r}"
             )
-        path = files[-1]
+        path = passed[-1]
     overrides = nested(given)
     if path is None:
         source = f"parameters of {node}"
-        return parse_settings(resolve_paths(files[-1], overrides) if files else overrides, source), source
-    settings = load_settings(path)
+        given = files.resolve_paths(passed[-1], overrides) if passed else overrides
+        return files.parse_settings(given, source), source
+    settings = files.load_settings(path)
     if not overrides:
         return settings, str(path)
     source = f"{path} with the parameters of {node}"
-    return parse_settings(merged(settings.model_dump(exclude_unset=True), overrides), source), source
+    return files.parse_settings(merged(settings.model_dump(exclude_unset=True), overrides), source), source
 
 
 def own_values(given: Mapping[str, Any], defaults: Mapping[str, Any], node: str) -> dict[str, Any]:
@@ -91,11 +86,6 @@ def own_values(given: Mapping[str, Any], defaults: Mapping[str, Any], node: str)
     return chosen
 
 
-def parameter_files(arguments: Sequence[str]) -> list[Path]:
-    """Return the parameter files on a command line (``--params-file``), in order."""
-    return [Path(path) for flag, path in itertools.pairwise(arguments) if flag == "--params-file"]
-
-
 def _named_file(parameters: Mapping[str, Any], node: str) -> Path | None:
     named = {key: parameters[key] for key in (ROBOT, CONFIG) if parameters.get(key) not in (None, "")}
     if len(named) == 2:
@@ -107,5 +97,5 @@ def _named_file(parameters: Mapping[str, Any], node: str) -> Path | None:
             raise ConfigurationError(f"{node}: {key} = {value!r}: must be a string")
         if key == CONFIG and not Path(value).is_file():
             raise ConfigurationError(f"{node}: config = {value!r}: file not found")
-        return Path(value) if key == CONFIG else find_configuration(value)
+        return Path(value) if key == CONFIG else files.find_configuration(value)
     return None
