@@ -2,7 +2,6 @@
 
 import contextlib
 import dataclasses
-import itertools
 import logging
 import os
 import threading
@@ -54,22 +53,21 @@ class DdsTransport:
         self._types: dict[str, str] = {}  # by topic
         self._topics: dict[str, Any] = {}
         self._publications: dict[str, list[DdsPublication]] = {}  # by topic
-        self._streams: list[_Stream] = []
         self._graph: Graph | None = None
         open_domain(self._settings)
-        with contextlib.ExitStack() as after_failure:
-            after_failure.callback(close_domain, self._settings)
+        with contextlib.ExitStack() as opened:
+            opened.callback(close_domain, self._settings)
             try:
                 # ROS 2 requires the name of a security enclave.
                 qos = DdsQos(Policy.Userdata(b"enclave=/;"))
                 self._participant = DomainParticipant(self.domain, qos)
-                after_failure.callback(dds_raw.delete, self._participant)
+                opened.callback(dds_raw.delete, self._participant)
                 self._announcement = NodeAnnouncement(self._participant, node, namespace)
-                after_failure.callback(self._announcement.delete)
+                opened.callback(self._announcement.delete)
                 self._dispatcher = _Dispatcher(self._participant, f"dds {node}")
             except Exception as error:
                 raise TransportError(f"cannot join DDS domain {self.domain}: {error}") from error
-            after_failure.pop_all()
+            self._opened = opened.pop_all()  # deletes its entities, the newest first
 
     def advertise(self, endpoint: Endpoint) -> "DdsPublication":
         """See `Transport`."""
@@ -78,6 +76,7 @@ class DdsTransport:
             writer = DataWriter(self._participant, self._topic(endpoint), _writer_qos(endpoint))
             publication = DdsPublication(endpoint.name, writer)
             self._publications.setdefault(endpoint.name, []).append(publication)
+            self._opened.callback(publication.delete)
             self._announcement.add(writer)
             return publication
 
@@ -91,14 +90,16 @@ class DdsTransport:
         endpoint = dataclasses.replace(endpoint, qos=dataclasses.replace(endpoint.qos, depth=depth))
         with self._lock, _translated(f"cannot subscribe to {endpoint.name}"):
             stream = _Stream(endpoint, self._reader(endpoint), self._participant)
-            self._streams.append(stream)
+            self._opened.callback(stream.delete)
             return stream
 
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
         """See `Transport`."""
         with self._lock, _translated(f"cannot query {endpoint.name}"):
             require_open(self._closed, "query", endpoint.name)
-            self._graph = self._graph or Graph(self._participant)
+            if self._graph is None:
+                self._graph = Graph(self._participant)
+                self._opened.callback(self._graph.delete)
             return self._graph.publishers(_dds_name(endpoint))
 
     def has_reader(self, endpoint: Endpoint) -> bool:
@@ -118,24 +119,21 @@ class DdsTransport:
                 self._closed = True
             # Without `_lock`: `stop` waits for a callback, which may open a topic.
             self._dispatcher.stop()
-            publications = itertools.chain.from_iterable(self._publications.values())
-            for part in (*publications, *self._streams, self._dispatcher, self._announcement, self._graph):
-                if part is not None:
-                    part.delete()
-            for entity in (*self._topics.values(), self._participant):
-                dds_raw.delete(entity)
-            close_domain(self._settings)
+            self._opened.close()
 
     def _reader(self, endpoint: Endpoint) -> Any:
         require_open(self._closed, "open", endpoint.name)
         reader = DataReader(self._participant, self._topic(endpoint), _reader_qos(endpoint))
+        self._opened.callback(dds_raw.delete, reader)
         self._announcement.add(reader)
         return reader
 
     def _topic(self, endpoint: Endpoint) -> Any:
         check_type(self._types, endpoint)
         if endpoint.name not in self._topics:
-            self._topics[endpoint.name] = Topic(self._participant, _dds_name(endpoint), idl_type(endpoint.type))
+            topic = Topic(self._participant, _dds_name(endpoint), idl_type(endpoint.type))
+            self._topics[endpoint.name] = topic
+            self._opened.callback(dds_raw.delete, topic)
         return self._topics[endpoint.name]
 
 
@@ -216,7 +214,6 @@ class _Stream:
         self.wake()
         self._closed = True
         self._triggers.delete()
-        dds_raw.delete(self._reader)
 
 
 class _Dispatcher:
@@ -236,11 +233,7 @@ class _Dispatcher:
     def stop(self) -> None:
         self._stop.set(True)
         self.thread.join()
-
-    def delete(self) -> None:
         self._triggers.delete()
-        for _, reader, _ in self._readers.values():
-            dds_raw.delete(reader)
 
     def _run(self) -> None:
         try:

@@ -68,7 +68,16 @@ def domain_settings(
     The arguments override the environment; the default range is ``LOCALHOST``. Invalid values and enforced security
     raise `TransportError`.
     """
-    _refuse_security(environment)
+    if environment.get("ROS_SECURITY_ENABLE") == "true":
+        if environment.get("ROS_SECURITY_STRATEGY") == "Enforce":
+            raise TransportError(
+                "ROS_SECURITY_ENABLE is true and ROS_SECURITY_STRATEGY is Enforce, but the embedded DDS does not "
+                "support security; run the ROS 2 executables wbc_controller, mock_robot and guard instead, or unset "
+                "these variables"
+            )
+        _log.warning(
+            "ROS_SECURITY_ENABLE is true, but the embedded DDS does not support security: messages are not secured"
+        )
     if domain_id is None:
         text = environment.get("ROS_DOMAIN_ID") or "0"
         if not (text.isascii() and text.isdigit() and int(text) <= MAX_DOMAIN_ID):
@@ -135,19 +144,6 @@ def _names_interfaces(uri: str) -> bool:
         with contextlib.suppress(OSError, ValueError):
             texts.append(Path(part.strip().removeprefix("file://")).read_text(encoding="utf-8"))
     return any(re.search(r"<\s*(\w+:)?NetworkInterface(Address)?\b", text) for text in texts)
-
-
-def _refuse_security(environment: Mapping[str, str]) -> None:
-    if environment.get("ROS_SECURITY_ENABLE") != "true":
-        return
-    if environment.get("ROS_SECURITY_STRATEGY") == "Enforce":
-        raise TransportError(
-            "ROS_SECURITY_ENABLE is true and ROS_SECURITY_STRATEGY is Enforce, but the embedded DDS does not support "
-            "security; run the ROS 2 executables wbc_controller, mock_robot and guard instead, or unset these variables"
-        )
-    _log.warning(
-        "ROS_SECURITY_ENABLE is true, but the embedded DDS does not support security: messages are not secured"
-    )
 
 
 @dataclass(slots=True)
