@@ -50,7 +50,8 @@ class Topic:
 
 
 _POINT, _VECTOR, _POSE = (f"geometry_msgs/msg/{name}Stamped" for name in ("Point", "Vector3", "Pose"))
-_JOINTS = "sensor_msgs/msg/JointState"
+_STRING, _BOOL, _FLOAT = (f"std_msgs/msg/{name}" for name in ("String", "Bool", "Float64"))
+_WRENCH, _JOINTS = "geometry_msgs/msg/WrenchStamped", "sensor_msgs/msg/JointState"
 
 
 def _with_trajectory(setpoint: str, trajectory: str = "MultiDOFJointTrajectory") -> Mapping[str, str]:
@@ -70,7 +71,7 @@ TASK_TYPES: Mapping[str, Mapping[str, str]] = {
     "linear_momentum": _with_trajectory(_VECTOR),
     "angular_momentum": _with_trajectory(_VECTOR),
     "capture_point": _with_trajectory(_POINT),
-    "contact_wrench": {"setpoint": "geometry_msgs/msg/WrenchStamped"},
+    "contact_wrench": {"setpoint": _WRENCH},
     "torque": {"setpoint": _JOINTS},
 }
 
@@ -80,7 +81,7 @@ _IN, _OUT = Direction.IN, Direction.OUT
 
 # fmt: off
 CONTROLLER_TOPICS: tuple[Topic, ...] = (
-    Topic("joint_states", "joint_states", "sensor_msgs/msg/JointState", _IN, STATE_IN,
+    Topic("joint_states", "joint_states", _JOINTS, _IN, STATE_IN,
           "Positions and velocities by joint name; additional joints are ignored. A message with a missing joint or a "
           "non-finite value is refused."),
     Topic("odom", "odom", "nav_msgs/msg/Odometry", _IN, STATE_IN,
@@ -88,14 +89,14 @@ CONTROLLER_TOPICS: tuple[Topic, ...] = (
     Topic("imu", "imu", "sensor_msgs/msg/Imu", _IN, STATE_IN,
           "Angular velocity and specific force in the axes of `estimation.imu_frame`, instead of `odom` if "
           "`estimation.base_state` is imu."),
-    Topic("measured_wrench", "~/contacts/{contact}/measured_wrench", "geometry_msgs/msg/WrenchStamped", _IN, STATE_IN,
+    Topic("measured_wrench", "~/contacts/{contact}/measured_wrench", _WRENCH, _IN, STATE_IN,
           "Wrench on the robot by a force sensor, for contact detection if `estimation.base_state` is imu."),
-    Topic("holds", "~/contacts/{contact}/holds", "std_msgs/msg/Bool", _IN, STATE_IN,
+    Topic("holds", "~/contacts/{contact}/holds", _BOOL, _IN, STATE_IN,
           "State of a foot switch, for contacts without a force sensor, if `estimation.base_state` is imu."),
     Topic("pose", "pose", "geometry_msgs/msg/PoseWithCovarianceStamped", _IN, STATE_IN,
           "Absolute pose of `estimation.pose_frame` in the world (motion capture, SLAM) at the time of measurement, if "
           "`estimation.absolute_pose` is set and the controller estimates the base."),
-    Topic("robot_description", "robot_description", "std_msgs/msg/String", _IN, LATCHED,
+    Topic("robot_description", "robot_description", _STRING, _IN, LATCHED,
           "The URDF, if the configuration names no file."),
     Topic("clock", "/clock", "rosgraph_msgs/msg/Clock", _IN, STATE_IN,
           "Simulated time for ages and ramps, if `use_sim_time` is set."),
@@ -106,43 +107,38 @@ CONTROLLER_TOPICS: tuple[Topic, ...] = (
     Topic("trajectory", "~/tasks/{task}/trajectory", "trajectory", _IN, REQUEST,
           "Timed positions with feed-forward velocities and accelerations, interpolated by quintics. A zero stamp "
           "starts at once."),
-    Topic("weight", "~/tasks/{task}/weight", "std_msgs/msg/Float64", _IN, REQUEST,
-          "New weight of a task, along a ramp."),
-    Topic("task_enable", "~/tasks/{task}/enable", "std_msgs/msg/Bool", _IN, REQUEST,
+    Topic("weight", "~/tasks/{task}/weight", _FLOAT, _IN, REQUEST, "New weight of a task, along a ramp."),
+    Topic("task_enable", "~/tasks/{task}/enable", _BOOL, _IN, REQUEST,
           "Switches a task on or off, along a ramp of its weight."),
-    Topic("contact_enable", "~/contacts/{contact}/enable", "std_msgs/msg/Bool", _IN, REQUEST,
+    Topic("contact_enable", "~/contacts/{contact}/enable", _BOOL, _IN, REQUEST,
           "Activates or deactivates a contact, along a ramp of its force."),
-    Topic("external_wrench", "~/external_wrenches/{frame}", "geometry_msgs/msg/WrenchStamped", _IN, REQUEST,
+    Topic("external_wrench", "~/external_wrenches/{frame}", _WRENCH, _IN, REQUEST,
           "Known external wrench at a frame's origin in world axes, until replaced (S4)."),
     Topic("cmd_vel", "cmd_vel", "geometry_msgs/msg/Twist", _IN, REQUEST,
           "Walking velocity in the robot's heading, m/s and rad/s. Zero, or no message for `walking.command_timeout`, "
           "stops it. Only with the section `walking` (docs/walking.md)."),
     Topic("cmd_vel_stamped", "cmd_vel_stamped", "geometry_msgs/msg/TwistStamped", _IN, REQUEST,
           "As `cmd_vel`, with an ignored header."),
-    Topic("walk_goal", "~/walk/goal", "geometry_msgs/msg/PoseStamped", _IN, REQUEST,
-          "Walk to x, y and heading in the world."),
+    Topic("walk_goal", "~/walk/goal", _POSE, _IN, REQUEST, "Walk to x, y and heading in the world."),
     Topic("walk_footsteps", "~/walk/footsteps", "geometry_msgs/msg/PoseArray", _IN, REQUEST,
           "Walk by poses of the soles in the world (x, y, heading), left and right in turn, then stop."),
-    Topic("update", "~/update", "std_msgs/msg/String", _IN, REQUEST,
+    Topic("update", "~/update", _STRING, _IN, REQUEST,
           "YAML with weights, enables, setpoints, contacts and live settings, applied at once, all or nothing."),
-    Topic("command", "~/command", "std_msgs/msg/String", _IN, REQUEST,
-          "One of activate, deactivate, damp, reset, estop."),
-    Topic("record", "~/record", "std_msgs/msg/String", _IN, REQUEST,
+    Topic("command", "~/command", _STRING, _IN, REQUEST, "One of activate, deactivate, damp, reset, estop."),
+    Topic("record", "~/record", _STRING, _IN, REQUEST,
           "Reason of a recording of the last seconds, part of the file's name."),
     Topic("effort", "effort_controller/commands", "std_msgs/msg/Float64MultiArray", _OUT, NEWEST_OUT,
           "Torques for ros2_control's effort controllers, N·m, in the order of `robot.actuators` (default "
           "`robot.joints`), or joint torques by `robot.command`."),
-    Topic("joint_commands", "~/joint_commands", "sensor_msgs/msg/JointState", _OUT, NEWEST_OUT,
+    Topic("joint_commands", "~/joint_commands", _JOINTS, _OUT, NEWEST_OUT,
           "The torques by joint name, with desired positions and velocities and the stamp of the latched state."),
-    Topic("contact_wrench", "~/contacts/{contact}/wrench", "geometry_msgs/msg/WrenchStamped", _OUT, NEWEST_OUT,
+    Topic("contact_wrench", "~/contacts/{contact}/wrench", _WRENCH, _OUT, NEWEST_OUT,
           "Contact force or wrench of the solution in the contact frame (on demand)."),
     Topic("task_reference", "~/tasks/{task}/reference", "setpoint", _OUT, NEWEST_OUT,
           "Present reference of an active controller, at `control.diagnostics_rate`, with the stamp of the state "
           "(on demand)."),
-    Topic("task_value", "~/tasks/{task}/value", "value", _OUT, NEWEST_OUT,
-          "Present value, likewise."),
-    Topic("state", "~/state", "std_msgs/msg/String", _OUT, LATCHED,
-          "The mode, with code and reason of a fault."),
+    Topic("task_value", "~/tasks/{task}/value", "value", _OUT, NEWEST_OUT, "Present value, likewise."),
+    Topic("state", "~/state", _STRING, _OUT, LATCHED, "The mode, with code and reason of a fault."),
     Topic("walk_footsteps_left", "~/walk/footsteps_left", "std_msgs/msg/Int32", _OUT, LATCHED,
           "Number of planned footsteps without a touchdown."),
     Topic("diagnostics", "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", _OUT, REQUEST,
@@ -163,17 +159,15 @@ GUARD_NODE = "guard"
 MOCK_TOPICS: tuple[Topic, ...] = (
     Topic("effort", "effort_controller/commands", "std_msgs/msg/Float64MultiArray", _IN, STATE_IN,
           "Torques to apply. After a message of wrong size or with a non-finite value the joints are damped."),
-    Topic("joint_commands", "wbc_controller/joint_commands", "sensor_msgs/msg/JointState", _IN, STATE_IN,
+    Topic("joint_commands", "wbc_controller/joint_commands", _JOINTS, _IN, STATE_IN,
           "In lockstep mode, the command that triggers the next step."),
-    Topic("push", "~/push", "geometry_msgs/msg/WrenchStamped", _IN, REQUEST,
-          "Wrench on the body `frame_id` in world axes, for `push_duration`."),
-    Topic("hold", "~/hold", "std_msgs/msg/Bool", _IN, REQUEST,
-          "Holds the base at its initial pose (true) or releases it (false)."),
-    Topic("grip", "~/contacts/{contact}/grip", "std_msgs/msg/Bool", _IN, REQUEST,
+    Topic("push", "~/push", _WRENCH, _IN, REQUEST, "Wrench on the body `frame_id` in world axes, for `push_duration`."),
+    Topic("hold", "~/hold", _BOOL, _IN, REQUEST, "Holds the base at its initial pose (true) or releases it (false)."),
+    Topic("grip", "~/contacts/{contact}/grip", _BOOL, _IN, REQUEST,
           "Holds the link of a fixed contact at its present pose (true) or releases it (false)."),
-    Topic("fault", "~/fault", "std_msgs/msg/String", _IN, REQUEST,
+    Topic("fault", "~/fault", _STRING, _IN, REQUEST,
           "YAML with one fault or a list of them (docs/faults.md), or `clear`."),
-    Topic("joint_states", "joint_states", "sensor_msgs/msg/JointState", _OUT, NEWEST_OUT,
+    Topic("joint_states", "joint_states", _JOINTS, _OUT, NEWEST_OUT,
           "Measured positions, velocities and applied efforts."),
     Topic("clock", "/clock", "rosgraph_msgs/msg/Clock", _OUT, NEWEST_OUT, "Simulated time, before each state."),
     Topic("odom", "odom", "nav_msgs/msg/Odometry", _OUT, NEWEST_OUT, "True pose and twist of the base."),
@@ -184,25 +178,25 @@ MOCK_TOPICS: tuple[Topic, ...] = (
     Topic("pose", "pose", "geometry_msgs/msg/PoseWithCovarianceStamped", _OUT, NEWEST_OUT,
           "Absolute pose of `estimation.pose_frame` at `mock.pose_rate` (default 0), with the delay and noise of the "
           "section `mock`."),
-    Topic("contact_wrench", "~/contacts/{contact}/wrench", "geometry_msgs/msg/WrenchStamped", _OUT, NEWEST_OUT,
+    Topic("contact_wrench", "~/contacts/{contact}/wrench", _WRENCH, _OUT, NEWEST_OUT,
           "True contact wrench in the contact frame."),
-    Topic("robot_description", "robot_description", "std_msgs/msg/String", _OUT, LATCHED, "The robot's URDF."),
+    Topic("robot_description", "robot_description", _STRING, _OUT, LATCHED, "The robot's URDF."),
 )
 
 GUARD_TOPICS: tuple[Topic, ...] = (
-    Topic("joint_commands", "wbc_controller/joint_commands", "sensor_msgs/msg/JointState", _IN, STATE_IN,
+    Topic("joint_commands", "wbc_controller/joint_commands", _JOINTS, _IN, STATE_IN,
           "The controller's commands, which keep the guard passive."),
-    Topic("controller_state", "wbc_controller/state", "std_msgs/msg/String", _IN, LATCHED,
+    Topic("controller_state", "wbc_controller/state", _STRING, _IN, LATCHED,
           "The controller's mode. In inactive, stopped and fault, commands may end after zero torques."),
-    Topic("joint_states", "joint_states", "sensor_msgs/msg/JointState", _IN, STATE_IN,
+    Topic("joint_states", "joint_states", _JOINTS, _IN, STATE_IN,
           "Joint velocities for the damping. A triggered controller must answer each joint state with a command."),
-    Topic("robot_description", "robot_description", "std_msgs/msg/String", _IN, LATCHED,
+    Topic("robot_description", "robot_description", _STRING, _IN, LATCHED,
           "The URDF with the effort limits, if the configuration names no file."),
     Topic("effort", "effort_controller/commands", "std_msgs/msg/Float64MultiArray", _OUT, NEWEST_OUT,
           "Damping torques, N·m, then zero, only while the controller's commands are missing."),
     Topic("guard_commands", "~/joint_commands", _JOINTS, _OUT, NEWEST_OUT,
           "The same by joint name, with the stamp of the last command."),
-    Topic("state", "~/state", "std_msgs/msg/String", _OUT, LATCHED,
+    Topic("state", "~/state", _STRING, _OUT, LATCHED,
           "One of idle, watching, damping, zero, released; the last three with the reason."),
     Topic("diagnostics", "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", _OUT, REQUEST,
           "The guard's state, message ages, number of takeovers, and refused inputs."),
@@ -211,19 +205,19 @@ GUARD_TOPICS: tuple[Topic, ...] = (
 ESTIMATOR_NODE = "base_estimator"
 
 ESTIMATOR_TOPICS: tuple[Topic, ...] = (
-    Topic("joint_states", "joint_states", "sensor_msgs/msg/JointState", _IN, STATE_IN,
+    Topic("joint_states", "joint_states", _JOINTS, _IN, STATE_IN,
           "Joint positions and velocities; each message triggers an estimate."),
     Topic("imu", "imu", "sensor_msgs/msg/Imu", _IN, STATE_IN,
           "Angular velocity and specific force in the axes of `estimation.imu_frame`."),
     Topic("pose", "pose", "geometry_msgs/msg/PoseWithCovarianceStamped", _IN, STATE_IN,
           "As of the controller, if `estimation.absolute_pose` is set."),
-    Topic("holds", "~/contacts/{contact}/holds", "std_msgs/msg/Bool", _IN, STATE_IN,
+    Topic("holds", "~/contacts/{contact}/holds", _BOOL, _IN, STATE_IN,
           "State of a foot switch, or contact of another controller."),
-    Topic("measured_wrench", "~/contacts/{contact}/measured_wrench", "geometry_msgs/msg/WrenchStamped", _IN, STATE_IN,
+    Topic("measured_wrench", "~/contacts/{contact}/measured_wrench", _WRENCH, _IN, STATE_IN,
           "Wrench on the robot by a force sensor, for contact detection."),
-    Topic("contact_wrench", "wbc_controller/contacts/{contact}/wrench", "geometry_msgs/msg/WrenchStamped", _IN,
-          STATE_IN, "Forces of the controller's active contacts; without any, the configured ones are active."),
-    Topic("robot_description", "robot_description", "std_msgs/msg/String", _IN, LATCHED,
+    Topic("contact_wrench", "wbc_controller/contacts/{contact}/wrench", _WRENCH, _IN, STATE_IN,
+          "Forces of the controller's active contacts; without any, the configured ones are active."),
+    Topic("robot_description", "robot_description", _STRING, _IN, LATCHED,
           "The URDF, if the configuration names no file."),
     Topic("odom", "odom", "nav_msgs/msg/Odometry", _OUT, NEWEST_OUT,
           "Pose of the base in `odom` (origin: the start) and twist in the base's axes (REP 105), with covariances; "
