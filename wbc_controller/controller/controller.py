@@ -182,10 +182,7 @@ class Controller(ControlCycle):
         self.enable(name, False)
 
     def set_weight(self, task: str, weight: float) -> None:
-        """Set the weight of a task, along a ramp of ``control.weight_ramp``.
-
-        An unknown task, or a weight outside 0 to 1e6, raises `InputRefused`.
-        """
+        """Set a task's weight, 0 to 1e6, along a ramp of ``control.weight_ramp``; others raise `InputRefused`."""
         self._task(task)
         self._command(changes.SetWeight(task, number(weight, f"the weight of task {task!r}", 0.0, 1.0e6)))
 

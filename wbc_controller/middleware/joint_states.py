@@ -49,7 +49,8 @@ class StateReader(ABC):
     type: str
     paths: tuple[str, ...]  # fields of `_decode`, in order
 
-    def __init__(self) -> None:
+    def __init__(self, frame: str = "") -> None:
+        self._frame = frame  # link of the measured values
         self._layout: MessageLayout | None = None
         self._index = np.zeros(0, dtype=np.intp)  # of the values in the numbers of the layout
 

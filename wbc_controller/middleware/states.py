@@ -64,10 +64,6 @@ class OdometryReader(StateReader):
     type = "nav_msgs/msg/Odometry"
     paths = (*_POSE, *_axes("twist.twist.linear"), *_axes("twist.twist.angular"))
 
-    def __init__(self, base_link: str) -> None:
-        super().__init__()
-        self._base_link = base_link
-
     def read(self, payload: bytes) -> BaseState:
         """See `StateReader`."""
         stamp, values = self._decode(payload)
@@ -79,9 +75,9 @@ class OdometryReader(StateReader):
         return BaseState(stamp, pose, twist)
 
     def _check_text(self, content: Any) -> None:
-        if content.child_frame_id not in ("", self._base_link):
+        if content.child_frame_id not in ("", self._frame):
             raise InputRefused(
-                f"child_frame_id is {content.child_frame_id!r}; the robot's base link is {self._base_link!r}"
+                f"child_frame_id is {content.child_frame_id!r}; the robot's base link is {self._frame!r}"
             )
 
 
@@ -93,10 +89,6 @@ class ImuReader(StateReader):
         *_axes("angular_velocity"), "angular_velocity_covariance",
         *_axes("linear_acceleration"), "linear_acceleration_covariance",
     )  # fmt: skip
-
-    def __init__(self, frame: str) -> None:
-        super().__init__()
-        self._frame = frame
 
     def read(self, payload: bytes) -> ImuData:
         """See `StateReader`."""

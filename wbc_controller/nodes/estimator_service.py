@@ -1,7 +1,4 @@
-"""The base estimator as a service.
-
-With `estimation.base_state: imu` the controller estimates its base itself, without this node.
-"""
+"""The base estimator as a service; with `estimation.base_state: imu` the controller estimates its base itself."""
 
 import gc
 import logging

@@ -17,7 +17,6 @@ from wbc_controller.controller.controller import Controller
 from wbc_controller.controller.report import CycleInputs, CycleReport, LatchedInputs
 from wbc_controller.controller.result import CycleResult
 from wbc_controller.errors import TransportError
-from wbc_controller.estimation.base_estimator import BaseEstimator
 from wbc_controller.inverse_dynamics.references.changes import SetSlippingContacts
 from wbc_controller.nodes.clock import Clock
 from wbc_controller.nodes.inputs import Inputs
@@ -63,6 +62,7 @@ class ControlLoop:
         self.controller = controller
         self.observers = tuple(observers)
         self._inputs = inputs
+        self.estimator = inputs.estimator  # of the base; None for odometry
         self._outputs = outputs
         self._takeover = takeover
         self._torques_sent: Array | None = None  # (na,) in N·m, if not those of the last result
@@ -83,11 +83,6 @@ class ControlLoop:
         self._logged_contention: tuple[str, ...] = ()
         self._logged: dict[str, float] = {}
         self._logged_mode = controller.mode
-
-    @property
-    def estimator(self) -> BaseEstimator | None:
-        """Estimator of the base, or None for odometry."""
-        return self._inputs.estimator
 
     def cycle(self) -> CycleReport:
         """Run one cycle."""

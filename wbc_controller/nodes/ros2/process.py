@@ -1,7 +1,4 @@
-"""The process of a node.
-
-The main thread waits for a signal (and runs the mock robot's physics). Other threads: docs/architecture.md.
-"""
+"""The process of a node: the main thread waits for a signal, or runs the mock robot (threads: docs/architecture.md)."""
 
 import contextlib
 import logging
