@@ -108,10 +108,8 @@ class Controller(ControlCycle):
         streamed = velocity is not None or acceleration is not None
         if duration is not None:
             duration = number(duration, f"the duration of task {task!r}", 0.0, LONGEST)
-            if streamed:
-                raise InputRefused(
-                    f"duration = {duration!r} s of task {task!r}: not valid with velocity or acceleration"
-                )
+        if duration is not None and streamed:
+            raise InputRefused(f"duration = {duration!r} s of task {task!r}: not valid with velocity or acceleration")
         if not streamed:
             self._command(changes.SetSetpoint(task, values, duration))
             return
@@ -165,17 +163,15 @@ class Controller(ControlCycle):
         if not isinstance(enabled, bool | np.bool_):
             raise InputRefused(f"enabled = {reprlib.repr(enabled)}: must be True or False")
         section, _, inner = str_of(name).rpartition(".")
-        kinds: dict[str, tuple[Mapping[str, Any], type[changes.EnableTask | changes.EnableContact]]] = {
-            "tasks": (self.board.plans, changes.EnableTask),
-            "contacts": (self.board.contact_plans, changes.EnableContact),
-        }
-        found = [kind for key, (known, kind) in kinds.items() if inner in known and section in ("", key)]
+        known: dict[str, Mapping[str, Any]] = {"tasks": self.board.plans, "contacts": self.board.contact_plans}
+        found = [key for key, names in known.items() if inner in names and section in ("", key)]
         if not found:
             names = [*self.board.plans, *self.board.contact_plans]
             raise InputRefused(f"unknown task or contact {reprlib.repr(name)}; {valid_choices(str_of(name), names)}")
         if len(found) > 1:
             raise InputRefused(f"{name!r} is a task and a contact; use tasks.{name} or contacts.{name}")
-        self._command(found[0](inner, bool(enabled)))
+        change = changes.EnableTask if found[0] == "tasks" else changes.EnableContact
+        self._command(change(inner, bool(enabled)))
 
     def disable(self, name: str) -> None:
         """Disable a task or contact along a ramp, as `enable`."""

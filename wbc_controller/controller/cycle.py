@@ -36,18 +36,7 @@ _log = logging.getLogger(__name__)
 
 
 class ControlCycle:
-    """References, quadratic program and supervisor of one robot, called once per period.
-
-    Attributes:
-        dynamics: of the last cycle; at first in the nominal posture with the base at 0.
-        limits: row limits by kind: ``self_collision`` and the user's limits.
-        period: configured, 1 / ``control.rate``, s.
-        walker: step planner, or None without a section ``walking``.
-        model_error: compensation of friction and disturbances.
-        live: current settings.
-        cycle_records: records for a recorder, which empties the list; None without a recorder.
-        holding: loaded contacts of the last cycle; without a solution the ones enabled at activation.
-    """
+    """References, quadratic program and supervisor of one robot, called once per period."""
 
     def __init__(
         self,
@@ -76,30 +65,31 @@ class ControlCycle:
             model = make_model(settings, self.config.urdf) if model is None else model
             self.qp = make_qp(settings, model, timer, tasks=tasks, contacts=contacts, limits=limits)
             self.model_error = make_model_error(settings, model, self.qp.contacts)
-            self.live = LiveSettings(settings, self.qp)
+            self.live = LiveSettings(settings, self.qp)  # current settings
             if preflight:
                 check_qp(settings, self.qp, ReferenceBoard(self.live.newest.board))
         except ConfigurationError as error:
             raise ConfigurationError(self.config.with_source(str(error))) from error
         qp = self.qp
-        self.model, self.dynamics = model, qp.dynamics
+        self.model, self.dynamics = model, qp.dynamics  # dynamics of the last cycle, at first of the nominal posture
         self.tasks, self.contacts = qp.tasks, qp.contacts
+        #: Row limits by kind: ``self_collision`` and the user's limits.
         self.limits: Mapping[str, RowLimit] = {limit.kind: limit for limit in qp.formulation.row_limits}
-        self.period = qp.formulation.period
+        self.period = qp.formulation.period  # configured, 1 / ``control.rate``, s
         self._live = self.live.newest
         self.board = ReferenceBoard(self._live.board)
         self.supervisor = Supervisor(model, make_supervisor_limits(settings, model))
-        self.walker = make_walker(settings, self.qp)
+        self.walker = make_walker(settings, self.qp)  # step planner; None without a section ``walking``
         if self.walker is not None:
             prepare_gait(self.walker, self.qp, self._live.board)
         self._command_timeout = 0.0 if settings.walking is None else settings.walking.command_timeout
-        self.holding = self._enabled_contacts()
+        self.holding = self._enabled_contacts()  # loaded in the last cycle; enabled ones without a solution
         self._timer = timer
         self._commands: list[Change] = []  # applied in the next cycle
         self._streamed: dict[str, Reference] = {}  # streamed references of the next cycle
         self._explanation = FailureExplanation()
         self._defect: Fault | None = None  # outside the cycle
-        self.cycle_records: list[CycleRecord] | None = None
+        self.cycle_records: list[CycleRecord] | None = None  # for a recorder, which empties the list
         self._solution: Solution | None = None
         self._changed_outside = False  # state changed between two cycles
 
@@ -152,10 +142,8 @@ class ControlCycle:
             tau = command.tau if command is not None and whole else None
             self.model_error.record_command(state, solution, tau, self.qp.dynamics, self.qp.contact_jacobian)
         if remaining and outcome is None:
-            requests = "'activate'" if self.mode is Mode.INACTIVE else "'reset' and 'activate'"
-            refused.append(
-                f"{len(remaining)} task or contact commands: the controller is {self.mode.value}; send {requests} first"
-            )
+            mode, words = self.mode.value, "'activate'" if self.mode is Mode.INACTIVE else "'reset' and 'activate'"
+            refused.append(f"{len(remaining)} task or contact commands: the controller is {mode}; send {words} first")
         if references is not None and supervisor.solving:
             unloaded = self.model_error.unloaded_contacts
             self.holding = tuple(name for name, on in references.contacts.items() if on > 0.0 and name not in unloaded)

@@ -75,11 +75,9 @@ class LiveSettings:
         """Return the results of a change, nested as in a configuration file; errors name its source."""
         settings = parse_settings(merged(self.settings.model_dump(exclude_unset=True), change), source)
         differences = list(_differences(self.settings, settings))
-        fixed = [key for key, _, _, live, _ in differences if not live]
+        fixed = ", ".join(key for key, _, _, live, _ in differences if not live)
         if fixed:
-            raise ConfigurationError(
-                f"{source}: {', '.join(fixed)}: read only when the controller is configured; reconfigure it"
-            )
+            raise ConfigurationError(f"{source}: {fixed}: read only when the controller is configured; reconfigure it")
         beyond = []
         for key, _, value, _, (lower, upper) in (each for each in differences if each[-1] is not None):
             configured = operator.attrgetter(key)(self._configured)
