@@ -27,6 +27,26 @@ from wbc_controller.middleware.stamps import stamp_of
 from wbc_controller.records import Array, ChangeSettings
 from wbc_controller.settings.files import read_yaml
 
+WORLD_FRAMES = ("", "world", "odom", "map")  # of the world in headers
+#: Kinds of task with references that may be given in a frame of the robot.
+_WORLD_KINDS = ("com", "frame_position", "frame_orientation", "frame_pose", "axis_alignment", "gaze", "capture_point")
+_MAX_POINTS = 5000  # of a trajectory
+MAX_DISTANCE = 1.0e4  # largest coordinate of a pose on the ground, m
+_MAX_FOOTSTEPS = 1000
+_LARGEST_TILT = 0.1  # of a pose on the ground, as a component of a unit quaternion
+_MAX_UPDATE = 4096  # length of an update, characters
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # in C if available
+_UPDATE_FORM = (
+    "an update is YAML such as {tasks: {com: {weight: 5.0, enabled: true, setpoint: [0, 0, 0.7]}}, "
+    "contacts: {left_foot: {enabled: false}}}"
+)
+#: Keys of references and keys of settings, by section of an update.
+_UPDATE_KEYS = {
+    "tasks": (("enabled", "weight", "setpoint", "frame"), ("stiffness", "damping", "gain", "setpoint_duration")),
+    "contacts": (("enabled",), ("ramp",)),
+}
+_UPDATE_SETTINGS = ("control", "limits", "safety")  # with settings only
+
 
 @dataclass(frozen=True, slots=True)
 class Vocabulary:
@@ -51,12 +71,7 @@ _FORMS: Mapping[str, ReferenceForm] = {
     "capture_point": ReferenceForm(vector=2),
     "contact_wrench": ReferenceForm(vector=6),
 }
-
-
 _xyz, _xyzw = operator.attrgetter("x", "y", "z"), operator.attrgetter("x", "y", "z", "w")
-WORLD_FRAMES = ("", "world", "odom", "map")  # of the world in headers
-#: Kinds of task with references that may be given in a frame of the robot.
-_WORLD_KINDS = ("com", "frame_position", "frame_orientation", "frame_pose", "axis_alignment", "gaze", "capture_point")
 
 
 def _require_world_frame(content: Any, what: str) -> None:
@@ -128,9 +143,6 @@ def _require_joints(joints: Sequence[str], names: Sequence[str], what: str, *, p
     missing = [] if partial else [name for name in joints if name not in names]
     if missing:
         raise InputRefused(f"{what}: {len(missing)} joints are missing: {', '.join(missing)}")
-
-
-_MAX_POINTS = 5000  # of a trajectory
 
 
 def _read_trajectory(vocabulary: Vocabulary, task: str, content: Any) -> tuple[changes.Change, ...]:
@@ -206,11 +218,6 @@ def _read_velocity(twist: Any) -> tuple[changes.Change, ...]:
     return (changes.Walk(velocity if velocity.any() else None, streamed=True),)
 
 
-MAX_DISTANCE = 1.0e4  # largest coordinate of a pose on the ground, m
-_MAX_FOOTSTEPS = 1000
-_LARGEST_TILT = 0.1  # of a pose on the ground, as a component of a unit quaternion
-
-
 def _pose_on_ground(pose: Any, what: str) -> Array:
     """Return x, y in m and heading in rad of a pose, (3,)."""
     place = finite([pose.position.x, pose.position.y], what)
@@ -238,20 +245,6 @@ def _read_footsteps(content: Any) -> tuple[changes.Change, ...]:
 
 def _wrench(content: Any) -> Array:
     return finite([*_xyz(content.wrench.force), *_xyz(content.wrench.torque)], "the wrench")
-
-
-_MAX_UPDATE = 4096  # length of an update, characters
-_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # in C if available
-_UPDATE_FORM = (
-    "an update is YAML such as {tasks: {com: {weight: 5.0, enabled: true, setpoint: [0, 0, 0.7]}}, "
-    "contacts: {left_foot: {enabled: false}}}"
-)
-#: Keys of references and keys of settings, by section of an update.
-_UPDATE_KEYS = {
-    "tasks": (("enabled", "weight", "setpoint", "frame"), ("stiffness", "damping", "gain", "setpoint_duration")),
-    "contacts": (("enabled",), ("ramp",)),
-}
-_UPDATE_SETTINGS = ("control", "limits", "safety")  # with settings only
 
 
 def _read_update(vocabulary: Vocabulary, subject: str, content: Any) -> tuple[changes.Change | ChangeSettings, ...]:

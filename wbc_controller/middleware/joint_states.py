@@ -97,11 +97,9 @@ class JointStateReader(StateReader):
         columns = values.reshape(len(self.paths), -1)  # (k, nj)
         if not is_finite(values):
             k, i = np.argwhere(~np.isfinite(columns))[0]
-            column, joint = self.paths[k], self._joints[i]
+            column, joint, value = self.paths[k], self._joints[i], columns[k, i]
             hint = f"; {_VELOCITY_HINT}" if column == "velocity" and np.isnan(columns[k]).all() else ""
-            raise InputRefused(
-                f"{column} of {joint!r} is {columns[k, i]} {_UNITS[column]}; every value must be finite{hint}"
-            )
+            raise InputRefused(f"{column} of {joint!r} is {value} {_UNITS[column]}; every value must be finite{hint}")
         return JointStates(stamp, *self._ignored, *columns)
 
     def _check_text(self, content: Any) -> None:

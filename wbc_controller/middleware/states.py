@@ -75,10 +75,9 @@ class OdometryReader(StateReader):
         return BaseState(stamp, pose, twist)
 
     def _check_text(self, content: Any) -> None:
-        if content.child_frame_id not in ("", self._frame):
-            raise InputRefused(
-                f"child_frame_id is {content.child_frame_id!r}; the robot's base link is {self._frame!r}"
-            )
+        frame = content.child_frame_id
+        if frame not in ("", self._frame):
+            raise InputRefused(f"child_frame_id is {frame!r}; the robot's base link is {self._frame!r}")
 
 
 class ImuReader(StateReader):
@@ -112,9 +111,10 @@ class PoseReader(StateReader):
         """See `StateReader`."""
         stamp, values = self._decode(payload)
         pose = finite(values[:7], "the pose")
-        if not (np.abs(pose[:3]) <= MAX_POSE_DISTANCE).all():
+        place = pose[:3]
+        if not (np.abs(place) <= MAX_POSE_DISTANCE).all():
             raise InputRefused(
-                f"the position is {pose[:3].tolist()} m (limit {MAX_POSE_DISTANCE:g} m from the world's origin)"
+                f"the position is {place.tolist()} m (limit {MAX_POSE_DISTANCE:g} m from the world's origin)"
             )
         pose[3:] = unit_quaternion(pose[3:], "the orientation ")
         return AbsolutePose(stamp, pose, _checked_covariance(values[7:]))

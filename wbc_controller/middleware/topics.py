@@ -3,10 +3,9 @@
 In the name templates ``~`` is the node's name; ``{task}``, ``{contact}`` and ``{frame}`` come from the configuration.
 """
 
-import dataclasses
 import enum
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.settings import NODE_NAME, Settings
@@ -153,8 +152,7 @@ CONTACT_SENSORS = ("measured_wrench", "holds")
 #: Rows of walking robots only.
 WALKING_KEYS = ("cmd_vel", "cmd_vel_stamped", "walk_goal", "walk_footsteps", "walk_footsteps_left")
 
-MOCK_NODE = "mock_robot"
-GUARD_NODE = "guard"
+MOCK_NODE, GUARD_NODE, ESTIMATOR_NODE = "mock_robot", "guard", "base_estimator"
 
 MOCK_TOPICS: tuple[Topic, ...] = (
     Topic("effort", "effort_controller/commands", "std_msgs/msg/Float64MultiArray", _IN, STATE_IN,
@@ -201,8 +199,6 @@ GUARD_TOPICS: tuple[Topic, ...] = (
     Topic("diagnostics", "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", _OUT, REQUEST,
           "The guard's state, message ages, number of takeovers, and refused inputs."),
 )
-
-ESTIMATOR_NODE = "base_estimator"
 
 ESTIMATOR_TOPICS: tuple[Topic, ...] = (
     Topic("joint_states", "joint_states", _JOINTS, _IN, STATE_IN,
@@ -296,8 +292,7 @@ def endpoints(
 
 def counterpart(endpoint: Endpoint) -> Endpoint:
     """Return the endpoint with the reversed direction."""
-    turned = Direction.OUT if endpoint.direction is Direction.IN else Direction.IN
-    return dataclasses.replace(endpoint, direction=turned)
+    return replace(endpoint, direction=Direction.OUT if endpoint.direction is Direction.IN else Direction.IN)
 
 
 def parse_remapping(text: str) -> tuple[str, str]:

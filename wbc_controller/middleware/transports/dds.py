@@ -22,7 +22,7 @@ from wbc_controller.middleware.transports import dds_raw
 from wbc_controller.middleware.transports.dds_domain import close_domain, domain_settings, open_domain
 from wbc_controller.middleware.transports.dds_graph import Graph, NodeAnnouncement
 from wbc_controller.middleware.transports.dds_types import idl_type, type_hash
-from wbc_controller.middleware.transports.transport import check_type, require_open, translated_errors
+from wbc_controller.middleware.transports.transport import check_opening, require_open, translated_errors
 
 _log = logging.getLogger(__name__)
 
@@ -72,7 +72,6 @@ class DdsTransport:
     def advertise(self, endpoint: Endpoint) -> "DdsPublication":
         """See `Transport`."""
         with self._lock, _translated(f"cannot advertise {endpoint.name}"):
-            require_open(self._closed, "open", endpoint.name)
             writer = DataWriter(self._participant, self._topic(endpoint), _writer_qos(endpoint))
             publication = DdsPublication(endpoint.name, writer)
             self._publications.setdefault(endpoint.name, []).append(publication)
@@ -122,14 +121,13 @@ class DdsTransport:
             self._opened.close()
 
     def _reader(self, endpoint: Endpoint) -> Any:
-        require_open(self._closed, "open", endpoint.name)
         reader = DataReader(self._participant, self._topic(endpoint), _reader_qos(endpoint))
         self._opened.callback(dds_raw.delete, reader)
         self._announcement.add(reader)
         return reader
 
     def _topic(self, endpoint: Endpoint) -> Any:
-        check_type(self._types, endpoint)
+        check_opening(self._closed, self._types, endpoint)
         if endpoint.name not in self._topics:
             topic = Topic(self._participant, _dds_name(endpoint), idl_type(endpoint.type))
             self._topics[endpoint.name] = topic

@@ -6,7 +6,7 @@ from collections import defaultdict, deque
 from collections.abc import Callable
 
 from wbc_controller.middleware.topics import Endpoint
-from wbc_controller.middleware.transports.transport import Publish, check_type, require_open
+from wbc_controller.middleware.transports.transport import Publish, check_opening, require_open
 
 _log = logging.getLogger(__name__)
 
@@ -35,7 +35,7 @@ class MemoryTransport:
     def advertise(self, endpoint: Endpoint) -> Publish:
         """See `Transport`."""
         with self._bus.lock:
-            self._check(endpoint)
+            check_opening(self.closed, self._bus.types, endpoint)
             writer = _Writer(endpoint, self, self._bus)
             self._bus.writers[endpoint.name].append(writer)
         return writer.publish
@@ -43,7 +43,7 @@ class MemoryTransport:
     def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
         """See `Transport`; callbacks run on the publisher's thread."""
         with self._bus.lock:
-            self._check(endpoint)
+            check_opening(self.closed, self._bus.types, endpoint)
             reader = _Reader(endpoint, callback, self)
             self._bus.readers[endpoint.name].append(reader)
             for writer in list(self._bus.writers[endpoint.name]) if endpoint.qos.latched else ():
@@ -78,10 +78,6 @@ class MemoryTransport:
                 readers[:] = [reader for reader in readers if reader.owner is not self]
             for writers in self._bus.writers.values():
                 writers[:] = [writer for writer in writers if writer.owner is not self]
-
-    def _check(self, endpoint: Endpoint) -> None:
-        require_open(self.closed, "open", endpoint.name)
-        check_type(self._bus.types, endpoint)
 
 
 class _Stream:
@@ -138,10 +134,8 @@ class _Reader:
         self._callback = callback
 
     def matches(self, offered: Endpoint) -> bool:
-        requested = self.endpoint.qos
-        return not (
-            self.owner.closed or requested.reliable > offered.qos.reliable or requested.latched > offered.qos.latched
-        )
+        wanted, qos = self.endpoint.qos, offered.qos
+        return not (self.owner.closed or wanted.reliable > qos.reliable or wanted.latched > qos.latched)
 
     def deliver(self, offered: Endpoint, payload: bytes) -> None:
         if not self.matches(offered):

@@ -2,7 +2,6 @@
 
 import contextlib
 import dataclasses
-import importlib
 import importlib.util
 import logging
 import threading
@@ -20,7 +19,7 @@ from wbc_controller.errors import TransportError
 from wbc_controller.middleware.topics import Endpoint, Qos
 from wbc_controller.middleware.transports.ros2_graph import CompatibilityWatch, publisher_names
 from wbc_controller.middleware.transports.ros2_reader import RawStream, Reader, ReaderGroup
-from wbc_controller.middleware.transports.transport import Publish, check_type, require_open, translated_errors
+from wbc_controller.middleware.transports.transport import Publish, check_opening, require_open, translated_errors
 
 _log = logging.getLogger(__name__)
 
@@ -151,8 +150,7 @@ class Ros2Transport:
             self._subscriptions = []
 
     def _check(self, endpoint: Endpoint) -> Any:
-        require_open(self._closed, "open", endpoint.name)
-        check_type(self._types, endpoint)
+        check_opening(self._closed, self._types, endpoint)
         return _message_class(endpoint.type)
 
 

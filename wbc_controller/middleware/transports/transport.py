@@ -119,8 +119,9 @@ def require_open(closed: bool, attempt: str, topic: str) -> None:
         raise TransportError(f"cannot {attempt} {topic}: the transport is closed")
 
 
-def check_type(types: dict[str, str], endpoint: Endpoint) -> None:
-    """Record a topic's message type among those of the open topics; another type raises `TransportError`."""
+def check_opening(closed: bool, types: dict[str, str], endpoint: Endpoint) -> None:
+    """Record the message type of an opened topic; another type, or a closed transport, raises `TransportError`."""
+    require_open(closed, "open", endpoint.name)
     known = types.setdefault(endpoint.name, endpoint.type)
     if known != endpoint.type:
         raise TransportError(f"topic {endpoint.name} is already open with type {known}, not {endpoint.type}")
