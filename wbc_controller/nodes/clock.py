@@ -15,6 +15,10 @@ from wbc_controller.middleware.stamps import time_of
 from wbc_controller.middleware.topics import Endpoint
 from wbc_controller.middleware.transports.transport import Transport
 
+_log = logging.getLogger(__name__)
+
+_DEPTH = 10  # of the queue of times, limits the reading time in a flood
+
 
 class Clock(Protocol):
     """Monotonic clock for ages and durations. The default methods suit a free-running clock."""
@@ -100,11 +104,6 @@ class ManualClock(Clock):
     def stamp(self) -> int:
         """Return the present time, ns."""
         return round(self.time * 1.0e9)
-
-
-_log = logging.getLogger(__name__)
-
-_DEPTH = 10  # of the queue, limits the reading time in a flood
 
 
 class SimulatedClock:

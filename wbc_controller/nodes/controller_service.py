@@ -4,7 +4,6 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 
 from wbc_controller.controller.build.estimation import estimates_base, make_estimator
@@ -57,10 +56,8 @@ def run_controller(
     the model raise `ConfigurationError`; a topic that cannot be opened raises `TransportError`.
     """
     with recording(settings, record, name=NODE_NAME) as recorder:  # starts its process before `apply_realtime`
-        urdf = None
-        if not settings.robot.urdf:
-            rows = endpoints(URDF_TOPIC, NODE_NAME, namespace=namespace, remappings=remappings)
-            urdf = wait_for_urdf(transport, stop, rows)
+        rows = endpoints(URDF_TOPIC, NODE_NAME, namespace=namespace, remappings=remappings)
+        urdf = None if settings.robot.urdf else wait_for_urdf(transport, stop, rows)
         if stop.is_set():
             return
         controller = Controller(Config(settings, "", urdf), preflight=False)
@@ -97,7 +94,13 @@ def make_loop(
     scheduling = describe_scheduling()
     _log.info("scheduling: %s", scheduling or "unknown")
     estimator = make_estimator(settings, model, published) if estimates_base(settings, model) else None
-    prepare = partial(_prepare, controller)
+
+    def prepare(change: Change | ChangeSettings) -> None:
+        if isinstance(change, ChangeSettings):
+            controller.live.prepare(change.settings, "update")
+        else:
+            check_change(change, controller.tasks, model)
+
     inputs = Inputs(settings, model, published, vocabulary, topics, transport, clock, prepare, estimator=estimator)
 
     def values() -> dict[str, str]:
@@ -112,13 +115,6 @@ def make_loop(
     if recorder is not None:
         recorder.attach(controller, node if node.startswith("/") else f"/{node}", model.name)
     return loop
-
-
-def _prepare(controller: Controller, change: Change | ChangeSettings) -> None:
-    if isinstance(change, ChangeSettings):
-        controller.live.prepare(change.settings, "update")
-    else:
-        check_change(change, controller.tasks, controller.model)
 
 
 def _subscribe_record(recorder: Recorder | None, transport: Transport, topics: Sequence[Endpoint]) -> None:

@@ -159,12 +159,9 @@ class GuardService:
 
     def _update_publishers(self, others: OtherPublishers) -> None:
         shared = {key: ", ".join(names) for key, names in others.items() if len(names) > 1}
+        text = "%s has several publishers: %s; the guard cannot detect the end of the controller: stop all but one"
         for key, names in shared.items():
-            _log.warning(
-                "%s has several publishers: %s; the guard cannot detect the end of the controller: stop all but one",
-                self._names[key],
-                names,
-            )
+            _log.warning(text, self._names[key], names)
         self._shared = shared
 
     def _read_inputs(self) -> GuardInputs:
@@ -294,6 +291,5 @@ def run_guard(
     urdf = find_urdf(settings, transport, stop, topics)
     if stop.is_set():
         return
-    description = describe(urdf, settings.robot)
-    damping = _compute_damping(settings, urdf)
-    GuardService(settings, description, damping, topics, transport, MonotonicClock(), namespace).run(stop)
+    robot, damping = describe(urdf, settings.robot), _compute_damping(settings, urdf)
+    GuardService(settings, robot, damping, topics, transport, MonotonicClock(), namespace).run(stop)

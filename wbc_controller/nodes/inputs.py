@@ -221,11 +221,10 @@ class Inputs:
         """Compare the newest odometry with the legs; arguments as for `latch`."""
         if self._agreement is None:
             return
-        joints, odometry = self._joints.newest, self._newest_base()
-        if joints is None or not odometry:
-            return
-        stamp = 1.0e-9 * self._inputs["odom", ""].newest.stamp
-        self._agreement.update(stamp, odometry, (joints.position, joints.velocity), holding, controlled=controlled)
+        joints, odometry = self._joints.newest, self._inputs["odom", ""].newest
+        if joints is not None and odometry is not None:
+            base, motion = (odometry.pose, odometry.twist), (joints.position, joints.velocity)
+            self._agreement.update(1.0e-9 * odometry.stamp, base, motion, holding, controlled=controlled)
 
     def _decode(self, source: _Input, refused: list[str]) -> None:
         """Decode, check and store one message; a refused one leaves the last one in force."""

@@ -117,9 +117,8 @@ class ControlLoop:
         read, torques_sent = timer() - started, controller.supervisor.torques_sent
         state, changes, touching = latched.state, latched.requests.changes + slips, latched.touching
         velocity = latched.joint_velocity if ages["joint_states"] <= timeout else None
-        result = controller.cycle(
-            CycleInputs(now, state, velocity, problem, requests, changes, touching, self._torques_sent)
-        )
+        inputs = CycleInputs(now, state, velocity, problem, requests, changes, touching, self._torques_sent)
+        result = controller.cycle(inputs)
         late = None
         clock.refresh()
         passed = max(0.0, clock.now() - now)
@@ -130,9 +129,8 @@ class ControlLoop:
             if before not in IN_CONTROL:  # no torques were sent yet
                 withdrawn, self._activate_when_fresh = _CANCEL_ACTIVATION, waiting
                 refused += (f"command 'activate' is refused: after the computation of the torques, {late.sentence}",)
-            result = controller.cycle(
-                CycleInputs(now + passed, latched.state, None, late, withdrawn, torques_sent=torques_sent)
-            )
+            inputs = CycleInputs(now + passed, state, None, late, withdrawn, torques_sent=torques_sent)
+            result = controller.cycle(inputs)
         decided = timer()
         self._torques_sent = None
         if result.command is not None and result.mode in _RATE_LIMITED:

@@ -57,9 +57,8 @@ class Outputs:
         self._zeros = encode(torques(no_torques))
         # Messages of every cycle are written in place.
         self._efforts = Template(torques(no_torques), ["data"])
-        commands = message(
-            "sensor_msgs/msg/JointState", name=list(model.joints), position=joints, velocity=joints, effort=joints
-        )
+        names = list(model.joints)
+        commands = message("sensor_msgs/msg/JointState", name=names, position=joints, velocity=joints, effort=joints)
         self._joint_commands = Template(commands, ["position"], ["velocity"], ["effort"])
         self._wrenches = {
             name: Template(wrench_stamped(np.zeros(6), qp.contacts[name].wrench_frame), WRENCH)
@@ -119,9 +118,8 @@ class Outputs:
         period = self._diagnostics_period
         if period < _UNREAD_PERIOD and not self._subscribed["diagnostics"]:
             period = _UNREAD_PERIOD
-        if now - self._diagnostics_begun >= period or (
-            self._diagnostics_requested and "diagnostics" not in self._composed
-        ):
+        requested = self._diagnostics_requested and "diagnostics" not in self._composed
+        if requested or now - self._diagnostics_begun >= period:
             self._diagnostics_requested, self._diagnostics_begun = False, now
             self._begin("diagnostics", self._summary.compose(wall, self._shortfalls))
         if now >= self._query_due:

@@ -63,10 +63,9 @@ class Ownership:
                 "add it to safety.torque_publishers; a killed process stays in the graph for 10 s"
             )
         for key in _SINGLE_PUBLISHER:
-            if len(others.get(key, ())) > 1:
-                contested.append(
-                    f"{self._topics[key]} has several publishers: {', '.join(others[key])}; stop all but one"
-                )
+            found = others.get(key, ())
+            if len(found) > 1:
+                contested.append(f"{self._topics[key]} has several publishers: {', '.join(found)}; stop all but one")
         for sentence in contested:
             if sentence not in self.contested:
                 _log.warning("%s", sentence)

@@ -5,9 +5,7 @@ from collections.abc import Mapping
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.decoding import Vocabulary
 from wbc_controller.middleware.topics import CONTROLLER_TOPICS, NODES, WALKING_KEYS, Endpoint, endpoints
-from wbc_controller.settings import NODE_NAME, Settings
-from wbc_controller.settings import tasks as schema
-from wbc_controller.settings.contacts import FixedContact, SurfaceContact
+from wbc_controller.settings import NODE_NAME, Settings, contacts, tasks
 
 
 def make_vocabulary(settings: Settings, model: RobotModel) -> Vocabulary:
@@ -15,13 +13,13 @@ def make_vocabulary(settings: Settings, model: RobotModel) -> Vocabulary:
     kinds = {name: task.type for name, task in settings.tasks.items()}
     joints, reference_frames = {}, {}
     for name, task in settings.tasks.items():
-        if isinstance(task, schema.PostureTask | schema.TorqueTask):
+        if isinstance(task, tasks.PostureTask | tasks.TorqueTask):
             joints[name] = tuple(task.joints) or model.driven_joints
-        elif isinstance(task, schema.RelativePoseTask):
+        elif isinstance(task, tasks.RelativePoseTask):
             reference_frames[name] = task.reference_frame
-        elif isinstance(task, schema.ContactWrenchTask):
+        elif isinstance(task, tasks.ContactWrenchTask):
             contact = settings.contacts[task.contact]
-            whole = isinstance(contact, SurfaceContact | FixedContact)
+            whole = isinstance(contact, contacts.SurfaceContact | contacts.FixedContact)
             frame = contact.frame if whole else contact.against  # None: world axes, for a point or wheel on the world
             if frame is not None:
                 reference_frames[name] = frame

@@ -21,6 +21,7 @@ from wbc_controller.walking.plan import WalkingPlan
 
 WORLD_FRAME = "world"
 _KINDS = {ARROW: 0, LINE_STRIP: 4, LINE_LIST: 5, SPHERE_LIST: 7}  # field `type` of a visualization_msgs/Marker
+_Point = TYPES.types["geometry_msgs/msg/Point"]
 
 
 class MarkerScene:
@@ -73,6 +74,3 @@ def read_shapes(content: Any, groups: Collection[str]) -> list[Shape]:
         for m in content.markers
         if m.ns in groups and m.type in kinds
     ]
-
-
-_Point = TYPES.types["geometry_msgs/msg/Point"]

@@ -100,9 +100,8 @@ class StatusSummary:
         values |= {
             f"friction/{name}": f"{share:.2f} of the configured one" for name, share in friction.items() if share < 1
         }
-        warnings = [
-            f"relaxed {what} in {count} of {window.count} cycles" for what, count in sorted(window.relaxed.items())
-        ]
+        relaxed = sorted(window.relaxed.items())
+        warnings = [f"relaxed {what} in {count} of {window.count} cycles" for what, count in relaxed]
         if contradiction > _CONTRADICTION:
             warnings.append(f"redundant contacts contradict each other by {contradiction:.2g} m/s² (docs/contacts.md)")
         warnings += last.contested
@@ -141,9 +140,8 @@ def _disturbance_values(disturbance: Disturbance, model: RobotModel) -> dict[str
     if model.floating_base:
         force, moment = (" ".join(f"{part:.3f}" for part in disturbance.estimate[i : i + 3]) for i in (0, 3))
         values["disturbance/base"] = f"{force} N, {moment} N·m"
-    for joint, torque, unit in zip(
-        model.joints, disturbance.estimate[model.v_index].tolist(), model.units, strict=True
-    ):
+    torques = disturbance.estimate[model.v_index].tolist()
+    for joint, torque, unit in zip(model.joints, torques, model.units, strict=True):
         values[f"disturbance/{joint}"] = f"{torque:.4f} {'N' if unit == 'm' else 'N·m'}"
     return values
 

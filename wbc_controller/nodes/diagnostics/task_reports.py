@@ -53,9 +53,8 @@ class Shortfall:
                 began, first = now, error
             self._since[name] = began, first
             if now - began >= _TIMEOUT:
-                messages.append(
-                    f"{name} is {distance} short of its reference; binding: {describe_binding(solution.binding)}"
-                )
+                binding = describe_binding(solution.binding)
+                messages.append(f"{name} is {distance} short of its reference; binding: {binding}")
         return tuple(messages)
 
 

@@ -23,7 +23,7 @@ from wbc_controller.nodes.loop import ControlLoop
 from wbc_controller.nodes.realtime import apply_realtime
 from wbc_controller.nodes.ros2.command_outcomes import RECORD, SERVICES, CommandOutcomes
 from wbc_controller.nodes.ros2.lifecycle_gate import LifecycleGate
-from wbc_controller.nodes.ros2.node_parameters import LiveParameters, declare, values
+from wbc_controller.nodes.ros2.node_parameters import FROM_OVERRIDES, LiveParameters, declare, values
 from wbc_controller.nodes.ros2.parameters import own_values, settings_from
 from wbc_controller.nodes.ros2.process import logging_to, spinning
 from wbc_controller.nodes.urdf import decode_urdf
@@ -54,13 +54,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         context: Any = None,
         **options: Any,
     ) -> None:
-        super().__init__(
-            NODE_NAME,
-            context=context,
-            allow_undeclared_parameters=True,
-            automatically_declare_parameters_from_overrides=True,
-            **options,
-        )
+        super().__init__(NODE_NAME, context=context, **FROM_OVERRIDES, **options)
         self._leave = leave
         self._arguments = arguments if arguments is not None else sys.argv
         self._own = declare(self, _PARAMETERS)
@@ -93,11 +87,9 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         if not autostart:
             return
         self._starting = self.trigger_configure() != TransitionCallbackReturn.SUCCESS
-        if self._starting:
-            failed = self._urdf_transport is None  # otherwise it starts when the URDF arrives
-        else:
-            failed = self.trigger_activate() != TransitionCallbackReturn.SUCCESS
-        if failed:
+        if self._starting and self._urdf_transport is not None:
+            return  # it starts when the URDF arrives
+        if self._starting or self.trigger_activate() != TransitionCallbackReturn.SUCCESS:
             self._leave(2)
 
     def finish(self) -> None:
@@ -163,10 +155,8 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
                 topics = controller_endpoints(settings, controller.model, node=node, namespace=namespace)
                 use_sim_time = bool(self.get_parameter("use_sim_time").value)
                 clock = make_clock(settings, topics, transport, use_sim_time=use_sim_time)
-                observers = (self._outcomes.observe,)
-                loop = make_loop(
-                    controller, gate, clock, topics, observers=observers, recorder=recorder, node=full_name
-                )
+                observe = (self._outcomes.observe,)
+                loop = make_loop(controller, gate, clock, topics, observers=observe, recorder=recorder, node=full_name)
                 self._live.declare_settings(controller.live)
                 self._opened = opened.pop_all()
         except ConfigurationError as error:
@@ -190,13 +180,13 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
             if self._starting and self.executor is not None:
                 self.executor.create_task(self.start)
 
+        def remind() -> None:
+            if self._urdf is None:
+                _log.warning("robot.urdf is empty: still waiting for the URDF on %s", endpoint.name)
+
         self._urdf_transport = Ros2Transport(self)
         self._urdf_transport.subscribe(endpoint, receive)
-        self.create_timer(_REMINDER, lambda: self._remind(endpoint.name))
-
-    def _remind(self, topic: str) -> None:
-        if self._urdf is None:
-            _log.warning("robot.urdf is empty: still waiting for the URDF on %s", topic)
+        self.create_timer(_REMINDER, remind)
 
     def _activate(self) -> None:
         if self._loop is None or self._gate is None:

@@ -14,6 +14,8 @@ from wbc_controller.settings.nesting import nested
 
 _log = logging.getLogger(__name__)
 
+#: Options of a node that has the parameters of its files and command line.
+FROM_OVERRIDES = {"allow_undeclared_parameters": True, "automatically_declare_parameters_from_overrides": True}
 _FILE_PARAMETERS: Mapping[str, tuple[Any, str]] = {
     ROBOT: ("", "Name of a shipped robot; other parameters override its configuration."),
     CONFIG: ("", "Path of a robot's configuration; other parameters override it."),

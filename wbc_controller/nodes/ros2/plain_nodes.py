@@ -12,7 +12,7 @@ from rclpy.node import Node
 from wbc_controller.errors import WbcError
 from wbc_controller.middleware.topics import ESTIMATOR_NODE, GUARD_NODE, MOCK_NODE
 from wbc_controller.middleware.transports.ros2 import Ros2Transport
-from wbc_controller.nodes.ros2.node_parameters import declare, values
+from wbc_controller.nodes.ros2.node_parameters import FROM_OVERRIDES, declare, values
 from wbc_controller.nodes.ros2.parameters import own_values, settings_from
 from wbc_controller.nodes.ros2.process import logging_to, spinning
 
@@ -61,7 +61,7 @@ def _serve(
 
     The start message may contain the ``{source}`` of the settings and the full name of the ``{node}``.
     """
-    node = Node(name, allow_undeclared_parameters=True, automatically_declare_parameters_from_overrides=True)
+    node = Node(name, **FROM_OVERRIDES)
     own, full_name = declare(node, parameters), node.get_fully_qualified_name()
     transport = Ros2Transport(node)
     with logging_to(node), spinning(executor, node, leave):
