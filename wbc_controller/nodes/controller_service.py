@@ -121,17 +121,14 @@ def _subscribe_record(recorder: Recorder | None, transport: Transport, topics: S
     (endpoint,) = [topic for topic in topics if topic.key == "record"]
     limit = LogLimit()
 
-    def refuse(reason: object) -> None:
-        if limit.passes(endpoint.name):
-            _log.warning("%s: refused: %s", endpoint.name, reason)
-
     def receive(payload: bytes) -> None:
-        if recorder is None:
-            return refuse(NOT_RECORDED)
         try:
+            if recorder is None:
+                raise InputRefused(NOT_RECORDED)
             recorder.request(decode(payload, endpoint.type).data.strip()[:_LONGEST_REASON] or "REQUEST")
         except InputRefused as refusal:
-            refuse(refusal)
+            if limit.passes(endpoint.name):
+                _log.warning("%s: refused: %s", endpoint.name, refusal)
 
     transport.subscribe(endpoint, receive)
 

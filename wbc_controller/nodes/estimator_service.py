@@ -82,7 +82,7 @@ class EstimatorService:
                 self._refused[topic] = reason
         estimator, found = self.estimator, self.estimator.odometry
         if found is not None and estimator.stamp > self._stamp:
-            self._stamp, stamp = estimator.stamp, self._inputs.stamp_of_joint_states()
+            self._stamp, stamp = estimator.stamp, self._inputs.joints.newest.stamp
             pose, twist = found
             content = odometry(stamp, FRAME, self._base, pose, twist, estimator.covariance)
             self._publish["odom"](encode(content))

@@ -125,7 +125,7 @@ class Inputs:
                 self._inputs[place] = _Input(topic, stream, pending, self._tracker(), readers.get(place), check)
             elif topic.key not in _MAX_BYTES:
                 transport.subscribe(topic, partial(self.requests.put, topic))
-        self._joints = self._inputs["joint_states", ""]
+        self.joints = self._inputs["joint_states", ""]
         parts = [key for key in ("joint_states", "imu", "odom") if (key, "") in self._inputs]
         self._parts = {key: self._inputs[key, ""] for key in parts}  # required for a state
         self._forces = {name: each for (key, name), each in self._inputs.items() if key == "measured_wrench"}
@@ -133,9 +133,9 @@ class Inputs:
     def wait(self, seconds: float) -> bool:
         """Wait for a joint state, an emergency stop, or `wake`, in wall time; return True if in time."""
         deadline, left = time.monotonic() + seconds, seconds
-        while self._joints.stream.wait(left):
-            self._collect(self._joints)
-            if self._joints.pending or self._woken:
+        while self.joints.stream.wait(left):
+            self._collect(self.joints)
+            if self.joints.pending or self._woken:
                 self._woken = False
                 return True
             left = max(deadline - time.monotonic(), 0.0)
@@ -144,7 +144,7 @@ class Inputs:
     def wake(self) -> None:
         """End the present or next wait, from any thread."""
         self._woken = True
-        self._joints.stream.wake()
+        self.joints.stream.wake()
 
     def _collect(self, source: _Input) -> None:
         """Take the messages of a topic, and drop oversized ones."""
@@ -198,14 +198,14 @@ class Inputs:
         for source in self._inputs.values():
             if not source.pending:  # otherwise just taken by `wait`
                 self._collect(source)
-        if self._joints.pending and self._clock.now() - self._joints.pending[0][0] > _PREEMPTED:
-            self._collect(self._joints)
+        if self.joints.pending and self._clock.now() - self.joints.pending[0][0] > _PREEMPTED:
+            self._collect(self.joints)
         for source in self._inputs.values():
             while source.pending:
                 self._decode(source, refused)
         if self.estimator is not None:
             refused += self._estimate(self.estimator, holding, controlled=controlled, walking=walking)
-        joints: JointStates | None = self._joints.newest
+        joints: JointStates | None = self.joints.newest
         base, state = self._newest_base(), None
         if joints is not None and base is not None:
             q, v = self._model.state(joints.position, joints.velocity, *base)
@@ -221,7 +221,7 @@ class Inputs:
         """Compare the newest odometry with the legs; arguments as for `latch`."""
         if self._agreement is None:
             return
-        joints, odometry = self._joints.newest, self._inputs["odom", ""].newest
+        joints, odometry = self.joints.newest, self._inputs["odom", ""].newest
         if joints is not None and odometry is not None:
             base, motion = (odometry.pose, odometry.twist), (joints.position, joints.velocity)
             self._agreement.update(1.0e-9 * odometry.stamp, base, motion, holding, controlled=controlled)
@@ -246,7 +246,7 @@ class Inputs:
             refused.append(f"{topic.name}: {self._refusals[key]}")
             return
         self._refusals.pop(key, None)
-        if source is self._joints and self._velocity_filter is not None:
+        if source is self.joints and self._velocity_filter is not None:
             newest = newest._replace(velocity=self._velocity_filter.update(newest.stamp, newest.position))
         source.newest = newest
         if key == "imu":
@@ -282,7 +282,7 @@ class Inputs:
         ]
         # A hanging robot has no contact forces at the start.
         self.holding = holding if estimator.filter is None else measured
-        joints: JointStates | None = self._joints.newest
+        joints: JointStates | None = self.joints.newest
         imu, self._imu = self._imu, []
         if not imu or joints is None:
             del self._poses[:-_MAX_POSES]
@@ -322,11 +322,6 @@ class Inputs:
             return stale
         measured = {name: age for name, age in ages.items() if name != ESTIMATE}
         return stale_inputs(measured, timeout, self.notes) or Fault("ESTIMATE_LOST", self.estimator.waits_for)
-
-    def stamp_of_joint_states(self) -> int:
-        """Return the timestamp of the newest joint state, ns; 0 before the first."""
-        newest = self._joints.newest
-        return 0 if newest is None else int(newest.stamp)
 
     def status(self) -> dict[str, str]:
         """Return diagnostics: rejected samples, and delay of differentiated joint velocities."""
