@@ -22,7 +22,7 @@ def exit_by_signals(error: type[BaseException] = SystemExit) -> None:
 
 @contextlib.contextmanager
 def set_by_signals(stop: threading.Event) -> Iterator[None]:
-    """Set an event on SIGINT, SIGTERM and SIGHUP, unless under ``nohup``; a handler would deadlock with `wait`."""
+    """Set an event on SIGINT, SIGTERM, and SIGHUP without ``nohup``; a signal handler would deadlock with `wait`."""
     reading, writing = os.pipe()
     os.set_blocking(writing, False)
 
