@@ -76,8 +76,16 @@ class Controller(ControlCycle):
         invalid = self._invalid(state)
         problem = None if invalid is None else Fault("BAD_STATE", invalid)
         self._time = seconds(state)
-        changes, self._commands = tuple((change,) for change in self._commands), []
-        result = self.cycle(CycleInputs(self._time, state, state.v[self.model.v_places], problem, changes=changes))
+        commands, self._commands = self._commands, []
+        result = self.cycle(
+            CycleInputs(
+                now=self._time,
+                state=state,
+                joint_velocity=state.v[self.model.v_places],
+                problem=problem,
+                changes=tuple((change,) for change in commands),
+            )
+        )
         self.explain_failure(self._time)
         return result
 

@@ -36,7 +36,18 @@ _log = logging.getLogger(__name__)
 
 
 class ControlCycle:
-    """References, quadratic program and supervisor of one robot, called once per period."""
+    """References, quadratic program and supervisor of one robot, called once per period.
+
+    Attributes:
+        model: of the robot.
+        dynamics: of the last cycle; at first in the nominal posture with the base at 0.
+        tasks: by name.
+        contacts: by name.
+        limits: row limits by kind: ``self_collision`` and the user's limits.
+        period: configured, 1 / ``control.rate``, s.
+        walker: step planner, or None without a section ``walking``.
+        holding: loaded contacts of the last cycle; without a solution the ones enabled at activation.
+    """
 
     def __init__(
         self,
@@ -53,11 +64,15 @@ class ControlCycle:
 
         Args:
             config: a configuration, or an argument of `load`.
-            tasks, contacts, limits: classes or functions that return a user's object for the model; its attributes
-                apply. Failing methods raise `ConfigurationError`, as invalid configurations do.
+            tasks: classes or functions that return a user's `Task` for the model; its attributes apply.
+            contacts: the same for a `Contact`.
+            limits: the same for a `RowLimit`.
             preflight: check that the robot can stand.
             model: by default from the configuration.
             timer: clock of the stage times, s.
+
+        Raises:
+            ConfigurationError: if the configuration is invalid, or a method of a user object fails.
         """
         self.config = load(config)
         settings = self.config.settings
@@ -71,19 +86,18 @@ class ControlCycle:
         except ConfigurationError as error:
             raise ConfigurationError(self.config.with_source(str(error))) from error
         qp = self.qp
-        self.model, self.dynamics = model, qp.dynamics  # dynamics of the last cycle, at first of the nominal posture
+        self.model, self.dynamics = model, qp.dynamics
         self.tasks, self.contacts = qp.tasks, qp.contacts
-        #: Row limits by kind: ``self_collision`` and the user's limits.
         self.limits: Mapping[str, RowLimit] = {limit.kind: limit for limit in qp.formulation.row_limits}
-        self.period = qp.formulation.period  # configured, 1 / ``control.rate``, s
+        self.period = qp.formulation.period
         self._live = self.live.newest
         self.board = ReferenceBoard(self._live.board)
         self.supervisor = Supervisor(model, make_supervisor_limits(settings, model))
-        self.walker = make_walker(settings, self.qp)  # step planner; None without a section ``walking``
+        self.walker = make_walker(settings, self.qp)
         if self.walker is not None:
             prepare_gait(self.walker, self.qp, self._live.board)
         self._command_timeout = 0.0 if settings.walking is None else settings.walking.command_timeout
-        self.holding = self._enabled_contacts()  # loaded in the last cycle; enabled ones without a solution
+        self.holding = self._enabled_contacts()
         self._timer = timer
         self._commands: list[Change] = []  # applied in the next cycle
         self._streamed: dict[str, Reference] = {}  # streamed references of the next cycle
@@ -157,11 +171,23 @@ class ControlCycle:
         stages = {"compute": computed - started, "supervise": self._timer() - computed}
         if solution is not None:
             stages |= {f"compute/{stage}": duration for stage, duration in solution.stage_seconds.items()}
-        mode, fault, reasons = supervisor.mode, supervisor.fault, tuple(refused)
-        result = CycleResult(self.qp, now, mode, fault, command, solution, state, references, reasons, stages)
+        result = CycleResult(
+            qp=self.qp,
+            time=now,
+            mode=supervisor.mode,
+            fault=supervisor.fault,
+            command=command,
+            solution=solution,
+            state=state,
+            references=references,
+            refused=tuple(refused),
+            stage_seconds=stages,
+        )
         if self.cycle_records is not None:
             given = inputs if problem is inputs.problem else replace(inputs, problem=problem)
-            self.cycle_records.append(CycleRecord(given, self._live, result, self._changed_outside))
+            self.cycle_records.append(
+                CycleRecord(inputs=given, live=self._live, result=result, changed_outside=self._changed_outside)
+            )
             self._changed_outside = False
         return result
 

@@ -212,10 +212,16 @@ class Inputs:
             q.setflags(write=False)
             v.setflags(write=False)
             state = RobotState(joints.stamp, q, v)
-        velocity = None if joints is None else joints.velocity
-        stall = max([part.stamps.clock_stall for part in self._parts.values()])
-        ages, requests, notes = self.ages(), self.requests.take(), self._pose_notes()
-        return LatchedInputs(state, velocity, ages, stall, tuple(refused), requests, notes, self._detector.measured)
+        return LatchedInputs(
+            state=state,
+            joint_velocity=None if joints is None else joints.velocity,
+            ages=self.ages(),
+            clock_stall=max([part.stamps.clock_stall for part in self._parts.values()]),
+            refused_states=tuple(refused),
+            requests=self.requests.take(),
+            estimate=self._pose_notes(),
+            touching=self._detector.measured,
+        )
 
     def compare_odometry(self, holding: Collection[str], *, controlled: bool) -> None:
         """Compare the newest odometry with the legs; arguments as for `latch`."""

@@ -115,9 +115,16 @@ class ControlLoop:
         solving = problem is None and not requests and before in IN_CONTROL
         slips = self._changed_slips() if solving else ()
         read, torques_sent = timer() - started, controller.supervisor.torques_sent
-        state, changes, touching = latched.state, latched.requests.changes + slips, latched.touching
-        velocity = latched.joint_velocity if ages["joint_states"] <= timeout else None
-        inputs = CycleInputs(now, state, velocity, problem, requests, changes, touching, self._torques_sent)
+        inputs = CycleInputs(
+            now=now,
+            state=latched.state,
+            joint_velocity=latched.joint_velocity if ages["joint_states"] <= timeout else None,
+            problem=problem,
+            requests=requests,
+            changes=latched.requests.changes + slips,
+            touching=latched.touching,
+            torques_sent=self._torques_sent,
+        )
         result = controller.cycle(inputs)
         late = None
         clock.refresh()
@@ -129,7 +136,14 @@ class ControlLoop:
             if before not in IN_CONTROL:  # no torques were sent yet
                 withdrawn, self._activate_when_fresh = _CANCEL_ACTIVATION, waiting
                 refused += (f"command 'activate' is refused: after the computation of the torques, {late.sentence}",)
-            inputs = CycleInputs(now + passed, state, None, late, withdrawn, torques_sent=torques_sent)
+            inputs = CycleInputs(
+                now=now + passed,
+                state=latched.state,
+                joint_velocity=None,
+                problem=late,
+                requests=withdrawn,
+                torques_sent=torques_sent,
+            )
             result = controller.cycle(inputs)
         decided = timer()
         self._torques_sent = None
@@ -234,9 +248,17 @@ class ControlLoop:
         refused: tuple[str, ...] = (),
         audit: AuditReport | None = None,
     ) -> CycleReport:
-        reasons, missed = latched.refused + refused + result.refused, self._deadlines_missed
-        contested, shared = self._ownership.contested, self._ownership.shared
-        return CycleReport(self._cycle, latched, result, reasons, stages, missed, audit, contested, shared)
+        return CycleReport(
+            cycle=self._cycle,
+            inputs=latched,
+            result=result,
+            refused=latched.refused + refused + result.refused,
+            stage_seconds=stages,
+            deadlines_missed=self._deadlines_missed,
+            audit=audit,
+            contested=self._ownership.contested,
+            shared=self._ownership.shared,
+        )
 
     def run(self, stop: threading.Event, *, activate: bool = False) -> None:
         """Run cycles until stopped; `activate` once the inputs are fresh, unless the robot has another owner."""
