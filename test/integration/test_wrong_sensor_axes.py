@@ -5,7 +5,7 @@ import pytest
 
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of, rotation_of
 from wbc_controller.records import Mode
-from wbc_controller.simulation.faults.fault import LONGEST, MeasurementFault
+from wbc_controller.simulation.faults.fault import LONGEST, Fault
 from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 
 QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
@@ -45,7 +45,7 @@ def odometry_with_z_down(measured):
 def sway(robot, spoil):
     """Activate, lower and sway a robot with a wrong sensor; return the refusal or fault, or an empty text."""
 
-    class Spoiled(MeasurementFault):
+    class Spoiled(Fault):
         def _distort(self, measured, context, state):
             spoil(measured)
 

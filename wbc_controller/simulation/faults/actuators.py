@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import Field
 
 from wbc_controller.records import Array
-from wbc_controller.simulation.faults.fault import Effect, Fault, FaultContext, JointFault, low_pass, number, restoring
+from wbc_controller.simulation.faults.fault import Effect, Fault, FaultContext, JointFault, number, restoring
 from wbc_controller.simulation.mechanism import add_friction
 
 _PLACE = "actuators"
@@ -15,17 +15,7 @@ _NO_LIMIT = 100.0  # reference torque of joints without actuator, N·m
 
 
 class _AllActuators(Fault):
-    """Fault of actuator torques: `_start` once, then `_change` for each command."""
-
     place = _PLACE
-
-    def begin(self, context: FaultContext) -> Effect:
-        """Start the fault."""
-        state = self._start(context)
-        return Effect(torques=lambda tau: self._change(tau, context, state))
-
-    def _change(self, tau: Array, context: FaultContext, state: Any) -> Array:
-        raise NotImplementedError
 
 
 class _OneActuator(_AllActuators):
@@ -93,8 +83,8 @@ class ActuatorLag(_AllActuators):
 
     time_constant: float = number(0.005, 0.001, 0.05, "s", "time constant")
 
-    def _change(self, tau: Array, context: FaultContext, state: dict[str, Array]) -> Array:
-        return low_pass(context, self.time_constant, state, "torques", tau)
+    def _change(self, tau: Array, context: FaultContext, state: Any) -> Array:
+        return context.low_pass("torques", tau, self.time_constant)
 
 
 class ActuatorDelay(_AllActuators):

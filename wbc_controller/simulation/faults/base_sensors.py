@@ -8,11 +8,11 @@ from pydantic import Field
 
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of, rotation_of
 from wbc_controller.records import Array
-from wbc_controller.simulation.faults.fault import FaultContext, MeasurementFault, low_pass, number, ramp_share
+from wbc_controller.simulation.faults.fault import Fault, FaultContext, number
 from wbc_controller.simulation.measurement import Measurement
 
 
-class _BaseSensor(MeasurementFault):
+class _BaseSensor(Fault):
     place = "odometry and IMU"
 
 
@@ -81,15 +81,15 @@ class OdomTilt(_BaseSensor):
     ramp: float = number(0.2, 0.0, 1.0, "s", "duration of the growth")
 
     def _distort(self, measured: Measurement, context: FaultContext, state: Any) -> None:
-        _turn(measured.pose, self.angle * ramp_share(context.elapsed, self.ramp) * context.direction)
+        _turn(measured.pose, self.angle * context.ramp_share(self.ramp) * context.direction)
 
 
 class OdomFrozen(_BaseSensor):
     """The odometry repeats its values with fresh stamps."""
 
-    def _distort(self, measured: Measurement, context: FaultContext, state: dict[str, Array]) -> None:
-        measured.pose = state.setdefault("pose", measured.pose).copy()
-        measured.twist = state.setdefault("twist", measured.twist).copy()
+    def _distort(self, measured: Measurement, context: FaultContext, state: Any) -> None:
+        measured.pose = context.memory.setdefault("pose", measured.pose).copy()
+        measured.twist = context.memory.setdefault("twist", measured.twist).copy()
 
 
 class OdomLag(_BaseSensor):
@@ -97,9 +97,9 @@ class OdomLag(_BaseSensor):
 
     time_constant: float = number(0.01, 0.001, 0.1, "s", "time constant")
 
-    def _distort(self, measured: Measurement, context: FaultContext, state: dict[str, Array]) -> None:
-        measured.pose[:3] = low_pass(context, self.time_constant, state, "position", measured.pose[:3].copy())
-        measured.twist = low_pass(context, self.time_constant, state, "twist", measured.twist)
+    def _distort(self, measured: Measurement, context: FaultContext, state: Any) -> None:
+        measured.pose[:3] = context.low_pass("position", measured.pose[:3].copy(), self.time_constant)
+        measured.twist = context.low_pass("twist", measured.twist, self.time_constant)
 
 
 class OdomSlow(_BaseSensor):
@@ -107,12 +107,12 @@ class OdomSlow(_BaseSensor):
 
     period: float = number(0.01, 0.004, 0.2, "s", "message period")
 
-    def _distort(self, measured: Measurement, context: FaultContext, state: dict[str, float]) -> None:
-        due = state.setdefault("due", context.began)
+    def _distort(self, measured: Measurement, context: FaultContext, state: Any) -> None:
+        due = context.memory.setdefault("due", context.began)
         if context.plant.time < due - 1e-9:
             measured.silent.add("odom")
         else:
-            state["due"] = due + self.period
+            context.memory["due"] = due + self.period
 
 
 class OdomBadQuaternion(_BaseSensor):

@@ -2,6 +2,7 @@
 
 import reprlib
 from collections.abc import Mapping
+from dataclasses import astuple
 from types import ModuleType
 from typing import Any, Literal, get_args, get_origin
 
@@ -79,11 +80,10 @@ def draw(kind: type[Fault], rng: np.random.Generator, **given: Any) -> Fault:
     for key, field in kind.model_fields.items():
         if key in given or key in COMMON:
             continue
-        bounds = _limits(field)
         if get_origin(field.annotation) is Literal:
             values[key] = str(rng.choice(get_args(field.annotation)))
-        elif bounds is not None:
-            low, high = bounds
+        elif field.metadata:
+            low, high = _limits(field)
             wide = low > 0.0 and high / low > _WIDE
             value = float(np.exp(rng.uniform(np.log(low), np.log(high))) if wide else rng.uniform(low, high))
             values[key] = round(value) if field.annotation is int else min(max(value, low), high)
@@ -94,16 +94,14 @@ def valid_range(field: FieldInfo) -> str:
     """Return the valid values of a parameter as text; empty for a name."""
     if get_origin(field.annotation) is Literal:
         return ", ".join(map(str, get_args(field.annotation)))
-    bounds = _limits(field)
+    if not field.metadata:
+        return ""
     extra = field.json_schema_extra
-    unit = extra.get("unit") if isinstance(extra, dict) else ""
-    return f"{bounds[0]:g} to {bounds[1]:g}{f' {unit}' if unit else ''}" if bounds is not None else ""
+    unit = str(extra.get("unit", "")) if isinstance(extra, dict) else ""
+    low, high = _limits(field)
+    return f"{low:g} to {high:g} {unit}".rstrip()
 
 
-def _limits(field: FieldInfo) -> tuple[float, float] | None:
-    found: dict[str, float] = {}
-    for metadata in field.metadata:
-        for end, name in (("low", "ge"), ("low", "gt"), ("high", "le"), ("high", "lt")):
-            if hasattr(metadata, name):
-                found[end] = float(getattr(metadata, name))
-    return (found["low"], found["high"]) if len(found) == 2 else None
+def _limits(field: FieldInfo) -> list[float]:
+    """Return the limits of a number, the lower one first: ``ge`` or ``gt``, then ``le`` or ``lt``."""
+    return [float(limit) for constraint in field.metadata for limit in astuple(constraint)]

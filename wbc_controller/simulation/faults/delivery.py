@@ -47,8 +47,7 @@ class MessageGrowingDelay(_StreamFault):
     growth: float = number(0.2, 0.02, 3.0, "s/s", "growth rate")
 
     def _post(self, context: FaultContext) -> _Post:
-        began = context.plant.time
-        return lambda message: [_delayed(message, self.growth * (context.plant.time - began))]
+        return lambda message: [_delayed(message, self.growth * context.elapsed)]
 
 
 class MessageJitter(_StreamFault):
@@ -103,10 +102,9 @@ class MessageReplay(_StreamFault):
 
     def _post(self, context: FaultContext) -> _Post:
         kept: deque[QueuedMessage] = deque()
-        began = context.plant.time
 
         def replay(message: QueuedMessage) -> list[QueuedMessage]:
-            if (not kept or context.plant.time - began < self.length) and len(kept) < _MOST_KEPT:
+            if (not kept or context.elapsed < self.length) and len(kept) < _MOST_KEPT:
                 kept.append(message)
                 return [message]
             kept.rotate(-1)

@@ -40,7 +40,7 @@ class Effect:
 
 @dataclass(frozen=True)
 class FaultContext:
-    """Robot, time and random choices of a fault."""
+    """Robot, time, random choices and stored values of a fault."""
 
     robot: RobotModel
     plant: Plant
@@ -48,6 +48,7 @@ class FaultContext:
     began: float  # simulated, s
     end: float  # simulated, s
     rng: np.random.Generator
+    memory: dict[str, Any] = field(default_factory=dict)  # values from the start, or from the last measurement
 
     @property
     def elapsed(self) -> float:
@@ -69,9 +70,22 @@ class FaultContext:
         """Random sign."""
         return float(self.rng.choice([-1.0, 1.0]))
 
+    def ramp_share(self, ramp: float) -> float:
+        """Return the present share of a value that grows within `ramp`, s."""
+        return min(1.0, self.elapsed / ramp) if ramp > 0.0 else 1.0
+
+    def low_pass(self, key: str, value: Array, time_constant: float) -> Array:
+        """Filter a value by a first-order low-pass; its outputs are stored by key."""
+        keep = float(np.exp(-self.period / time_constant))
+        self.memory[key] = keep * self.memory.get(key, value) + (1.0 - keep) * value
+        return np.array(self.memory[key])
+
 
 class Fault(Section):
-    """Parameters of a fault; each kind is a subclass, named in messages like ``joint_noise``."""
+    """Parameters of a fault; each kind is a subclass, named in messages like ``joint_noise``.
+
+    A kind overrides `begin`, or for each measurement or command `_distort` or `_change`, with the result of `_start`.
+    """
 
     place: ClassVar[str] = ""  # affected part of the robot, a heading of docs/faults.md
 
@@ -92,10 +106,20 @@ class Fault(Section):
 
     def begin(self, context: FaultContext) -> Effect:
         """Start the fault and return its effect."""
-        raise NotImplementedError
+        state = self._start(context)
+        return Effect(
+            measured=lambda measured: self._distort(measured, context, state),
+            torques=lambda tau: self._change(tau, context, state),
+        )
 
     def _start(self, context: FaultContext) -> Any:
-        return {}
+        return None
+
+    def _distort(self, measured: Measurement, context: FaultContext, state: Any) -> None:
+        pass
+
+    def _change(self, tau: Array, context: FaultContext, state: Any) -> Array:
+        return tau
 
     def _streams(self, default: str) -> tuple[str, ...]:
         stream = getattr(self, "stream", default)
@@ -109,18 +133,6 @@ class JointFault(Fault):
 
     def _start(self, context: FaultContext) -> Any:
         return context.index_of(self.joint, context.robot.joints)
-
-
-class MeasurementFault(Fault):
-    """Fault of measurements: `_start` once, then `_distort` for each measurement."""
-
-    def begin(self, context: FaultContext) -> Effect:
-        """Start the fault."""
-        state = self._start(context)
-        return Effect(measured=lambda measured: self._distort(measured, context, state))
-
-    def _distort(self, measured: Measurement, context: FaultContext, state: Any) -> None:
-        raise NotImplementedError
 
 
 def number(default: float, low: float, high: float, unit: str, meaning: str) -> Any:
@@ -137,15 +149,3 @@ def restoring(*parts: tuple[Array, Any]) -> Effect:
             array[index] = values
 
     return Effect(ended=end)
-
-
-def ramp_share(elapsed: float, ramp: float) -> float:
-    """Return the share of a value that grows within `ramp`, s."""
-    return min(1.0, elapsed / ramp) if ramp > 0.0 else 1.0
-
-
-def low_pass(context: FaultContext, time_constant: float, state: dict[str, Array], key: str, value: Array) -> Array:
-    """Filter a value by a first-order low-pass; `state` stores outputs by key."""
-    keep = float(np.exp(-context.period / time_constant))
-    state[key] = keep * state.get(key, value) + (1.0 - keep) * value
-    return np.array(state[key])

@@ -5,19 +5,11 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from wbc_controller.records import Array
-from wbc_controller.simulation.faults.fault import (
-    FaultContext,
-    JointFault,
-    MeasurementFault,
-    low_pass,
-    number,
-    ramp_share,
-)
+from wbc_controller.simulation.faults.fault import Fault, FaultContext, JointFault, number
 from wbc_controller.simulation.measurement import Measurement
 
 
-class _AllJoints(MeasurementFault):
+class _AllJoints(Fault):
     place = "joint sensors"
 
 
@@ -43,7 +35,7 @@ class JointBias(_OneJoint):
     ramp: float = number(0.2, 0.0, 1.0, "s", "duration of the growth")
 
     def _distort(self, measured: Measurement, context: FaultContext, state: int) -> None:
-        measured.position[state] += self.bias * ramp_share(context.elapsed, self.ramp)
+        measured.position[state] += self.bias * context.ramp_share(self.ramp)
 
 
 class JointScale(_OneJoint):
@@ -71,10 +63,9 @@ class JointLag(_AllJoints):
     filtered: ClassVar[tuple[str, ...]] = ("position", "velocity")
     time_constant: float = number(0.005, 0.001, 0.1, "s", "time constant")
 
-    def _distort(self, measured: Measurement, context: FaultContext, state: dict[str, Array]) -> None:
+    def _distort(self, measured: Measurement, context: FaultContext, state: Any) -> None:
         for quantity in self.filtered:
-            values = low_pass(context, self.time_constant, state, quantity, getattr(measured, quantity))
-            setattr(measured, quantity, values)
+            setattr(measured, quantity, context.low_pass(quantity, getattr(measured, quantity), self.time_constant))
 
 
 class JointSpike(_OneJoint):
@@ -100,20 +91,16 @@ class JointJump(_OneJoint):
 class JointFrozen(_OneJoint):
     """A joint position is constant while its velocity is measured."""
 
-    def _start(self, context: FaultContext) -> tuple[int, dict[str, float]]:
-        return super()._start(context), {}
-
-    def _distort(self, measured: Measurement, context: FaultContext, state: tuple[int, dict[str, float]]) -> None:
-        joint, values = state
-        measured.position[joint] = values.setdefault("position", float(measured.position[joint]))
+    def _distort(self, measured: Measurement, context: FaultContext, state: int) -> None:
+        measured.position[state] = context.memory.setdefault("position", float(measured.position[state]))
 
 
 class JointStatesFrozen(_AllJoints):
     """The joint states repeat all values with fresh stamps."""
 
-    def _distort(self, measured: Measurement, context: FaultContext, state: dict[str, Array]) -> None:
+    def _distort(self, measured: Measurement, context: FaultContext, state: Any) -> None:
         for quantity in ("position", "velocity", "effort"):
-            setattr(measured, quantity, state.setdefault(quantity, getattr(measured, quantity)).copy())
+            setattr(measured, quantity, context.memory.setdefault(quantity, getattr(measured, quantity)).copy())
 
 
 class JointNotANumber(_OneJoint):

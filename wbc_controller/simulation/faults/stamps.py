@@ -4,13 +4,13 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from wbc_controller.simulation.faults.fault import FaultContext, MeasurementFault, number
+from wbc_controller.simulation.faults.fault import Fault, FaultContext, number
 from wbc_controller.simulation.measurement import Measurement
 
 _LAST, _FIRST = (2**31 - 1) * 1_000_000_000, 0  # largest ROS stamp, ns, and smallest stamp of the mock robot
 
 
-class _TimeFault(MeasurementFault):
+class _TimeFault(Fault):
     place = "stamps and clock"
 
     def _distort(self, measured: Measurement, context: FaultContext, state: Any) -> None:
@@ -28,9 +28,9 @@ class _StampFault(_TimeFault):
 
 
 class _Frozen(_TimeFault):
-    def _distort(self, measured: Measurement, context: FaultContext, state: dict[str, int]) -> None:
+    def _distort(self, measured: Measurement, context: FaultContext, state: Any) -> None:
         for stream in self._streams("clock"):
-            measured.stamps[stream] = state.setdefault(stream, measured.stamps[stream])
+            measured.stamps[stream] = context.memory.setdefault(stream, measured.stamps[stream])
 
 
 class StampZero(_StampFault):

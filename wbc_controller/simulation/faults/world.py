@@ -9,7 +9,7 @@ from pydantic import Field
 
 from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
 from wbc_controller.records import Array
-from wbc_controller.simulation.faults.fault import Effect, Fault, FaultContext, number, ramp_share, restoring
+from wbc_controller.simulation.faults.fault import Effect, Fault, FaultContext, number, restoring
 from wbc_controller.simulation.mechanism import FLOOR
 from wbc_controller.simulation.plant import Plant
 from wbc_controller.simulation.shapes import wxyz
@@ -143,10 +143,9 @@ class FloorTilt(_FloorFault):
         rotation = rotation_of(floor.quat[[1, 2, 3, 0]])
         centre = np.array([*plant.state()[0][:2], 0.0])
         centre[2] = -float(rotation[:2, 2] @ (centre[:2] - floor.pos[:2])) / rotation[2, 2] + floor.pos[2]
-        axis = context.direction
 
         def tilt() -> None:
-            turn = pin.exp3(self.angle * ramp_share(context.elapsed, self.ramp) * axis)
+            turn = pin.exp3(self.angle * context.ramp_share(self.ramp) * context.direction)
             floor.pos[:], floor.quat[:] = centre, wxyz(turn @ rotation)
 
         return Effect(each_period=tilt)

@@ -11,7 +11,7 @@ from wbc_controller.errors import WbcError
 from wbc_controller.records import Mode
 from wbc_controller.settings.config import load
 from wbc_controller.simulation.faults.catalogue import KINDS, draw
-from wbc_controller.simulation.faults.fault import Fault, FaultContext, MeasurementFault, number
+from wbc_controller.simulation.faults.fault import Fault, FaultContext, number
 from wbc_controller.simulation.measurement import Measurement
 from wbc_controller.validation.campaign.monitor import MonitoredRobot, logged_errors
 
@@ -23,7 +23,7 @@ _PAUSE_DURATION, _TIME_BETWEEN_PAUSES = (0.002, 0.1), (0.005, 0.5)  # pauses of 
 _TIME_FAULTS = [kind for kind in KINDS.values() if kind.place in ("stamps and clock", "delivery")]
 
 
-class ClockSteps(MeasurementFault):
+class ClockSteps(Fault):
     """The time on /clock moves in steps."""
 
     place = "stamps and clock"
