@@ -45,9 +45,8 @@ def state_from_joints(
     linear = _vector(base_linear_velocity, 3, "base_linear_velocity")
     angular = _vector(base_angular_velocity, 3, "base_angular_velocity")
     joints = (_by_name(model, positions, "positions"), _by_name(model, rates, "velocities"))
-    if not model.floating_base:
-        return model.state(*joints)
-    return model.state(*joints, np.concatenate([position, quaternion]), np.concatenate([linear, angular]))
+    base = (np.concatenate([position, quaternion]), np.concatenate([linear, angular]))
+    return model.state(*joints, *(base if model.floating_base else ()))
 
 
 class MujocoInterface:

@@ -31,17 +31,17 @@ class Hoist:
         """True if the base is held, or the hoist is being engaged."""
         return self._rate > 0.0 or (self._rate == 0.0 and self._strength == 1.0)
 
-    def engage(self, base: pin.SE3, ramp: float) -> None:
-        """Engage within `ramp`, s, and move the base to the start."""
-        self._from, self._progress = base, 0.0
-        way = pin.log6(base.actInv(self.start)).vector
-        seconds = max(np.linalg.norm(way[:3]) / SPEED, np.linalg.norm(way[3:]) / TURN)
-        self._progress_rate = 1.0 / max(1, math.ceil(seconds / self._step))
-        self._start_ramp(1.0, ramp)
-
-    def release(self, ramp: float) -> None:
-        """Release the base within `ramp`, s."""
-        self._start_ramp(-1.0, ramp)
+    def hold(self, held: bool, base: pin.SE3, ramp: float) -> None:
+        """Hold the base within `ramp`, s, and move it from its placement to the start, or release it."""
+        if held:
+            self._from, self._progress = base, 0.0
+            way = pin.log6(base.actInv(self.start)).vector
+            seconds = max(np.linalg.norm(way[:3]) / SPEED, np.linalg.norm(way[3:]) / TURN)
+            self._progress_rate = 1.0 / max(1, math.ceil(seconds / self._step))
+        rate = self._step / ramp if ramp > 0.0 else 1.0
+        self._rate = rate if held else -rate
+        if not ramp > 0.0:
+            self.advance()
 
     def advance(self) -> None:
         """Advance the ramps by one step."""
@@ -54,11 +54,6 @@ class Hoist:
         if self._progress == 1.0:
             self._progress_rate = 0.0
         self._write()
-
-    def _start_ramp(self, sign: float, ramp: float) -> None:
-        self._rate = sign * (self._step / ramp if ramp > 0.0 else 1.0)
-        if not ramp > 0.0:
-            self.advance()
 
     def _write(self) -> None:
         target = pin.SE3.Interpolate(self._from, self.start, self._progress)

@@ -6,7 +6,7 @@ follow the conventions of `wbc_controller.records` (Pinocchio).
 
 import logging
 import math
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -107,7 +107,7 @@ class Plant:
         self._pushes: list[_Push] = []
         self._imus: dict[str, _Body] = {}
         self._moved: dict[str, deque[Array]] = {}  # velocities in the world after each step of a period
-        self._locks: dict[str, list[object]] = {}
+        self._locks: Counter[str] = Counter()  # locks by joint
         self._unlocked: dict[str, tuple[bool, Any]] = {}  # limit flag and range without the lock
         self._stale = False
         soften(self.model, settings.mock.terrain, [foot.id for foot in self._feet.values()])
@@ -295,15 +295,15 @@ class Plant:
 
     def lock(self, joint: str) -> Callable[[], None]:
         """Lock a joint at its position; return the function that unlocks it."""
-        locked, lock = self.model.joint(joint), object()
-        if not self._locks.setdefault(joint, []):
+        locked = self.model.joint(joint)
+        if not self._locks[joint]:
             self._unlocked[joint] = bool(locked.limited[0]), locked.range.copy()
             locked.limited[0], locked.range[:] = True, float(self.data.qpos[locked.qposadr[0]])
-        self._locks[joint].append(lock)
+        self._locks[joint] += 1
         self._stale = True
 
         def unlock() -> None:
-            self._locks[joint].remove(lock)
+            self._locks[joint] -= 1
             if not self._locks[joint]:
                 locked.limited[0], locked.range[:] = self._unlocked.pop(joint)
             self._stale = True
@@ -340,13 +340,9 @@ class Plant:
 
     def hold(self, held: bool, ramp: float = RAMP) -> None:
         """Hold the base at its start, or release it, within `ramp`, s."""
-        if self._hoist is None or held == self._hoist.held:
-            return
-        if held:
-            self._hoist.engage(self._base(), ramp)
-        else:
-            self._hoist.release(ramp)
-        self.forward()
+        if self._hoist is not None and held != self._hoist.held:
+            self._hoist.hold(held, self._base(), ramp)
+            self.forward()
 
     def grip(self, contact: str, held: bool) -> None:
         """Hold the link of a fixed contact at its present placement, or release it."""
