@@ -17,7 +17,6 @@ from wbc_controller.middleware.setpoints import setpoint_message, wrench_stamped
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.settings.config import load
 from wbc_controller.simulation import mock_robot as module
-from wbc_controller.simulation import speed
 from wbc_controller.simulation.mock_robot import MockRobot
 from wbc_controller.simulation.mock_service import run_mock
 
@@ -307,7 +306,7 @@ def test_lateness_is_given_up_and_torques_are_let_in_while_it_computes(make):
 
 
 def test_a_slow_simulation_is_logged_while_it_runs(make, caplog, monkeypatch):
-    monkeypatch.setattr(speed, "_WINDOW", 0.5)
+    monkeypatch.setattr(module, "_WINDOW", 0.5)
     caplog.set_level(logging.INFO, "wbc_controller")
     now, period = [0.0], 0.002 / 0.14
     robot, peer = make(clock=lambda: now[0])

@@ -15,13 +15,13 @@ from wbc_controller.controller.build.robot_description import are_possible_momen
 from wbc_controller.controller.check.model_plausibility import massless_links
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.bare_mechanism import bare_mechanism
-from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.robot.mimic import Followers
+from wbc_controller.inverse_dynamics.robot.model import PassiveForces, RobotModel
 from wbc_controller.inverse_dynamics.robot.urdf_structure import mass_of, vector_of
 from wbc_controller.records import Array
 from wbc_controller.settings import contacts as schema
 from wbc_controller.settings.service import MockSettings
 from wbc_controller.simulation.attachments import Attachment, add_attachment, add_equality, frame_on_joint
-from wbc_controller.simulation.joint_models import add_mimic_joints, add_rotors, add_springs
 from wbc_controller.simulation.shapes import CORNER_RADIUS, RIM_RADIUS, Shape, add_shape, wxyz
 from wbc_controller.simulation.terrain import add_terrain
 
@@ -148,6 +148,42 @@ def _body(spec: Any, model: RobotModel, joint: int, root: str) -> Any:
     return spec.joint(name).parent if name in model.moving_joints else spec.body(root)
 
 
+def _add_mimic_joints(spec: Any, followers: Followers) -> None:
+    """Couple mimic joints to their leaders."""
+    for name, mimic in followers.mimics.items():
+        equality = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT)
+        equality.name1, equality.name2 = name, mimic.leader
+        equality.data[:5] = [mimic.offset, mimic.ratio, 0.0, 0.0, 0.0]
+
+
+def _add_rotors(spec: Any, model: RobotModel) -> None:
+    """Add the rotors of transmissions as fixed tendons with inertia; MuJoCo requires joints of one branch."""
+    drive = model.actuation
+    for name, ratios, inertia in zip(drive.names, drive.ratios, drive.rotor_inertia.tolist(), strict=True):
+        if inertia == 0.0:
+            continue
+        driven = {joint: ratio for joint, ratio in zip(model.joints, ratios.tolist(), strict=True) if ratio != 0.0}
+        last = max(model.pinocchio.getJointId(joint) for joint in driven)
+        apart = [joint for joint in driven if model.pinocchio.getJointId(joint) not in model.pinocchio.supports[last]]
+        if apart:
+            raise ConfigurationError(
+                f"robot.transmission.{name}.rotor_inertia = {inertia}: it couples {', '.join(apart)} with "
+                f"{model.pinocchio.names[last]} on another branch, which MuJoCo does not support; use 0 for the mock"
+            )
+        tendon = spec.add_tendon(name=f"{name}/rotor", armature=inertia)
+        for joint, ratio in driven.items():
+            tendon.wrap_joint(joint, ratio)
+
+
+def _add_springs(model: Any, passive: PassiveForces) -> None:
+    """Add springs and dampers to the compiled model; MuJoCo 4's specification has polynomial stiffness."""
+    for name, given in passive.joints.items():
+        joint = model.joint(name)
+        model.jnt_stiffness[joint.id] = given.stiffness
+        model.dof_damping[joint.dofadr[0]] = given.damping
+        model.qpos_spring[joint.qposadr[0]] = given.rest
+
+
 def _add_slab(
     spec: Any, model: RobotModel, contact: schema.ContactSettings, joint: int, placement: pin.SE3, root: str, bit: int
 ) -> None:
@@ -201,9 +237,9 @@ def compile_mechanism(
         joint = spec.joint(name)
         joint.armature = float(model.pinocchio.armature[index])
         joint.solref_limit = stiff
-    add_rotors(spec, model)
+    _add_rotors(spec, model)
     if model.followers is not None:
-        add_mimic_joints(spec, model.followers)
+        _add_mimic_joints(spec, model.followers)
     if model.floating_base:
         base = spec.body(root)
         base.add_freejoint()
@@ -244,5 +280,5 @@ def compile_mechanism(
     except (ValueError, RuntimeError) as error:
         raise ConfigurationError(f"robot.urdf: MuJoCo cannot use it: {error}") from error
     if model.passive is not None:
-        add_springs(compiled, model.passive)
+        _add_springs(compiled, model.passive)
     return compiled

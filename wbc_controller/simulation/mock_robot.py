@@ -27,14 +27,12 @@ from wbc_controller.middleware.topics import MOCK_NODE, MOCK_TOPICS, Direction, 
 from wbc_controller.middleware.transports.transport import Publish, Stream, Transport
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings
-from wbc_controller.simulation.absolute_pose import PoseSource
 from wbc_controller.simulation.faults.catalogue import read_faults
 from wbc_controller.simulation.faults.fault import Fault
 from wbc_controller.simulation.faults.injector import Injector
 from wbc_controller.simulation.measurement import STREAMS, WORLD_FRAME, measure
 from wbc_controller.simulation.plant import Plant
-from wbc_controller.simulation.sensors import PARTS, ImperfectSensors
-from wbc_controller.simulation.speed import Speed
+from wbc_controller.simulation.sensors import PARTS, ImperfectSensors, PoseSource
 
 SLOW_RATE = 100.0  # rate of contact wrenches and transform for viewers, Hz of simulated time
 REPUBLISH_AFTER = 0.05  # wall time between repetitions of an unanswered state in lockstep, s
@@ -42,6 +40,8 @@ MAX_LATE = 0.2  # lateness that restarts the real-time schedule, s
 _SWITCH_INTERVAL = 1.0e-4  # switch interval of the interpreter, s: torques must not wait for the physics
 #: Simulated time without torques before a patient robot waits, s, and wall time of the wait, s.
 LEAST_LEAD, PATIENCE = 0.01, 3.0
+_WINDOW = 5.0  # averaging time of the speed, s of wall time
+_LOW, _ENOUGH = 0.9, 0.95  # shares of the requested speed with hysteresis: too low, sufficient again
 
 #: Places of faults that are incompatible with lockstep.
 _NOT_IN_LOCKSTEP = ("delivery", "delivery of commands", "stamps and clock")
@@ -320,3 +320,37 @@ class MockRobot:
         except ConfigurationError as error:
             raise InputRefused(str(error)) from error
         self.plan(faults, self.plant.time)
+
+
+class Speed:
+    """Comparison of simulated time and wall time; `factor` is the requested speed."""
+
+    def __init__(self, factor: float, clock: Callable[[], float], simulated: float) -> None:
+        """Start the measurement at a simulated time, s."""
+        self._factor, self._clock = factor, clock
+        self._low = False
+        self._began = self._since = clock()
+        self._first = self._simulated = simulated  # simulated time at the start, and of the window, s
+
+    def check(self, simulated: float) -> None:
+        """Log a change of the speed; called in each period."""
+        now = self._clock()
+        if now - self._since < _WINDOW:
+            return
+        speed = (simulated - self._simulated) / (now - self._since)
+        self._since, self._simulated = now, simulated
+        if speed < _LOW * self._factor and not self._low:
+            self._low = True
+            _log.warning(
+                "the simulation runs at %.0f %% of real time instead of %.0f %%: this computer is too slow or busy, or"
+                " a patient robot waits for its controller; use a smaller real_time_factor, or lockstep",
+                100.0 * speed,
+                100.0 * self._factor,
+            )
+        elif speed >= _ENOUGH * self._factor and self._low:
+            self._low = False
+            _log.info("the simulation runs at %.0f %% of real time again", 100.0 * speed)
+
+    def mean(self, simulated: float) -> float:
+        """Return the mean speed as a share of real time."""
+        return (simulated - self._first) / max(self._clock() - self._began, 1.0e-9)
