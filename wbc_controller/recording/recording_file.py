@@ -23,7 +23,7 @@ from wbc_controller.settings.files import parse_settings, read_parameters
 
 _STRING = "std_msgs/msg/String"
 _LARGEST_SLOT = 10_000  # numbers of a slot of the layout
-#: Types of required and optional values of the topics ``start``, ``events`` and ``memory``.
+#: Types of required and optional values of the topics ``start`` and ``events``.
 _START = {
     "robot": str, "node": str, "software": Mapping[str, str], "config": str, "layout": list[list[str | int]],
 }  # fmt: skip
@@ -34,7 +34,6 @@ _PARTS_OF_EVENT = {
     "torques sent": list[float],
 }  # fmt: skip
 _BEGIN_OF_MEMORY = re.compile(r'\{"cycle":(\d{1,15}),')
-_MEMORY = {"cycle": int, "settings": str, "memory": Mapping[str, Any]}
 #: Errors of inconsistent values, such as arrays of other sizes.
 _MODIFIED = (ArithmeticError, AttributeError, LookupError, MemoryError, TypeError, ValueError)
 #: Messages by name and type of the topic: stamp, ns, and serialized message, in order of the stamps.
@@ -149,13 +148,6 @@ class Recording:
                 "class is missing"
             ) from error
 
-    def memory_of(self, cycle: int) -> dict[str, Any]:
-        """Return the memory before a cycle, with ``settings`` and ``memory``."""
-        with self.translated_errors(f"the memory before cycle {cycle}"):
-            content = from_json(self.memories[cycle])
-            require_types(content, _MEMORY, "it")
-        return dict(content)
-
     def elapsed(self, time: int) -> float:
         """Return the time from the start of the recording to a time in ns, s."""
         return 1.0e-9 * (time - self.start)
@@ -235,10 +227,6 @@ class Recording:
             "time": np.array(times),
             "mode": np.array([MODES[int(mode)].value for mode in arrays["mode"]]),
         }
-
-    def memory_before(self, cycle: int) -> int | None:
-        """Return the last recorded memory up to a cycle, or None."""
-        return max((each for each in self.memories if each <= cycle), default=None)
 
     def memory_after(self, cycle: int) -> int | None:
         """Return the first recorded memory from a cycle on, or None."""

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -10,10 +11,13 @@ from wbc_controller.controller.cycle import ControlCycle
 from wbc_controller.controller.report import CycleInputs
 from wbc_controller.controller.result import CycleResult
 from wbc_controller.recording.cycle_layout import MODES, cycle_slots
+from wbc_controller.recording.json_records import from_json, require_types
 from wbc_controller.recording.recording_file import RecordedCycle, Recording
 from wbc_controller.records import RobotState, freeze, frozen
 from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config
+
+_MEMORY = {"cycle": int, "settings": str, "memory": Mapping[str, Any]}  # types of the topic ``memory``
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +60,6 @@ class Replay:
         self._other = config is not None
         # The controller after the last cycle.
         self.controller = ControlCycle(recorded.config if config is None else config, preflight=False)
-        names = {slot.name for slot in recorded.slots}
-        self._sensors = [name for name in self.controller.contacts if f"touching/{name}" in names]
         if config is None:
             recorded.require_slots(cycle_slots(self.controller.model, self.controller.contacts))
 
@@ -67,9 +69,7 @@ class Replay:
         A memory that does not fit the controller raises `ConfigurationError`.
         """
         recorded = self.recorded
-        begin = recorded.memory_before(recorded.first if first is None else first)
-        if begin is None:
-            begin = recorded.memory_after(recorded.first)
+        begin = max((number for number in recorded.memories if first is not None and number <= first), default=0)
         expected: int | None = None
         state: RobotState | None = None
         exact = True
@@ -77,21 +77,17 @@ class Replay:
         for cycle in recorded.cycles():
             if last is not None and cycle.number > last:
                 return
-            if begin is None or cycle.number < begin:
-                self.skipped += first is None or cycle.number >= first
+            if cycle.number < begin:
                 continue
             event = recorded.events.get(cycle.number)
+            lost = event is None and cycle.scalar("has_event")  # because the controller was killed
             apart = event is not None and event.get("apart", False)
-            if event is None and cycle.scalar("has_event"):  # not recorded, because the controller was killed
+            known = cycle.number == expected and not apart  # else first cycle, or after a gap or an unknown state
+            if lost or not (known or cycle.number in recorded.memories):
                 self.skipped += 1
-                begin, expected = recorded.memory_after(cycle.number + 1), None
+                expected = None
                 continue
-            if cycle.number != expected or apart:  # first cycle, or after a gap or an unknown state
-                if cycle.number not in recorded.memories:
-                    self.skipped += 1
-                    begin = recorded.memory_after(cycle.number)
-                    expected = None
-                    continue
+            if not known:
                 exact = self._restore_memory(cycle.number)
             expected = cycle.number + 1
             if not (cycle.scalar("same_state") and state is not None):
@@ -101,9 +97,10 @@ class Replay:
             yield ReplayedCycle(cycle, result, exact)
 
     def _restore_memory(self, number: int) -> bool:
-        content = self.recorded.memory_of(number)
-        memory = content["memory"]
         with self.recorded.translated_errors(f"the memory before cycle {number}"):
+            content = from_json(self.recorded.memories[number])
+            require_types(content, _MEMORY, "it")
+            memory = content["memory"]
             if self._other:
                 memory = _convert_memory(self.controller, memory)
                 settings: Settings = self.controller.config.settings
@@ -118,6 +115,8 @@ class Replay:
             self.controller.live.replace_all(self.recorded.parse_configuration(event["settings"]).settings)
         velocity = cycle.values["joint_velocity"] if cycle.scalar("has_joint_velocity") else None
         sent = event.get("torques sent")
+        sensors = [name for name in self.controller.contacts if f"touching/{name}" in cycle.values]
+        touching = {name: cycle.scalar(f"touching/{name}") for name in sensors}
         inputs = CycleInputs(
             now=cycle.scalar("now"),
             state=state,
@@ -125,14 +124,10 @@ class Replay:
             problem=event.get("problem"),
             requests=tuple(event.get("requests", ())),
             changes=tuple(tuple(each) for each in event.get("changes", ())),
-            touching=self._touching(cycle),
+            touching={name: state > 0.0 for name, state in touching.items() if not math.isnan(state)},
             torques_sent=None if sent is None else frozen(np.array(sent)),
         )
         return self.controller.cycle(inputs)
-
-    def _touching(self, cycle: RecordedCycle) -> dict[str, bool]:
-        states = {name: float(cycle.values[f"touching/{name}"][0]) for name in self._sensors}
-        return {name: state > 0.0 for name, state in states.items() if not math.isnan(state)}
 
 
 def _state(cycle: RecordedCycle) -> RobotState | None:
