@@ -22,7 +22,7 @@ from wbc_controller.records import Array
 from wbc_controller.settings import contacts as schema
 from wbc_controller.settings.service import MockSettings
 from wbc_controller.simulation.attachments import Attachment, add_attachment, add_equality, frame_on_joint
-from wbc_controller.simulation.shapes import CORNER_RADIUS, RIM_RADIUS, Shape, add_shape, wxyz
+from wbc_controller.simulation.shapes import CORNER_RADIUS, RIM_RADIUS, Shape, add_shape, rotation_to, wxyz
 from wbc_controller.simulation.terrain import add_terrain
 
 _log = logging.getLogger(__name__)
@@ -71,12 +71,6 @@ def _axle_frame(contact: schema.ContactSettings) -> Array:
     if not isinstance(contact, schema.RollingContact):
         return np.eye(3)
     return rotation_to(np.array(contact.axis))
-
-
-def rotation_to(direction: Array) -> Array:
-    """Return a rotation from z to a direction, (3, 3)."""
-    rotation: Array = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), direction).toRotationMatrix()
-    return rotation
 
 
 def geom_names(name: str, contacts: Mapping[str, schema.ContactSettings]) -> list[str]:

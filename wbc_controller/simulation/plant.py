@@ -4,12 +4,10 @@ The shapes of configured contacts apply only without shapes in the URDF, and bet
 follow the conventions of `wbc_controller.records` (Pinocchio).
 """
 
-import logging
 import math
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -19,23 +17,21 @@ import pinocchio as pin
 
 from wbc_controller.arguments import array_of_numbers, number, str_of
 from wbc_controller.controller.build.contacts import contact_placement
-from wbc_controller.errors import ConfigurationError, InputRefused, WbcError, require_known, valid_choices
+from wbc_controller.errors import InputRefused, WbcError, require_known, valid_choices
 from wbc_controller.inverse_dynamics.arrays import cross
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
 from wbc_controller.records import Array
 from wbc_controller.safety.damping import damping_matrix, stable_damping
 from wbc_controller.settings import Settings
-from wbc_controller.settings.contacts import FixedContact, PointContact, RollingContact, SurfaceContact
+from wbc_controller.settings.contacts import FixedContact, SurfaceContact
 from wbc_controller.settings.resources import folder_of
 from wbc_controller.simulation.attachments import closures_of, frame_on_joint, grips_of, place, wrench
 from wbc_controller.simulation.contact_forces import ContactForces
 from wbc_controller.simulation.hoist import RAMP, Hoist
-from wbc_controller.simulation.mechanism import add_friction, compile_mechanism, rotation_to
-from wbc_controller.simulation.shapes import Shape, read_shapes
+from wbc_controller.simulation.mechanism import add_friction, compile_mechanism
+from wbc_controller.simulation.shapes import read_shapes
 from wbc_controller.simulation.terrain import soften
-
-_log = logging.getLogger(__name__)
 
 PUSH_LIMIT = 1.0e5  # largest force or torque of a push, N or N·m
 _LONGEST_PUSH = 86_400.0  # longest push, s
@@ -86,7 +82,7 @@ class Plant:
         self.contacts = dict(settings.contacts)
         self._grips, self._closures = grips_of(model, self.contacts), closures_of(model, settings.loops)
         normal = np.array(settings.mock.floor_normal) / np.linalg.norm(settings.mock.floor_normal)
-        shapes = self._shapes(folder_of(settings.robot.urdf), normal)
+        shapes = read_shapes(model, self.contacts, normal, folder_of(settings.robot.urdf)) if self.contacts else {}
         self.model = compile_mechanism(
             model, self.contacts, self.step_seconds, settings.mock, shapes, {**self._grips, **self._closures}
         )
@@ -105,8 +101,8 @@ class Plant:
         self.damp(settings.mock.damping)
         self._damps = False
         self._pushes: list[_Push] = []
-        self._imus: dict[str, _Body] = {}
-        self._moved: dict[str, deque[Array]] = {}  # velocities in the world after each step of a period
+        #: By frame of an IMU, its placement, and the velocities in the world after each step of a period.
+        self._imus: dict[str, tuple[_Body, deque[Array]]] = {}
         self._locks: Counter[str] = Counter()  # locks by joint
         self._unlocked: dict[str, tuple[bool, Any]] = {}  # limit flag and range without the lock
         self._stale = False
@@ -212,13 +208,10 @@ class Plant:
         control period, at first and after `set_state` the present value.
         """
         if frame not in self._imus:
-            self._imus[frame] = self._body_of(frame_on_joint(self._robot, frame))
-        body = self._imus[frame]
-        moved = self._moved.setdefault(frame, deque(maxlen=self.steps_per_period + 1))
-        turning, velocity = self._motion(body)
-        if not moved:
-            moved.append(velocity)
-        placement = self._placement(body)
+            body = self._body_of(frame_on_joint(self._robot, frame))
+            self._imus[frame] = body, deque([self._motion(body)[1]], self.steps_per_period + 1)
+        body, moved = self._imus[frame]
+        turning, placement = self._motion(body)[0], self._placement(body)
         to_local = placement.rotation.T
         steps = len(moved) - 1
         if steps:
@@ -367,7 +360,7 @@ class Plant:
             raise InputRefused(f"the base's quaternion is {q[3:7].tolist()}; expected length 1, (x, y, z, w)")
         self._write(q, v)
         self.data.qacc_warmstart[:] = 0.0
-        self._moved.clear()
+        self._imus.clear()
         self.forward()
 
     def _write(self, q: Array, v: Array) -> None:
@@ -399,8 +392,8 @@ class Plant:
         if self._hoist is not None:
             self._hoist.advance()
         self.forward()
-        for frame, moved in self._moved.items():
-            moved.append(self._motion(self._imus[frame])[1])
+        for body, moved in self._imus.values():
+            moved.append(self._motion(body)[1])
         if not np.isfinite(self.data.qacc).all():
             raise WbcError(f"the physics diverged at {self.time:.3f} s; reduce mock.step")
 
@@ -416,38 +409,6 @@ class Plant:
         mujoco.mj_fwdAcceleration(self.model, self.data)
         mujoco.mj_fwdConstraint(self.model, self.data)
         self._stale = False
-
-    def _shapes(self, folder: Path | None, normal: Array) -> dict[int, list[Shape]]:
-        if not self.contacts:
-            return {}
-        soles: dict[int, list[Array]] = {}
-        tips: dict[int, Array] = {}
-        wheels: dict[int, pin.SE3] = {}
-        standing: dict[str, int] = {}
-        data = self._robot.pinocchio.createData()
-        pin.forwardKinematics(self._robot.pinocchio, data, self._robot.configuration(self._robot.posture))
-        for name, contact in self.contacts.items():
-            joint, placement = contact_placement(self._robot, name, contact)
-            if contact.against is None and not isinstance(contact, FixedContact):
-                standing[name] = joint
-                if isinstance(contact, SurfaceContact):
-                    soles.setdefault(joint, []).append(-placement.rotation[:, 2])
-                elif isinstance(contact, PointContact):
-                    tips[joint] = -data.oMi[joint].rotation.T @ normal
-                elif isinstance(contact, RollingContact):
-                    wheels[joint] = placement * pin.SE3(rotation_to(np.array(contact.axis)), np.zeros(3))
-        try:
-            shapes, why = read_shapes(self._robot, soles, tips, wheels, folder), "have no collision element in the URDF"
-        except ConfigurationError as error:  # meshes are optional
-            shapes, why = {}, f"have no shapes ({error})"
-        bare = [name for name, joint in standing.items() if joint not in shapes]
-        if bare:
-            _log.warning(
-                "the links of the contacts %s %s: the mock robot uses the contact shapes of the configuration",
-                ", ".join(bare),
-                why,
-            )
-        return shapes
 
     def _initial_base(self) -> pin.SE3:
         """Return the upright base placement with the robot's lowest point on the ground."""

@@ -4,6 +4,7 @@ Meshes become convex hulls. A sole becomes balls at the corners of its outline, 
 rim.
 """
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,10 +17,15 @@ import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
 from wbc_controller.controller.build.collision_elements import enclosing_points, read_collision_elements
+from wbc_controller.controller.build.contacts import contact_placement
 from wbc_controller.controller.build.footprint import fit_sphere, outline, simplify_polygon
+from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
 from wbc_controller.records import Array
+from wbc_controller.settings.contacts import ContactSettings, FixedContact, PointContact, SurfaceContact
+
+_log = logging.getLogger(__name__)
 
 CORNER_RADIUS = 0.001  # radius of the balls at the corners of a sole, m
 RIM_RADIUS = 0.001  # half thickness of a wheel's rim, m
@@ -42,20 +48,49 @@ class Shape:
 
 
 def read_shapes(
+    model: RobotModel, contacts: Mapping[str, ContactSettings], normal: Array, folder: Path | None
+) -> dict[int, list[Shape]]:
+    """Read the collision shapes by Pinocchio joint, and warn of links of contacts without shapes.
+
+    Args:
+        normal: of the floor, (3,).
+        folder: of meshes with relative paths.
+    """
+    soles: dict[int, list[Array]] = {}  # outward normals of soles, by joint, in its frame, (3,) each
+    tips: dict[int, Array] = {}  # downward direction of point feet, by joint, in its frame, (3,)
+    wheels: dict[int, pin.SE3] = {}  # placement of wheels in the joint's frame, z along the axle
+    standing: dict[str, int] = {}  # joints by contact with the ground
+    data = model.pinocchio.createData()
+    pin.forwardKinematics(model.pinocchio, data, model.configuration(model.posture))
+    for name, contact in contacts.items():
+        if contact.against is not None or isinstance(contact, FixedContact):
+            continue
+        joint, placement = contact_placement(model, name, contact)
+        standing[name] = joint
+        if isinstance(contact, SurfaceContact):
+            soles.setdefault(joint, []).append(-placement.rotation[:, 2])
+        elif isinstance(contact, PointContact):
+            tips[joint] = -data.oMi[joint].rotation.T @ normal
+        else:
+            wheels[joint] = placement * pin.SE3(rotation_to(np.array(contact.axis)), np.zeros(3))
+    try:
+        shapes, why = _shapes(model, soles, tips, wheels, folder), "have no collision element in the URDF"
+    except ConfigurationError as error:  # meshes are optional
+        shapes, why = {}, f"have no shapes ({error})"
+    bare = [name for name, joint in standing.items() if joint not in shapes]
+    if bare:
+        text = "the links of the contacts %s %s: the mock robot uses the contact shapes of the configuration"
+        _log.warning(text, ", ".join(bare), why)
+    return shapes
+
+
+def _shapes(
     model: RobotModel,
     soles: Mapping[int, Sequence[Array]],
     tips: Mapping[int, Array],
     wheels: Mapping[int, pin.SE3],
     folder: Path | None,
 ) -> dict[int, list[Shape]]:
-    """Read the collision shapes by Pinocchio joint.
-
-    Args:
-        soles: outward normals of soles, by joint, in its frame, (3,) each.
-        tips: downward direction of point feet, by joint, in its frame, (3,).
-        wheels: placement of wheels in the joint's frame, z along the axle.
-        folder: of meshes with relative paths.
-    """
     by_joint: dict[int, list[pin.GeometryObject]] = {}
     for element in read_collision_elements(model, model.urdf, "robot.urdf", folder):
         by_joint.setdefault(int(element.parentJoint), []).append(element)
@@ -80,6 +115,12 @@ def read_shapes(
             shapes[joint] += balls
         shapes[joint] += [_mesh(hull) for hull in hulls if len(hull)]
     return shapes
+
+
+def rotation_to(direction: Array) -> Array:
+    """Return a rotation from z to a direction, (3, 3)."""
+    rotation: Array = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), direction).toRotationMatrix()
+    return rotation
 
 
 def wxyz(rotation: Array) -> Array:
