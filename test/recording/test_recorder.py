@@ -17,9 +17,8 @@ from waiting import has_ended, until
 from wbc_controller.middleware.codec import encode
 from wbc_controller.middleware.topics import CONTROLLER_TOPICS, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
-from wbc_controller.recording.recorder import Recorder, recording
+from wbc_controller.recording.recorder import Recorder, RecordingTransport, recording
 from wbc_controller.recording.recording_file import Recording
-from wbc_controller.recording.recording_transport import RecordingTransport
 from wbc_controller.recording.replay.recording_summary import summarize
 from wbc_controller.records import ChangeSettings
 

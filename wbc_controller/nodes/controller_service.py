@@ -26,8 +26,7 @@ from wbc_controller.nodes.realtime import apply_realtime, describe_scheduling
 from wbc_controller.nodes.takeover import Takeover
 from wbc_controller.nodes.urdf import wait_for_urdf
 from wbc_controller.nodes.wiring import controller_endpoints, make_vocabulary
-from wbc_controller.recording.recorder import NOT_RECORDED, Recorder, recording
-from wbc_controller.recording.recording_transport import RecordingTransport
+from wbc_controller.recording.recorder import NOT_RECORDED, Recorder, RecordingTransport, recording
 from wbc_controller.records import ChangeSettings
 from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.settings.config import Config

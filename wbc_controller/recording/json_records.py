@@ -13,19 +13,10 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
+from wbc_controller import records
 from wbc_controller.inverse_dynamics.references.changes import Change
 from wbc_controller.inverse_dynamics.references.trajectories import Knot, Ramp, SoftRamp, Trajectory, TuningRamp
-from wbc_controller.records import (
-    Array,
-    ChangeSettings,
-    Fault,
-    Infeasibility,
-    Mode,
-    Prediction,
-    Reference,
-    RobotState,
-    Tuning,
-)
+from wbc_controller.records import Array, Mode
 from wbc_controller.walking.biped import LiftOff, Step
 from wbc_controller.walking.footstep_plan import Footstep
 from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity
@@ -39,9 +30,9 @@ from wbc_controller.walking.weight_transfer import WeightTransfer
 _RECORDS: Mapping[str, Callable[..., Any]] = {
     kind.__name__: kind
     for kind in (
-        *get_args(Change), ChangeSettings, Fault, Footstep, Goal, Ground, Infeasibility, Knot, Landing, LiftOff,
-        NominalStep, Prediction, Ramp, Reference, RobotState, SoftRamp, Stance, Step, Tuning,
-        TuningRamp, Velocity, WeightTransfer,
+        *get_args(Change), records.ChangeSettings, records.Fault, Footstep, Goal, Ground, records.Infeasibility, Knot,
+        Landing, LiftOff, NominalStep, records.Prediction, Ramp, records.Reference, records.RobotState, SoftRamp,
+        Stance, Step, records.Tuning, TuningRamp, Velocity, WeightTransfer,
     )
 }  # fmt: skip
 

@@ -28,6 +28,8 @@ from wbc_controller.controller.live_settings import LivePart
 from wbc_controller.controller.memory import CycleRecord
 from wbc_controller.controller.report import CycleReport
 from wbc_controller.middleware.codec import TYPES, encode, message
+from wbc_controller.middleware.topics import Endpoint
+from wbc_controller.middleware.transports.transport import Publish, Transport, TransportWrapper
 from wbc_controller.recording import cycle_layout as layout
 from wbc_controller.recording.json_records import to_json
 from wbc_controller.recording.writer import PINNED, TOPICS, TRIGGER, frame
@@ -132,13 +134,10 @@ class Recorder:
         self._references = layout.ReferencesRow(self._every)
         topic = f"{node}/{OWN}"
         self._groups: list[tuple[int, bytes, slice]] = []  # topic, start of its message, place in the row
-        start = 0
-        for group, members in groupby(slots, key=lambda slot: slot.group):
-            content = list(members)
-            end = start + sum(slot.size for slot in content)
-            number = self.channel(f"{topic}/{group}", _ARRAY)
-            self._groups.append((number, _array_prefix(content), slice(start, end)))
-            start = end
+        for group, members in groupby(layout.slot_slices(slots), key=lambda pair: pair[0].group):
+            content, places = zip(*members, strict=True)
+            place = slice(places[0].start, places[-1].stop)
+            self._groups.append((self.channel(f"{topic}/{group}", _ARRAY), _array_prefix(content), place))
         self._references_topic = self.channel(f"{topic}/references", _ARRAY)
         self._references_start = _array_prefix(references)
         self._events = self.channel(f"{topic}/events", _STRING)
@@ -203,25 +202,21 @@ class Recorder:
 
     def observe(self, report: CycleReport) -> None:
         """Record the cycles since the last call."""
-        try:
-            self._observe(report)
-        except Exception:  # must not end the run
-            _log.exception("the recorder failed: nothing is recorded any more")
-            if self._controller is not None:
-                self._controller.cycle_records = None
-
-    def _observe(self, report: CycleReport) -> None:
         controller = self._controller
         if controller is None or controller.cycle_records is None:
             return
-        if controller.cycle_records:
-            self._cycles.append((controller.cycle_records, report, self.stamp(), len(self._messages)))
-            controller.cycle_records = []
-        if len(self._cycles) >= _BATCH or self._trigger is not None:
-            self._send()
-        if self._number >= self._snapshot_due:
-            self._send()
-            self._record_memory(controller)
+        try:
+            if controller.cycle_records:
+                self._cycles.append((controller.cycle_records, report, self.stamp(), len(self._messages)))
+                controller.cycle_records = []
+            if len(self._cycles) >= _BATCH or self._trigger is not None:
+                self._send()
+            if self._number >= self._snapshot_due:
+                self._send()
+                self._record_memory(controller)
+        except Exception:  # must not end the run
+            _log.exception("the recorder failed: nothing is recorded any more")
+            controller.cycle_records = None
 
     def _send(self) -> None:
         batch: list[bytes] = []
@@ -333,6 +328,38 @@ class Recorder:
         self._process.close()
         if self._controller is not None:
             self._controller.cycle_records = None
+
+
+class RecordingTransport(TransportWrapper):
+    """Wrapper that records messages; outgoing ones after they were sent."""
+
+    def __init__(self, transport: Transport, recorder: Recorder) -> None:
+        super().__init__(transport)
+        self._recorder = recorder
+
+    def advertise(self, endpoint: Endpoint) -> Publish:
+        """See `Transport`."""
+        publish = self._transport.advertise(endpoint)
+        record, topic = self._recorder.record_outgoing, self._recorder.channel(endpoint.name, endpoint.type)
+
+        def send(payload: bytes) -> None:
+            publish(payload)
+            record(topic, payload)
+
+        return send
+
+    def _receiver(self, endpoint: Endpoint) -> Callable[[bytes], bool]:
+        record, topic = self._recorder.record_incoming, self._recorder.channel(endpoint.name, endpoint.type)
+
+        def receive(payload: bytes) -> bool:
+            record(topic, payload)
+            return True
+
+        return receive
+
+    def has_reader(self, endpoint: Endpoint) -> bool:
+        """Return True with a subscription, or if the whole run is recorded."""
+        return self._recorder.whole_run or self._transport.has_reader(endpoint)
 
 
 @contextlib.contextmanager

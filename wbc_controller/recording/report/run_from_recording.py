@@ -41,8 +41,7 @@ class _OtherTopics:
     def __init__(self, model: RobotModel, settings: Settings) -> None:
         self._truth = {endpoint.name: endpoint for endpoint in truth_topics(settings)}
         self._base_reader = OdometryReader(model.base_link)
-        #: Stamps, s, and true wrenches, (6,) in N and N·m, by contact.
-        self.wrenches: dict[str, tuple[list[float], list[list[float]]]] = {}
+        self.wrenches: dict[str, list[list[float]]] = {}  # stamp, s, and true wrench, N and N·m, by contact
         self.bases: dict[int, Array] = {}  # true poses of the base, (7,), by stamp, ns
         self.phases: list[tuple[int, str]] = []  # times of the record, ns, and names
 
@@ -58,9 +57,8 @@ class _OtherTopics:
                 else:
                     content = decode(payload, topic.type)
                     force, torque = content.wrench.force, content.wrench.torque
-                    stamps, wrenches = self.wrenches.setdefault(self._truth[topic.name].subject, ([], []))
-                    stamps.append(header_time(payload))
-                    wrenches.append([force.x, force.y, force.z, torque.x, torque.y, torque.z])
+                    row = [header_time(payload), force.x, force.y, force.z, torque.x, torque.y, torque.z]
+                    self.wrenches.setdefault(self._truth[topic.name].subject, []).append(row)
             yield topic, time, payload
 
 
@@ -110,8 +108,7 @@ def make_run_data(recording: Recording, controller: ControlCycle, *, largest: in
             name: (shown[f"force/{name}"] @ controller.contacts[name].basis.T)[:, :size] for name, size in sizes.items()
         },
         true_wrenches={
-            name: _latest(np.array(times), np.array(wrenches), stamps)[:, : sizes[name]]
-            for name, (times, wrenches) in other.wrenches.items()
+            name: _latest(np.array(rows), stamps)[:, : sizes[name]] for name, rows in other.wrenches.items()
         },
         contacts=specs,
         friction={name: each.friction for name, each in specs.items() if not isinstance(each, FixedContact)},
@@ -136,10 +133,11 @@ def make_run_data(recording: Recording, controller: ControlCycle, *, largest: in
     )
 
 
-def _latest(stamps: Array, values: Array, time: Array) -> Array:
-    order = np.argsort(stamps, kind="stable")
-    index = np.searchsorted(stamps[order], time + 1.0e-9, side="right") - 1
-    latest: Array = values[order][np.maximum(index, 0)]
+def _latest(rows: Array, time: Array) -> Array:
+    """Return the newest values, (n, k), at times, (n,) in s, of rows with stamps, (m, 1 + k); NaN before the first."""
+    rows = rows[np.argsort(rows[:, 0], kind="stable")]
+    index = np.searchsorted(rows[:, 0], time + 1.0e-9, side="right") - 1
+    latest: Array = rows[np.maximum(index, 0), 1:]
     latest[index < 0] = np.nan
     return latest
 
