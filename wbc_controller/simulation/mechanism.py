@@ -62,15 +62,12 @@ def balls_of(contact: schema.ContactSettings) -> tuple[Array, Array]:
 def lowest(contact: schema.ContactSettings, frame: pin.SE3, normal: Array) -> float:
     """Return the height of a contact's lowest point along a normal, m."""
     centres, axes = balls_of(contact)
-    rotation = frame.rotation @ _axle_frame(contact)
-    reach = np.linalg.norm(axes * (rotation.T @ normal))
+    reach = np.linalg.norm(axes * ((frame.rotation @ _axle_frame(contact)).T @ normal))
     return min((float(frame.act(centre) @ normal - reach) for centre in centres), default=math.inf)
 
 
 def _axle_frame(contact: schema.ContactSettings) -> Array:
-    if not isinstance(contact, schema.RollingContact):
-        return np.eye(3)
-    return rotation_to(np.array(contact.axis))
+    return rotation_to(np.array(contact.axis)) if isinstance(contact, schema.RollingContact) else np.eye(3)
 
 
 def geom_names(name: str, contacts: Mapping[str, schema.ContactSettings]) -> list[str]:

@@ -105,7 +105,6 @@ class Plant:
         self._imus: dict[str, tuple[_Body, deque[Array]]] = {}
         self._locks: Counter[str] = Counter()  # locks by joint
         self._unlocked: dict[str, tuple[bool, Any]] = {}  # limit flag and range without the lock
-        self._stale = False
         soften(self.model, settings.mock.terrain, [foot.id for foot in self._feet.values()])
         start = self._initial_base()
         self._hoist = Hoist(self.model, self.data, start) if model.floating_base else None
@@ -156,17 +155,14 @@ class Plant:
         if not self._robot.floating_base:
             return False
         base = self._base()
-        # NaN counts as fallen.
         upright = base.rotation[2, 2] >= math.cos(FALLEN_TILT)
         high = base.translation[2] - self._lowest_foot() >= self._fallen_height
-        return not (upright and high)
+        return not (upright and high)  # NaN counts as fallen
 
     @property
     def applied_torques(self) -> Array:
         """Torques of the actuators within their limits, (na,) in N·m, commanded or damping."""
-        tau = self._tau
-        if self._damps:
-            tau = -(self._damping_matrix @ self.data.qvel[self._dof])
+        tau = -(self._damping_matrix @ self.data.qvel[self._dof]) if self._damps else self._tau
         return np.array(np.clip(tau, -self.effort_limits, self.effort_limits))
 
     def state(self) -> tuple[Array, Array]:
@@ -213,9 +209,8 @@ class Plant:
         body, moved = self._imus[frame]
         turning, placement = self._motion(body)[0], self._placement(body)
         to_local = placement.rotation.T
-        steps = len(moved) - 1
-        if steps:
-            duration = steps * self.step_seconds
+        duration = (len(moved) - 1) * self.step_seconds
+        if duration > 0.0:
             middle = pin.exp3(0.5 * duration * turning)  # half a period
             force = middle @ ((moved[-1] - moved[0]) / duration - self.model.opt.gravity)
         else:
@@ -247,17 +242,14 @@ class Plant:
             held = wrench(self.model, self.data, grip)
             force[name] += held[:3]
             moment[name] += held[3:]
-        wrenches = {}
         for name, contact in self.contacts.items():
             if isinstance(contact, SurfaceContact | FixedContact):
                 to_local = frames[name].rotation.T
-                wrenches[name] = np.concatenate([to_local @ force[name], to_local @ moment[name]])
+                force[name] = np.concatenate([to_local @ force[name], to_local @ moment[name]])
             elif contact.against is not None:
                 other = self._body_of(frame_on_joint(self._robot, contact.against))
-                wrenches[name] = self._placement(other).rotation.T @ force[name]
-            else:
-                wrenches[name] = force[name]
-        return wrenches
+                force[name] = self._placement(other).rotation.T @ force[name]
+        return force
 
     def links_on_the_floor(self) -> frozenset[str]:
         """Return the names of links that touch the floor without a contact."""
@@ -274,9 +266,7 @@ class Plant:
         if tau.shape != (self._robot.na,):
             raise InputRefused(f"got {tau.size} torques; expected {self._robot.na}, one per actuator in their order")
         if not np.isfinite(tau).all():
-            bad = [
-                f"{n}: {x}" for n, x in zip(self._robot.actuators, tau.tolist(), strict=True) if not math.isfinite(x)
-            ]
+            bad = [f"{self._robot.actuators[i]}: {tau[i]}" for i in np.flatnonzero(~np.isfinite(tau))]
             raise InputRefused(f"got torques that are not finite ({', '.join(bad)}); expected finite ones, in N·m")
 
     def damp(self, damping: float) -> None:
@@ -319,16 +309,13 @@ class Plant:
             raise InputRefused(f"a push of {values.tolist()} N, N·m; every value must be finite, at most {PUSH_LIMIT}")
         if not duration > 0.0:
             raise InputRefused("the duration of a push must be positive, got 0")
-        pinocchio = self._robot.pinocchio
-        known = isinstance(frame, str) and frame.isprintable() and pinocchio.existFrame(frame)
-        known = known and pinocchio.frames[self._robot.frame_id(frame, "push")].parentJoint > 0
-        if not known:
-            raise InputRefused(
-                f"a push on {frame!r}: unknown moving link; {valid_choices(str_of(frame), self._robot.moving_links)}"
-            )
+        robot = self._robot
+        known = isinstance(frame, str) and frame.isprintable() and robot.pinocchio.existFrame(frame)
+        if not known or robot.pinocchio.frames[robot.frame_id(frame, "push")].parentJoint == 0:
+            valid = valid_choices(str_of(frame), robot.moving_links)
+            raise InputRefused(f"a push on {frame!r}: unknown moving link; {valid}")
         steps = max(1, round(duration / self.step_seconds))
-        at = self._body_of(frame_on_joint(self._robot, frame))
-        self._pushes.append(_Push(at, values, self._count + steps))
+        self._pushes.append(_Push(self._body_of(frame_on_joint(robot, frame)), values, self._count + steps))
         self._stale = True
 
     def hold(self, held: bool, ramp: float = RAMP) -> None:
@@ -443,8 +430,6 @@ class Plant:
     def _body_of(self, frame: tuple[int, pin.SE3]) -> _Body:
         joint, placement = frame
         name = self._robot.pinocchio.names[joint]
-        if joint == 0:
-            return _Body(0, placement)
-        if name in self._robot.moving_joints:
-            return _Body(int(self.model.joint(name).bodyid[0]), placement)
-        return _Body(int(self.model.jnt_bodyid[0]), placement)
+        moving = name in self._robot.moving_joints
+        body = self.model.joint(name).bodyid[0] if moving else self.model.jnt_bodyid[0]
+        return _Body(int(body) if joint > 0 else 0, placement)
