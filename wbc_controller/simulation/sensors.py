@@ -1,7 +1,6 @@
 """Errors of sensors and motors (sources: docs/estimation.md), and absolute poses with noise."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,35 +35,22 @@ class Parts:
     torque_error: float  # share of each motor's torque
 
 
-#: Parts by preset; ``ideal`` has none.
-PARTS: Mapping[SensorQuality, Parts] = {
-    "good": Parts(
-        gyroscope_noise=0.007 * _DEGREE,
-        gyroscope_bias=0.1 * _DEGREE,
-        gyroscope_walk=1.0e-5,
-        accelerometer_noise=120.0e-6 * _G,
-        accelerometer_bias=2.0e-3 * _G,
-        accelerometer_walk=1.0e-4,
-        encoder_resolution=2.0 * math.pi / 2**19,
-        encoder_noise=5.0e-5,
-        encoder_offset=5.0e-4,
-        velocity_noise=0.005,
-        torque_error=0.02,
-    ),
-    "cheap": Parts(
-        gyroscope_noise=0.014 * _DEGREE,
-        gyroscope_bias=1.0 * _DEGREE,
-        gyroscope_walk=1.0e-4,
-        accelerometer_noise=175.0e-6 * _G,
-        accelerometer_bias=20.0e-3 * _G,
-        accelerometer_walk=1.0e-3,
-        encoder_resolution=2.0 * math.pi / 2**14,
-        encoder_noise=2.0e-4,
-        encoder_offset=5.0e-3,
-        velocity_noise=0.05,
-        torque_error=0.1,
-    ),
+_PRESETS: tuple[SensorQuality, ...] = ("good", "cheap")
+_VALUES = {  # of the presets
+    "gyroscope_noise": (0.007 * _DEGREE, 0.014 * _DEGREE),
+    "gyroscope_bias": (0.1 * _DEGREE, 1.0 * _DEGREE),
+    "gyroscope_walk": (1.0e-5, 1.0e-4),
+    "accelerometer_noise": (120.0e-6 * _G, 175.0e-6 * _G),
+    "accelerometer_bias": (2.0e-3 * _G, 20.0e-3 * _G),
+    "accelerometer_walk": (1.0e-4, 1.0e-3),
+    "encoder_resolution": (2.0 * math.pi / 2**19, 2.0 * math.pi / 2**14),
+    "encoder_noise": (5.0e-5, 2.0e-4),
+    "encoder_offset": (5.0e-4, 5.0e-3),
+    "velocity_noise": (0.005, 0.05),
+    "torque_error": (0.02, 0.1),
 }
+#: Parts by preset; ``ideal`` has none.
+PARTS = {preset: Parts(**{part: row[i] for part, row in _VALUES.items()}) for i, preset in enumerate(_PRESETS)}
 
 
 class ImperfectSensors:

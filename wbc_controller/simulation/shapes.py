@@ -52,9 +52,7 @@ def read_shapes(
 ) -> dict[int, list[Shape]]:
     """Read the collision shapes by Pinocchio joint, and warn of links of contacts without shapes.
 
-    Args:
-        normal: of the floor, (3,).
-        folder: of meshes with relative paths.
+    `normal` is that of the floor, (3,); `folder` contains the meshes with relative paths.
     """
     soles: dict[int, list[Array]] = {}  # outward normals of soles, by joint, in its frame, (3,) each
     tips: dict[int, Array] = {}  # downward direction of point feet, by joint, in its frame, (3,)
