@@ -77,11 +77,9 @@ def software_versions() -> dict[str, str]:
 
 
 class Recorder:
-    """Recorder of one loop.
+    """Recorder of one loop: of the whole run in a file, or of the last seconds.
 
-    Args:
-        file: of the whole run; None for the last seconds only.
-        patient: wait for the process instead of dropping cycles, in simulated time.
+    A `patient` recorder, for simulated time, waits for the process instead of dropping cycles.
     """
 
     def __init__(self, settings: Settings, file: Path | None = None, *, patient: bool = False, name: str = "") -> None:

@@ -211,6 +211,7 @@ def test_comparison_with_another_configuration(recorded, tmp_path):
     assert "Plotly.newPlot" in plots.read_text()
     same = compare(recorded, recorded.config)
     np.testing.assert_allclose(same.other[:20], same.recorded[:20], atol=1e-9)
+    assert {type(count) for counts in same.binding for count in counts.values()} == {int}
     same = recorded.config.replace({"tasks.com.stiffness": 150.0})  # after its update
     light = same.replace({"tasks.com.weight": 0.01, "tasks.base.weight": 500.0})
     for config, differs in ((same, False), (light, True)):  # from a later memory, with its weights

@@ -1,9 +1,9 @@
 """Comparison of two configurations on a recording."""
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -33,7 +33,7 @@ class Comparison:
     #: Norms of the task errors of both, per cycle and task.
     errors: list[tuple[Mapping[str, float], Mapping[str, float]]] = field(default_factory=list)
     #: Number of cycles by binding constraint, per configuration.
-    binding: tuple[dict[str, int], dict[str, int]] = field(default_factory=lambda: ({}, {}))
+    binding: tuple[Counter[str], Counter[str]] = field(default_factory=lambda: (Counter(), Counter()))
     mode_differences: int = 0  # number of cycles with different modes
 
     def add(self, time: float, solved: ReplayedCycle, other: CycleResult) -> None:
@@ -44,8 +44,11 @@ class Comparison:
         self.errors.append((dict(solved.result.task_errors), dict(other.task_errors)))
         self.mode_differences += other.mode is not MODES[int(solved.cycle.scalar("mode"))]
         for counts, result in zip(self.binding, (solved.result, other), strict=True):
-            for name in result.binding:
-                counts[name] = counts.get(name, 0) + 1
+            counts.update(result.binding.keys())
+
+    def _mean_error(self, task: str, side: int) -> float:
+        known = [pair[side][task] for pair in self.errors if task in pair[side]]
+        return float(np.mean(known)) if known else float("nan")
 
     @property
     def _difference(self) -> Array:
@@ -53,8 +56,7 @@ class Comparison:
 
     def _largest_differences(self) -> list[int]:
         largest = np.max(np.abs(self._difference), axis=0)
-        order: list[int] = np.argsort(-largest)[:_SHOWN].tolist()
-        return order
+        return [int(i) for i in np.argsort(-largest)[:_SHOWN]]
 
     def __str__(self) -> str:
         difference, recorded, other = self._difference, np.array(self.recorded), np.array(self.other)
@@ -67,11 +69,9 @@ class Comparison:
             for i in self._largest_differences()
         ]  # fmt: skip
         names = dict.fromkeys(name for pair in self.errors for each in pair for name in each)
-        tasks = [
-            (name, *(f"{_mean(pair[side].get(name) for pair in self.errors):.4g}" for side in (0, 1))) for name in names
-        ]
+        tasks = [(name, *(f"{self._mean_error(name, side):.4g}" for side in (0, 1))) for name in names]
         bound = [
-            (name, *(str(counts.get(name, 0)) for counts in self.binding))
+            (name, *(str(counts[name]) for counts in self.binding))
             for name in sorted({*self.binding[0], *self.binding[1]})
         ]
         columns = ("torques, N·m", "RMS", "other RMS", "RMS of diff.", "largest diff.", "other, of limit")
@@ -130,8 +130,3 @@ def compare(recorded: Recording, config: Config) -> Comparison:
 
 def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
-
-
-def _mean(values: Any) -> float:
-    known = [value for value in values if value is not None]
-    return float(np.mean(known)) if known else float("nan")

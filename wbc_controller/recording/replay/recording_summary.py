@@ -31,7 +31,12 @@ def summarize(recorded: Recording) -> str:
         lines.append(f"{missing} cycles were dropped: the recorder was too slow, or the disk was full")
     if recorded.damage:
         lines.append(f"the file is damaged, read up to there: {recorded.damage}")
-    lines += differences_of_software(recorded)
+    here = software_versions()
+    lines += [
+        f"recorded with {name} {version}, replayed with {here.get(name, 'none')}: the last bits of torques may differ"
+        for name, version in recorded.about["software"].items()
+        if here.get(name) != version
+    ]
     for cycle, fault in recorded.faults.items():
         at = recorded.events[cycle]["time"]
         lines.append(
@@ -45,21 +50,10 @@ def summarize(recorded: Recording) -> str:
     return "\n".join([*lines, "", *history])
 
 
-def differences_of_software(recorded: Recording) -> list[str]:
-    """Return a sentence for each package of another version."""
-    here = software_versions()
-    return [
-        f"recorded with {name} {version}, replayed with {here.get(name, 'none')}: the last bits of torques may differ"
-        for name, version in recorded.about["software"].items()
-        if here.get(name) != version
-    ]
-
-
 def replay_all(recorded: Recording) -> tuple[str, bool]:
     """Replay all cycles; return a summary, and False without cycles or if a cycle differs that must be identical."""
     run = Replay(recorded)
-    count, different, worst, exact = 0, 0, 0.0, True
-    first = ""
+    count, different, worst, exact, first = 0, 0, 0.0, True, ""
     for solved in run.run():
         count += 1
         if not solved.is_identical:
@@ -96,19 +90,18 @@ def explain_cycle(solved: ReplayedCycle, recorded: Recording, controller: Contro
     event: Mapping[str, Any] = recorded.events.get(cycle.number, {})
     heading = f"cycle {cycle.number} at {recorded.elapsed(cycle.time):.3f} s: {result!r}"
     ages = [(name, cycle.scalar(f"age/{name}")) for name in AGES]
-    share = cycle.scalar("seconds/total")
+    seconds = cycle.scalar("seconds/total")
     replayed = "equal bit for bit" if solved.is_identical else f"differs by up to {solved.difference:.3g} N·m"
-    supervisor = controller.supervisor
-    memory = controller.memory()["supervisor"]
+    memory, limits = controller.memory()["supervisor"], controller.supervisor.limits
     facts = [
         ("mode in the recording", MODES[int(cycle.scalar("mode"))].value),
         ("replay result", replayed),
         ("time in this mode", f"{cycle.scalar('now') - memory['_since']:.3f} s"),
         ("share of the solution's torques", f"{memory['_share'].sample(cycle.scalar('now')):.3f}"),
-        ("largest torque rate", f"{supervisor.limits.torque_rate:g} effort limits per second"),
-        ("time without a solution", _budget(memory["_held_time"], supervisor.limits.safety.hold_time)),
-        ("time with relaxed constraints", _budget(memory["_relaxed_time"], supervisor.limits.safety.relax_time)),
-        ("time of the cycle", f"{1e3 * share:.3f} ms" if np.isfinite(share) else "unknown"),
+        ("largest torque rate", f"{limits.torque_rate:g} effort limits per second"),
+        ("time without a solution", _budget(memory["_held_time"], limits.safety.hold_time)),
+        ("time with relaxed constraints", _budget(memory["_relaxed_time"], limits.safety.relax_time)),
+        ("time of the cycle", f"{1e3 * seconds:.3f} ms" if np.isfinite(seconds) else "unknown"),
     ]
     if result.command is not None and result.solution is not None:
         cut = float(np.max(np.abs(result.command.tau - result.solution.tau)))

@@ -130,10 +130,8 @@ def _corners(contact: ContactSettings) -> list[Array]:
 def _force_lines(wrench: Array, pose: Array, placement: pin.SE3) -> Array:
     """Return point of application (centre of pressure) and force of a contact in the world, (frames, 6) in m and N.
 
-    Args:
-        wrench: in the contact's frame, (frames, 6), or force along the world's axes, (frames, 3).
-        pose: of the contact's joint, (frames, 7).
-        placement: of the contact on that joint.
+    The contact has a placement on a joint with the poses `pose`, (frames, 7), and a wrench in its frame, (frames, 6),
+    or a force along the world's axes, (frames, 3).
     """
     lines = np.empty((len(wrench), 6))
     for frame, (values, where) in enumerate(zip(wrench, pose, strict=True)):
