@@ -45,7 +45,7 @@ def to_json(value: Any) -> str:
 def from_json(text: str) -> Any:
     """Read the result of `to_json`, with sequences as lists; otherwise raise `ValueError`."""
     try:
-        return _from_plain(json.loads(text))
+        return json.loads(text, object_hook=_from_plain)
     except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError) as error:
         raise ValueError(f"not a value of a recording: {type(error).__name__}: {error}") from error
 
@@ -114,11 +114,8 @@ def _to_plain(value: Any) -> Any:
     return {"$record": name, **{f.name: _to_plain(getattr(value, f.name)) for f in dataclasses.fields(value)}}
 
 
-def _from_plain(plain: Any) -> Any:
-    if isinstance(plain, list):
-        return [_from_plain(each) for each in plain]
-    if not isinstance(plain, dict):
-        return plain
+def _from_plain(plain: dict[str, Any]) -> Any:
+    """Return the value of a JSON object, whose parts are values already."""
     if "$float" in plain:
         return float(plain["$float"])
     if "$array" in plain:
@@ -136,16 +133,16 @@ def _from_plain(plain: Any) -> Any:
     if "$complex" in plain:
         return complex(*plain["$complex"])
     if "$trajectory" in plain:
-        knots = [_from_plain(knot) for knot in plain["$trajectory"]]
+        knots = plain["$trajectory"]
         if not knots or not _has_type(knots, list[Knot]):
             raise ValueError("trajectory has no points, or invalid points")
         return Trajectory(knots)
     if "$map" in plain:
-        return {_from_plain(key): _from_plain(each) for key, each in plain["$map"]}
-    fields = {key: _from_plain(each) for key, each in plain.items() if key != "$record"}
+        return dict(plain["$map"])
     if "$record" not in plain:
-        return fields
-    lists = {key: tuple(each) for key, each in fields.items() if isinstance(each, list)}
-    record, fields = _RECORDS[plain["$record"]], {**fields, **lists}
-    require_types(fields, _types_of(record), str(plain["$record"]))
+        return plain
+    name = plain.pop("$record")
+    record = _RECORDS[name]
+    fields = {key: tuple(each) if isinstance(each, list) else each for key, each in plain.items()}
+    require_types(fields, _types_of(record), name)
     return record(**fields)
