@@ -242,11 +242,8 @@ class McapMessages:
         with self.path.open("rb") as file:
             if file.read(len(MAGIC)) != MAGIC:
                 raise ValueError("not an MCAP file")
-            size = os.fstat(file.fileno()).st_size
-            records = _records(file, size)
-            while True:
-                try:
-                    record = next(records)
+            try:
+                for record in _records(file, os.fstat(file.fileno()).st_size):
                     if isinstance(record, rec.DataEnd):
                         return
                     if isinstance(record, rec.Schema):
@@ -254,13 +251,8 @@ class McapMessages:
                     elif isinstance(record, rec.Channel):
                         schema = schemas[record.schema_id]
                         self.topics[record.id] = Topic(record.id, record.topic, schema.name, schema.data.decode())
-                    topic = self.topics[record.channel_id] if isinstance(record, rec.Message) else None
-                except (EndOfFile, RecordLengthLimitExceeded):
-                    self.damage = "the last record is incomplete"
-                    return
-                except _DAMAGE as error:
-                    at_end = file.read(1) == b""
-                    self.damage = "the last record is incomplete" if at_end else f"a record is damaged ({error})"
-                    return
-                if topic is not None and isinstance(record, rec.Message):
-                    yield topic, record.publish_time, record.data
+                    elif isinstance(record, rec.Message):
+                        yield self.topics[record.channel_id], record.publish_time, record.data
+            except _DAMAGE as error:
+                incomplete = isinstance(error, EndOfFile | RecordLengthLimitExceeded) or file.read(1) == b""
+                self.damage = "the last record is incomplete" if incomplete else f"a record is damaged ({error})"
