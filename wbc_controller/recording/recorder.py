@@ -364,12 +364,12 @@ class RecordingTransport(TransportWrapper):
 def recording(settings: Settings, file: Path | None = None, *, name: str = "") -> Iterator[Recorder | None]:
     """Open a recorder for a run; None if it is off, or cannot be started (logged)."""
     recorder = None
-    with contextlib.ExitStack() as closing:
-        if file is not None or settings.recorder.seconds > 0.0:
-            try:
-                recorder = closing.enter_context(contextlib.closing(Recorder(settings, file, name=name)))
-            except OSError as error:  # too many processes
-                _log.warning("nothing is recorded: the recorder cannot be started: %s", error.strerror or error)
+    if file is not None or settings.recorder.seconds > 0.0:
+        try:
+            recorder = Recorder(settings, file, name=name)
+        except OSError as error:  # too many processes
+            _log.warning("nothing is recorded: the recorder cannot be started: %s", error.strerror or error)
+    with contextlib.nullcontext() if recorder is None else contextlib.closing(recorder):
         yield recorder
 
 

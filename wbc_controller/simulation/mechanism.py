@@ -1,7 +1,6 @@
 """MuJoCo's model of the robot."""
 
 import logging
-import math
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -57,13 +56,6 @@ def balls_of(contact: schema.ContactSettings) -> tuple[Array, Array]:
     radius = contact.radius
     thin = isinstance(contact, schema.RollingContact)
     return np.zeros((1, 3)), np.array([radius, radius, RIM_RADIUS if thin else radius])
-
-
-def lowest(contact: schema.ContactSettings, frame: pin.SE3, normal: Array) -> float:
-    """Return the height of a contact's lowest point along a normal, m."""
-    centres, axes = balls_of(contact)
-    reach = np.linalg.norm(axes * ((frame.rotation @ _axle_frame(contact)).T @ normal))
-    return min((float(frame.act(centre) @ normal - reach) for centre in centres), default=math.inf)
 
 
 def _axle_frame(contact: schema.ContactSettings) -> Array:
@@ -142,8 +134,8 @@ def _body(spec: Any, model: RobotModel, joint: int, root: str) -> Any:
 def _add_mimic_joints(spec: Any, followers: Followers) -> None:
     """Couple mimic joints to their leaders."""
     for name, mimic in followers.mimics.items():
-        equality = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT)
-        equality.name1, equality.name2 = name, mimic.leader
+        kind, joint = mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtObj.mjOBJ_JOINT
+        equality = spec.add_equality(type=kind, objtype=joint, name1=name, name2=mimic.leader)
         equality.data[:5] = [mimic.offset, mimic.ratio, 0.0, 0.0, 0.0]
 
 
@@ -185,8 +177,8 @@ def _add_slab(
     face = data.oMi[other].actInv(data.oMi[joint] * placement)
     if isinstance(contact, schema.PointContact | schema.RollingContact):
         normal = frame.rotation @ np.array(contact.normal) / np.linalg.norm(contact.normal)
-        centre = face.translation + lowest(contact, pin.SE3(face.rotation, np.zeros(3)), normal) * normal
-        face = pin.SE3(rotation_to(normal), centre)
+        reach = np.linalg.norm(balls_of(contact)[1] * ((face.rotation @ _axle_frame(contact)).T @ normal))
+        face = pin.SE3(rotation_to(normal), face.translation - reach * normal)  # below the ball or wheel
     middle, size = face.act(np.array([0.0, 0.0, -SLAB_DEPTH])), [SLAB, SLAB, SLAB_DEPTH]
     _body(spec, model, other, root).add_geom(
         type=mujoco.mjtGeom.mjGEOM_BOX, size=size, pos=middle, quat=wxyz(face.rotation), mass=0.0, contype=bit,
@@ -232,8 +224,7 @@ def compile_mechanism(
     if model.followers is not None:
         _add_mimic_joints(spec, model.followers)
     if model.floating_base:
-        base = spec.body(root)
-        base.add_freejoint()
+        spec.body(root).add_freejoint()
         add_equality(spec, HOIST, mujoco.mjtEq.mjEQ_WELD, ("world", root))  # pose at run time
     if contacts:
         ground = {"contype": ON_THE_FLOOR, "conaffinity": 0}

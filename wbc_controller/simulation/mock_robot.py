@@ -86,17 +86,13 @@ class MockRobot:
         self._real_time_factor = real_time_factor
         self._robot = model
         self._mock = settings.mock
-        self._contacts = settings.contacts
         self._lockstep, self._patient = lockstep, patient
         self._clock = clock
         self._period = 1.0 / settings.control.rate
-        self._wall_period = self._period / real_time_factor
-        self._first_stamp = round(self._period * 1e9)
         self._periods = 0
         # Brakes hold the joints until the first torques, or until the base is lowered.
         self._brakes = [self.plant.lock(joint) for joint in model.joints]
-        parts = PARTS.get(settings.mock.sensors)
-        seed = settings.mock.sensor_seed
+        parts, seed = PARTS.get(settings.mock.sensors), settings.mock.sensor_seed
         self._sensors = ImperfectSensors(parts, model, self._period, seed) if parts is not None else None
         self._imu_frame = imu_frame(settings, model)
         self.plant.body(self._imu_frame)  # raises for an unknown frame
@@ -122,7 +118,7 @@ class MockRobot:
     @property
     def stamp(self) -> int:
         """Stamp of the present state, ns; starts at one period, as ROS reserves 0."""
-        return self._first_stamp + self.plant.stamp
+        return round(self._period * 1e9) + self.plant.stamp
 
     def run(self, stop: threading.Event) -> None:
         """Run until the event is set, with absolute deadlines in real time."""
@@ -144,7 +140,7 @@ class MockRobot:
                 if not self.wait_for_answer(stop):
                     return
             else:
-                deadline += self._wall_period
+                deadline += self._period / self._real_time_factor
                 late = self._clock() - deadline
                 if late > MAX_LATE:
                     deadline += late
@@ -187,7 +183,7 @@ class MockRobot:
             if self._robot.floating_base:
                 self._publish("tf", "", transform(stamp, WORLD_FRAME, base, self.plant.state()[0][:7]))
             for name, wrench in self.plant.contact_wrenches().items():
-                frame = name if wrench.size == 6 else self._contacts[name].against or WORLD_FRAME
+                frame = name if wrench.size == 6 else self.plant.contacts[name].against or WORLD_FRAME
                 self._publish("contact_wrench", name, wrench_stamped(wrench, frame, stamp))
 
     def wait_for_answer(self, stop: threading.Event | None = None) -> bool:

@@ -61,9 +61,7 @@ def make_motion(run: RunData, model: RobotModel) -> dict[str, Any]:
             {
                 "name": name,
                 "joint": joints.index(carriers[name][0]),
-                "corners": [
-                    np.round(carriers[name][1].act(corner), 4).tolist() for corner in _corners(run.contacts[name])
-                ],
+                "corners": _corners(run.contacts[name], carriers[name][1]),
             }
             for name in contacts
         ],
@@ -121,10 +119,10 @@ def _size(parts: Sequence[Part], pose: Array, joints: Sequence[int]) -> float:
     return float(np.linalg.norm(np.ptp(np.vstack(points), axis=0))) if points else 1.0
 
 
-def _corners(contact: ContactSettings) -> list[Array]:
-    """Return the corners of a contact in its axes, (3,) in m."""
+def _corners(contact: ContactSettings, placement: pin.SE3) -> list[list[float]]:
+    """Return the corners of a contact with a placement on its joint, in the joint's frame, m."""
     shape = contact.corners if isinstance(contact, SurfaceContact) else [[0.0, 0.0]]
-    return [np.array([*corner, 0.0]) for corner in shape]
+    return [np.round(placement.act(np.array([*corner, 0.0])), 4).tolist() for corner in shape]
 
 
 def _force_lines(wrench: Array, pose: Array, placement: pin.SE3) -> Array:
