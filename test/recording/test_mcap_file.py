@@ -13,10 +13,10 @@ import pytest
 import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
-from mcap.records import Chunk
+from mcap.records import Chunk, Footer
 from recorded_run import by_rosbags
 
-from wbc_controller.recording.mcap_file import ChunkBuilder, McapFile, McapMessages, PackedChunk, Topic
+from wbc_controller.recording.mcap_file import MAGIC, ChunkBuilder, McapFile, McapMessages, PackedChunk, Topic
 from wbc_controller.recording.writer import FileSink
 
 STRING = "string data\n"
@@ -69,6 +69,13 @@ def test_every_reader_finds_every_message(path, closed):
     assert messages.damage == ""
     assert messages.topics == {topic.number: topic for topic in TOPICS}
     assert by_rosbags(path) == by_index(path) == found
+
+
+def test_a_file_without_the_end_of_its_data_is_read(path):
+    builder = RecordBuilder()
+    Footer(0, 0, 0).write(builder)
+    path.write_bytes(MAGIC + builder.end() + MAGIC)
+    assert read(path)[0] == []
 
 
 def test_the_summary_counts_messages_and_locates_chunks(path):
