@@ -1,8 +1,8 @@
 """Injection of faults into the mock robot."""
 
-import heapq
-import itertools
+import bisect
 from collections.abc import Sequence
+from operator import attrgetter
 
 import numpy as np
 
@@ -26,8 +26,7 @@ class Injector:
         self._period = period
         self._planned: list[tuple[float, Fault]] = []
         self._acting: list[tuple[float, Effect]] = []  # with end times, s
-        self._waiting: dict[str, list[tuple[float, int, QueuedMessage]]] = {}  # heaps, by stream
-        self._count = itertools.count()  # keeps the order of simultaneous messages
+        self._waiting: dict[str, list[QueuedMessage]] = {}  # by stream, in the order of delivery
 
     def plan(self, faults: Sequence[Fault], since: float) -> None:
         """Plan all faults, or none (InputRefused), relative to the simulated time `since`, s."""
@@ -74,10 +73,9 @@ class Injector:
                 queued = [changed for message in queued for changed in effect.posted[stream](message)]
         waiting = self._waiting.setdefault(stream, [])
         for message in queued:
-            heapq.heappush(waiting, (message.due, next(self._count), message))
-        arrived = []
-        while waiting and waiting[0][0] <= now + _SAME:
-            arrived.append(heapq.heappop(waiting)[2])
+            bisect.insort(waiting, message, key=attrgetter("due"))
+        count = bisect.bisect(waiting, now + _SAME, key=attrgetter("due"))
+        arrived, self._waiting[stream] = waiting[:count], waiting[count:]
         return arrived
 
     def torques(self, tau: Array) -> Array:
