@@ -50,15 +50,15 @@ class Measurement:
             return imu_message(stamp, self.imu_frame, self.orientation, self.angular_velocity, self.specific_force)
         if stream == "pose":
             return pose_with_covariance(stamp, WORLD_FRAME, self.absolute, *self.pose_sigma)
-        values = {"position": self.position, "velocity": self.velocity, "effort": self.effort}
-        names = self.names
-        if self.absent:
-            there = [name not in self.absent for name in names]
-            names = [name for name in names if name not in self.absent]
-            values = {quantity: of_all[there] for quantity, of_all in values.items()}
-        if not self.has_velocity:
-            values["velocity"] = np.zeros(0)
-        return messages.message("sensor_msgs/msg/JointState", header=messages.header(stamp), name=names, **values)
+        present = [name not in self.absent for name in self.names]
+        return messages.message(
+            "sensor_msgs/msg/JointState",
+            header=messages.header(stamp),
+            name=[name for name in self.names if name not in self.absent],
+            position=self.position[present],
+            velocity=self.velocity[present] if self.has_velocity else np.zeros(0),
+            effort=self.effort[present],
+        )
 
 
 def measure(robot: RobotModel, plant: Plant, stamp: int, imu_frame: str) -> Measurement:

@@ -26,11 +26,9 @@ def blocks(terrain: TerrainSettings) -> list[tuple[pin.SE3, Array]]:
     nx, ny = terrain.cells
     heights = np.random.default_rng(terrain.seed).uniform(-terrain.unevenness, terrain.unevenness, (nx, ny))
     half = 0.5 * np.array([length / nx, width / ny, thickness])
-    found = []
-    for i, j in np.ndindex(nx, ny):
-        x, y = length * (i + 0.5) / nx, width * ((j + 0.5) / ny - 0.5)
-        found.append((edge * pin.SE3(np.eye(3), np.array([x, y, heights[i, j] - half[2]])), half))
-    return found
+    x, y = length * (np.arange(nx) + 0.5) / nx, width * ((np.arange(ny) + 0.5) / ny - 0.5)
+    centres = [np.array([x[i], y[j], heights[i, j] - half[2]]) for i, j in np.ndindex(nx, ny)]
+    return [(edge * pin.SE3(np.eye(3), centre), half) for centre in centres]
 
 
 def add_terrain(spec: Any, name: str, terrain: TerrainSettings, options: Mapping[str, Any]) -> None:

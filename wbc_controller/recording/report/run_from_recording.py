@@ -48,17 +48,17 @@ class _OtherTopics:
     def read(self, messages: Iterable[tuple[Topic, int, bytes]]) -> Iterator[tuple[Topic, int, bytes]]:
         """Read the messages of these topics, and yield all messages."""
         for topic, time, payload in messages:
+            truth = self._truth.get(topic.name)
             if topic.name == PHASES:
                 self.phases.append((time, str(decode(payload, topic.type).data)))
-            elif topic.name in self._truth:
-                if self._truth[topic.name].key == "odom":
-                    base = self._base_reader.read(payload)
-                    self.bases[base.stamp] = base.pose
-                else:
-                    content = decode(payload, topic.type)
-                    force, torque = content.wrench.force, content.wrench.torque
-                    row = [header_time(payload), force.x, force.y, force.z, torque.x, torque.y, torque.z]
-                    self.wrenches.setdefault(self._truth[topic.name].subject, []).append(row)
+            elif truth is not None and truth.key == "odom":
+                base = self._base_reader.read(payload)
+                self.bases[base.stamp] = base.pose
+            elif truth is not None:
+                wrench = decode(payload, topic.type).wrench
+                force, torque = wrench.force, wrench.torque
+                row = [header_time(payload), force.x, force.y, force.z, torque.x, torque.y, torque.z]
+                self.wrenches.setdefault(truth.subject, []).append(row)
             yield topic, time, payload
 
 
