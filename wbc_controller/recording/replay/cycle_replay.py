@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -136,28 +136,19 @@ def _state(cycle: RecordedCycle) -> RobotState | None:
     return RobotState(cycle.stamp, freeze(np.array(cycle.values["q"])), freeze(np.array(cycle.values["v"])))
 
 
-def _convert_memory(controller: ControlCycle, memory: Mapping[str, object]) -> dict[str, object]:
+def _convert_memory(controller: ControlCycle, memory: Mapping[str, Any]) -> dict[str, object]:
     fresh, plans = controller.memory(), controller.live.newest.board.tasks
-    board = {}
-    for name, own in fresh["board"].items():
-        taken = memory["board"][name]  # type: ignore[index]
-        if name in ("_weights", "_tuning"):
-            taken = own
-        elif name == "_trajectories":  # empty before the first cycle; new tasks get theirs when enabled
-            taken = {task: taken[task] for task in plans if task in taken}
-        elif isinstance(own, dict) and name in ("_weight_ramps", "_contact_ramps", "_friction_ramps", "_enabled"):
-            taken = {key: taken.get(key, value) for key, value in own.items()}
-        board[name] = taken
+    own, taken = fresh["board"], memory["board"]
+    # Empty before the first cycle; new tasks get theirs when enabled.
+    trajectories = {task: taken["_trajectories"][task] for task in plans if task in taken["_trajectories"]}
+    board = {**taken, "_weights": own["_weights"], "_tuning": own["_tuning"], "_trajectories": trajectories}
+    for name in ("_weight_ramps", "_contact_ramps", "_friction_ramps", "_enabled"):
+        board[name] = {key: taken[name].get(key, value) for key, value in own[name].items()}
     ramps = board["_weight_ramps"]
     for name, plan in plans.items():
         ramp = ramps[name]
         if ramp.after > 0.0 and plan.weight > 0.0:
-            ramps[name] = type(ramp)(ramp.start, ramp.duration, ramp.before, plan.weight)
-    walker = memory["walker"] if fresh["walker"] is not None and memory["walker"] is not None else fresh["walker"]
-    return {
-        "walker": walker,
-        "qp": None,
-        "board": board,
-        "supervisor": memory["supervisor"],
-        "model_error": fresh["model_error"],
-    }
+            ramps[name] = replace(ramp, after=plan.weight)
+    if fresh["walker"] is not None and memory["walker"] is not None:
+        fresh["walker"] = memory["walker"]
+    return {**fresh, "qp": None, "board": board, "supervisor": memory["supervisor"]}

@@ -39,9 +39,8 @@ def summarize(recorded: Recording) -> str:
     ]
     for cycle, fault in recorded.faults.items():
         at = recorded.events[cycle]["time"]
-        lines.append(
-            f"fault {fault.code} in cycle {cycle}, at {recorded.elapsed(at):.3f} s ({clock_time(at)}): {fault.sentence}"
-        )
+        when = f"at {recorded.elapsed(at):.3f} s ({clock_time(at)})"
+        lines.append(f"fault {fault.code} in cycle {cycle}, {when}: {fault.sentence}")
     if not recorded.faults:
         lines.append("no fault")
     history = _history(recorded)
