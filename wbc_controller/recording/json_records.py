@@ -17,22 +17,17 @@ from wbc_controller import records
 from wbc_controller.inverse_dynamics.references.changes import Change
 from wbc_controller.inverse_dynamics.references.trajectories import Knot, Ramp, SoftRamp, Trajectory, TuningRamp
 from wbc_controller.records import Array, Mode
-from wbc_controller.walking.biped import LiftOff, Step
-from wbc_controller.walking.footstep_plan import Footstep
-from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity
+from wbc_controller.walking import biped, footstep_plan, footsteps, goal, swing_kernels, terrain, weight_transfer
 from wbc_controller.walking.gait import Phase
-from wbc_controller.walking.goal import Goal
-from wbc_controller.walking.swing_kernels import Landing
-from wbc_controller.walking.terrain import Ground
-from wbc_controller.walking.weight_transfer import WeightTransfer
 
 #: Valid records of a recording.
 _RECORDS: Mapping[str, Callable[..., Any]] = {
     kind.__name__: kind
     for kind in (
-        *get_args(Change), records.ChangeSettings, records.Fault, Footstep, Goal, Ground, records.Infeasibility, Knot,
-        Landing, LiftOff, NominalStep, records.Prediction, Ramp, records.Reference, records.RobotState, SoftRamp,
-        Stance, Step, records.Tuning, TuningRamp, Velocity, WeightTransfer,
+        *get_args(Change), records.ChangeSettings, records.Fault, footstep_plan.Footstep, goal.Goal, terrain.Ground,
+        records.Infeasibility, Knot, swing_kernels.Landing, biped.LiftOff, footsteps.NominalStep, records.Prediction,
+        Ramp, records.Reference, records.RobotState, SoftRamp, footsteps.Stance, biped.Step, records.Tuning, TuningRamp,
+        footsteps.Velocity, weight_transfer.WeightTransfer,
     )
 }  # fmt: skip
 

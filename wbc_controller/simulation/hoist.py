@@ -45,14 +45,12 @@ class Hoist:
 
     def advance(self) -> None:
         """Advance the ramps by one step."""
-        if self._rate == 0.0 and self._progress_rate == 0.0:
+        if self._rate == 0.0 and self._progress == 1.0:
             return
         self._strength = min(1.0, max(0.0, self._strength + self._rate))
         self._progress = min(1.0, self._progress + self._progress_rate)
         if self._strength in (0.0, 1.0):
             self._rate = 0.0
-        if self._progress == 1.0:
-            self._progress_rate = 0.0
         self._write()
 
     def _write(self) -> None:

@@ -159,8 +159,7 @@ class Push(_LinkFault):
     def begin(self, context: FaultContext) -> Effect:
         """Push for the remaining time."""
         force = self.share * context.robot.mass * context.robot.gravity * context.direction
-        _push(context, self.link, force, max(context.end - context.plant.time, context.period))
-        return Effect()
+        return _push(context, self.link, force, max(context.end - context.plant.time, context.period))
 
 
 class Kick(_LinkFault):
@@ -170,12 +169,12 @@ class Kick(_LinkFault):
 
     def begin(self, context: FaultContext) -> Effect:
         """Push for a short time."""
-        _push(context, self.link, self.speed * context.robot.mass / _KICK * context.direction, _KICK)
-        return Effect()
+        return _push(context, self.link, self.speed * context.robot.mass / _KICK * context.direction, _KICK)
 
 
-def _push(context: FaultContext, link: str, force: Array, duration: float) -> None:
+def _push(context: FaultContext, link: str, force: Array, duration: float) -> Effect:
     context.plant.push(link or context.robot.base_link, [*force.tolist(), 0.0, 0.0, 0.0], duration)
+    return Effect()  # the push ends itself
 
 
 def _add_masses(plant: Plant, masses: Array) -> Effect:
