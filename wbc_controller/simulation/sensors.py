@@ -75,12 +75,10 @@ class ImperfectSensors:
             self._gyroscope_bias += parts.gyroscope_walk * self._per_step * self._noise[:3]
             self._accelerometer_bias += parts.accelerometer_walk * self._per_step * self._noise[3:6]
         turning, force, seen, speed = np.split(self._noise[6:], (3, 6, 6 + count))
-        measured.angular_velocity = (
-            measured.angular_velocity + self._gyroscope_bias + parts.gyroscope_noise * self._per_sample * turning
-        )
-        measured.specific_force = (
-            measured.specific_force + self._accelerometer_bias + parts.accelerometer_noise * self._per_sample * force
-        )
+        measured.angular_velocity += self._gyroscope_bias
+        measured.angular_velocity += parts.gyroscope_noise * self._per_sample * turning
+        measured.specific_force += self._accelerometer_bias
+        measured.specific_force += parts.accelerometer_noise * self._per_sample * force
         position = measured.position + self._offsets + parts.encoder_noise * seen
         measured.position = parts.encoder_resolution * np.round(position / parts.encoder_resolution)
         measured.velocity = measured.velocity + parts.velocity_noise * speed

@@ -23,7 +23,7 @@ from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
 from wbc_controller.records import Array
-from wbc_controller.settings.contacts import ContactSettings, FixedContact, PointContact, SurfaceContact
+from wbc_controller.settings.contacts import ContactSettings, FixedContact, PointContact, RollingContact, SurfaceContact
 
 _log = logging.getLogger(__name__)
 
@@ -54,65 +54,58 @@ def read_shapes(
 
     `normal` is that of the floor, (3,); `folder` contains the meshes with relative paths.
     """
-    soles: dict[int, list[Array]] = {}  # outward normals of soles, by joint, in its frame, (3,) each
-    tips: dict[int, Array] = {}  # downward direction of point feet, by joint, in its frame, (3,)
-    wheels: dict[int, pin.SE3] = {}  # placement of wheels in the joint's frame, z along the axle
-    standing: dict[str, int] = {}  # joints by contact with the ground
+    standing = {
+        name: contact_placement(model, name, contact)
+        for name, contact in contacts.items()
+        if contact.against is None and not isinstance(contact, FixedContact)
+    }
     data = model.pinocchio.createData()
     pin.forwardKinematics(model.pinocchio, data, model.configuration(model.posture))
-    for name, contact in contacts.items():
-        if contact.against is not None or isinstance(contact, FixedContact):
-            continue
-        joint, placement = contact_placement(model, name, contact)
-        standing[name] = joint
-        if isinstance(contact, SurfaceContact):
-            soles.setdefault(joint, []).append(-placement.rotation[:, 2])
-        elif isinstance(contact, PointContact):
-            tips[joint] = -data.oMi[joint].rotation.T @ normal
-        else:
-            wheels[joint] = placement * pin.SE3(rotation_to(np.array(contact.axis)), np.zeros(3))
+    elements: dict[int, list[pin.GeometryObject]] = {}
+    shapes: dict[int, list[Shape]] = {}
+    why = "have no collision element in the URDF"
     try:
-        shapes, why = _shapes(model, soles, tips, wheels, folder), "have no collision element in the URDF"
+        for element in read_collision_elements(model, model.urdf, "robot.urdf", folder):
+            elements.setdefault(int(element.parentJoint), []).append(element)
+        elements.pop(0, None)
+        for joint, own in elements.items():
+            feet = [(contacts[name], placement) for name, (at, placement) in standing.items() if at == joint]
+            shapes[joint] = _shapes_of_link(own, feet, -data.oMi[joint].rotation.T @ normal)
     except ConfigurationError as error:  # meshes are optional
         shapes, why = {}, f"have no shapes ({error})"
-    bare = [name for name, joint in standing.items() if joint not in shapes]
+    bare = [name for name, (joint, _) in standing.items() if joint not in shapes]
     if bare:
         text = "the links of the contacts %s %s: the mock robot uses the contact shapes of the configuration"
         _log.warning(text, ", ".join(bare), why)
     return shapes
 
 
-def _shapes(
-    model: RobotModel,
-    soles: Mapping[int, Sequence[Array]],
-    tips: Mapping[int, Array],
-    wheels: Mapping[int, pin.SE3],
-    folder: Path | None,
-) -> dict[int, list[Shape]]:
-    by_joint: dict[int, list[pin.GeometryObject]] = {}
-    for element in read_collision_elements(model, model.urdf, "robot.urdf", folder):
-        by_joint.setdefault(int(element.parentJoint), []).append(element)
-    by_joint.pop(0, None)
-    shapes: dict[int, list[Shape]] = {}
-    for joint, elements in by_joint.items():
-        if joint in wheels:
-            shapes[joint] = [_wheel_rim(elements, wheels[joint])]
-            continue
-        shapes[joint] = [shape for shape in map(_primitive, elements) if shape is not None]
-        hulls = [enclosing_points(element) for element in elements if _primitive(element) is None]
-        if joint in soles or joint in tips:
-            hulls = [_hull(points) for points in hulls]
-        for normal in _distinct_normals(soles.get(joint, ())) if hulls else ():
-            lowest = max(float(np.max(hull @ normal)) for hull in hulls)
-            for index, hull in enumerate(hulls):
-                balls, hulls[index] = _split_sole(hull, normal, lowest)
-                shapes[joint] += balls
-        if joint in tips and hulls:
-            index = int(np.argmax([np.max(hull @ tips[joint]) for hull in hulls]))
-            balls, hulls[index] = _split_tip(hulls[index], tips[joint])
-            shapes[joint] += balls
-        shapes[joint] += [_mesh(hull) for hull in hulls if len(hull)]
-    return shapes
+def _shapes_of_link(
+    elements: Sequence[pin.GeometryObject], feet: Sequence[tuple[ContactSettings, pin.SE3]], down: Array
+) -> list[Shape]:
+    """Return the shapes of a link with some contacts and their placements, in the joint's frame.
+
+    `down` is the direction to the floor, (3,).
+    """
+    wheels = [(contact, placement) for contact, placement in feet if isinstance(contact, RollingContact)]
+    if wheels:
+        contact, placement = wheels[-1]
+        return [_wheel_rim(elements, placement * pin.SE3(rotation_to(np.array(contact.axis)), np.zeros(3)))]
+    shapes = [shape for shape in map(_primitive, elements) if shape is not None]
+    hulls = [enclosing_points(element) for element in elements if _primitive(element) is None]
+    if feet:
+        hulls = [_hull(points) for points in hulls]
+    soles = [-placement.rotation[:, 2] for contact, placement in feet if isinstance(contact, SurfaceContact)]
+    for normal in _distinct_normals(soles) if hulls else ():
+        lowest = max(float(np.max(hull @ normal)) for hull in hulls)
+        for index, hull in enumerate(hulls):
+            balls, hulls[index] = _split_sole(hull, normal, lowest)
+            shapes += balls
+    if hulls and any(isinstance(contact, PointContact) for contact, _ in feet):
+        index = int(np.argmax([np.max(hull @ down) for hull in hulls]))
+        balls, hulls[index] = _split_tip(hulls[index], down)
+        shapes += balls
+    return shapes + [_mesh(hull) for hull in hulls if len(hull)]
 
 
 def rotation_to(direction: Array) -> Array:
