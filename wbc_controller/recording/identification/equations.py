@@ -55,13 +55,9 @@ class Equations:
 def select_samples(
     recorded: Mapping[str, Array], model: RobotModel, contacts: Mapping[str, Contact], width: float = WIDTH
 ) -> Samples:
-    """Select and smooth samples with an active controller and constant contacts.
+    """Select and smooth samples with an active controller and constant contacts; the window has a `width` in s.
 
-    Args:
-        recorded: arrays of the cycles (`Recording.arrays`).
-        width: smoothing window, s.
-
-    Raises `ConfigurationError` if the recording is of another robot, or has no such samples.
+    Raises `ConfigurationError` if the arrays (`Recording.arrays`) are of another robot, or have no such samples.
     """
     missing = [name for name in ("stamp", "mode", "tau", "q", "v") if name not in recorded]
     if missing:

@@ -52,9 +52,7 @@ def fit(system: Equations, narrower: Equations) -> Fit:
     - the change of the solution with half the smoothing, for errors of the equations,
     - `_TORQUE_ERROR` of the value.
 
-    Args:
-        system: equations; σ is estimated from their residuals.
-        narrower: the equations with half the smoothing.
+    σ is estimated from the residuals of `system`; `narrower` are the equations with half the smoothing.
     """
     scale = np.array([_PRIOR[name.partition(" ")[0]] for name in system.names])
     values, sigma = _solve(system, scale)

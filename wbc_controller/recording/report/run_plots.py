@@ -60,11 +60,11 @@ def _torques(run: RunData) -> Plot:
 def _forces(run: RunData) -> Plot:
     panels = []
     for name, wrench in run.contact_wrenches.items():
-        lines = [Line("force in the QP", run.time, wrench[:, 2], style.BLUE)]
+        lines = []
         if name in run.true_wrenches:  # below the other line
-            lines.insert(
-                0, Line("force of the ground", run.time, run.true_wrenches[name][:, 2], style.ORANGE, width=1.2)
-            )
+            true = run.true_wrenches[name][:, 2]
+            lines.append(Line("force of the ground", run.time, true, style.ORANGE, width=1.2))
+        lines.append(Line("force in the QP", run.time, wrench[:, 2], style.BLUE))
         panels.append(Panel(f"{name.replace('_', ' ')}<br>f<sub>z</sub> [N]", lines, from_zero=True))
     truth = ", and true force of the ground," if run.true_wrenches else ""
     caption = f"Force in the solution of the quadratic program{truth} along each contact's normal."
