@@ -15,12 +15,12 @@ class _TimeFault(Fault):
 
     def _distort(self, measured: Measurement, context: FaultContext, state: Any) -> None:
         for stream in self._streams("clock"):
-            stamp = measured.stamps[stream] + round(self._ahead(context.elapsed) * 1e9)
+            stamp = self._stamp(measured.stamps[stream], stream, context)
             measured.stamps[stream] = min(max(stamp, _FIRST), _LAST)
 
-    def _ahead(self, elapsed: float) -> float:
-        """Return the advance after a time, s: constant, or by the error of the clock rate."""
-        return float(getattr(self, "by", 0.0) + getattr(self, "rate", 0.0) * elapsed)
+    def _stamp(self, true: int, stream: str, context: FaultContext) -> int:
+        """Return the wrong stamp, ns, by default with a constant advance, or with an error of the clock rate."""
+        return true + round((getattr(self, "by", 0.0) + getattr(self, "rate", 0.0) * context.elapsed) * 1e9)
 
 
 class _StampFault(_TimeFault):
@@ -28,17 +28,15 @@ class _StampFault(_TimeFault):
 
 
 class _Frozen(_TimeFault):
-    def _distort(self, measured: Measurement, context: FaultContext, state: Any) -> None:
-        for stream in self._streams("clock"):
-            measured.stamps[stream] = context.memory.setdefault(stream, measured.stamps[stream])
+    def _stamp(self, true: int, stream: str, context: FaultContext) -> int:
+        return int(context.memory.setdefault(stream, true))
 
 
 class StampZero(_StampFault):
     """Stamps are zero."""
 
-    def _distort(self, measured: Measurement, context: FaultContext, state: Any) -> None:
-        for stream in self._streams("clock"):
-            measured.stamps[stream] = 0
+    def _stamp(self, true: int, stream: str, context: FaultContext) -> int:
+        return 0
 
 
 class StampFrozen(_Frozen, _StampFault):
@@ -50,8 +48,8 @@ class StampBack(_StampFault):
 
     by: float = number(0.1, 0.003, 100.0, "s", "size")
 
-    def _ahead(self, elapsed: float) -> float:
-        return -self.by
+    def _stamp(self, true: int, stream: str, context: FaultContext) -> int:
+        return true - round(self.by * 1e9)
 
 
 class StampAhead(_StampFault):
