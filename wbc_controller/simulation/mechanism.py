@@ -74,8 +74,7 @@ def _body_name(link: str) -> str:
 def _mechanism(model: RobotModel) -> tuple[ET.Element, str]:
     """Return the URDF for MuJoCo, without shapes, and the name of its root link."""
     tree = bare_mechanism(ET.fromstring(model.urdf), model.moving_joints, model.locked)  # noqa: S314 - checked
-    children = {element.get("link") for element in tree.iterfind("joint/child")}
-    root = next(str(link.get("name")) for link in tree.findall("link") if link.get("name") not in children)
+    root = model.base_link
     if root != _WORLD or model.floating_base:
         # MuJoCo reserves this name for the world.
         for tag, key in (("link", "name"), ("joint/parent", "link"), ("joint/child", "link")):

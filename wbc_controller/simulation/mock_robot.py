@@ -207,8 +207,7 @@ class MockRobot:
         if not self._lockstep:
             newest = next(iter(self._commands.take()), None)
             for message in self.faults.deliver("effort", 0, newest)[-1:]:
-                if not self._try("effort", message.payload, self._take_effort):
-                    self._tau = None
+                self._try("effort", message.payload, self._take_effort)
         if self._tau is not None and self.plant.time - self._tau_time <= self._mock.command_timeout:
             self._release_brakes()
             tau = self._tau if self._sensors is None else self._sensors.torques(self._tau)
@@ -250,17 +249,17 @@ class MockRobot:
     def _publish(self, key: str, subject: str, content: Any) -> None:
         self._publishers[key, subject](messages.encode(content))
 
-    def _try(self, key: str, payload: bytes, use: Callable[[Any], None]) -> bool:
+    def _try(self, key: str, payload: bytes, use: Callable[[Any], None]) -> None:
         try:
             use(messages.decode(payload, self._types[key]))
+            self._last_refusal.pop(key, None)
         except InputRefused as error:
             torques = key in ("effort", "joint_commands")  # sent each period
+            if torques:
+                self._tau = None
             if self._last_refusal.get(key) != str(error) and (not torques or self._limit.passes(key)):
                 self._last_refusal[key] = str(error)
                 _log.warning("%s refused: %s", key, error)
-            return False
-        self._last_refusal.pop(key, None)
-        return True
 
     def _take_effort(self, content: Any) -> None:
         values, actuation = np.array(content.data, dtype=np.float64), self._robot.actuation
@@ -290,8 +289,7 @@ class MockRobot:
 
     def _answered(self) -> bool:
         for payload in self._commands.take():
-            if not self._try("joint_commands", payload, self._take_answer):
-                self._tau = None
+            self._try("joint_commands", payload, self._take_answer)
         return self._answered_stamp == self.stamp
 
     def _push(self, content: Any) -> None:

@@ -129,7 +129,8 @@ def equations(samples: Samples, model: RobotModel, contacts: Mapping[str, Contac
         rows.append(Z.T @ A)
         right.append(Z.T @ known)
         group.append(np.full(Z.shape[1], i // _STRETCH))
-    names = [f"mass {_link(model, i)}" for i in links]
+    first_links = {f.parentJoint: f.name for f in list(robot.frames)[::-1] if f.type == pin.BODY}  # of each joint
+    names = [f"mass {first_links[i]}" for i in links]
     names += ["armature", *(f"{kind} {joint}" for kind in ("dry", "viscous") for joint in model.joints)]
     armature = float(np.max(robot.armature, initial=0.0))
     nominal = np.concatenate([np.ones(len(links)), [armature], np.zeros(2 * model.nj)])
@@ -143,9 +144,3 @@ def _null_space(J: Array) -> Array:
     _, sizes, V = np.linalg.svd(J)
     rank = int(np.count_nonzero(sizes > 1.0e-9 * max(1.0, float(np.max(sizes, initial=0.0)))))
     return np.asarray(V[rank:].T)
-
-
-def _link(model: RobotModel, joint: int) -> str:
-    robot = model.pinocchio
-    frames = [f.name for f in robot.frames if f.type == pin.BODY and f.parentJoint == joint]
-    return str(frames[0]) if frames else str(robot.names[joint])
