@@ -93,9 +93,8 @@ class FileSink:
 class Writer:
     """Collector of chunks, with a buffer and a thread that writes files.
 
-    Args:
-        plan: ``file`` for the whole run or None, ``folder`` for the last ``seconds`` or None, ``name`` of the robot,
-            and largest number of ``files``.
+    `plan` contains the ``file`` of the whole run or None, the ``folder`` of the last ``seconds`` or None, the ``name``
+    of the robot, and the largest number of ``files``.
     """
 
     def __init__(self, plan: dict[str, Any], report: Callable[[str], None]) -> None:

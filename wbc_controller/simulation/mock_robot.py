@@ -50,11 +50,7 @@ _log = logging.getLogger(__name__)
 
 
 class MockRobot:
-    """Publishes the plant's state every control period, and applies the controller's torques.
-
-    `sent` is an optional callback with stream and true time, ns, of each message. `rebased` counts restarts of the
-    schedule.
-    """
+    """Publishes the plant's state every control period, and applies the controller's torques."""
 
     def __init__(
         self,
@@ -81,8 +77,8 @@ class MockRobot:
             raise ConfigurationError(f"real-time factor {real_time_factor} must be positive and finite")
         self.plant = Plant(model, settings)
         self.faults = Injector(model, self.plant, 1.0 / settings.control.rate)
-        self.sent: Callable[[str, int], None] | None = None
-        self.rebased = 0
+        self.sent: Callable[[str, int], None] | None = None  # called with stream and true time, ns, of each message
+        self.rebased = 0  # number of restarts of the schedule
         self._real_time_factor = real_time_factor
         self._robot = model
         self._mock = settings.mock

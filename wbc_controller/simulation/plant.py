@@ -62,14 +62,7 @@ class Plant:
     """Simulated robot, its floor, and a hoist that holds a floating base at its start.
 
     Results belong to the present state after `step`, `set_state` and `forward`, and are reproducible bit for bit.
-
-    Attributes:
-        model: MuJoCo's model, which faults change before `forward`.
-        data: MuJoCo's data, read only.
-        contact_forces: geoms and forces of the contacts.
-        steps_per_period: steps per control period.
-        step_seconds: time step, s: the largest divisor of the period up to `mock.step`.
-        effort_limits: effort limits, (na,) in N·m.
+    Faults change MuJoCo's `model` before `forward`; its `data` are read only.
     """
 
     def __init__(self, model: RobotModel, settings: Settings) -> None:
@@ -77,24 +70,22 @@ class Plant:
         self._robot = model
         period = 1.0 / settings.control.rate
         self.steps_per_period = max(1, math.ceil(period / settings.mock.step - 1e-9))
-        self.step_seconds = period / self.steps_per_period
-        self.effort_limits = model.actuation.effort_limits
+        self.step_seconds = period / self.steps_per_period  # largest divisor of the control period up to `mock.step`
+        self.effort_limits = model.actuation.effort_limits  # (na,) in N·m
         self.contacts = dict(settings.contacts)
         self._grips, self._closures = grips_of(model, self.contacts), closures_of(model, settings.loops)
         normal = np.array(settings.mock.floor_normal) / np.linalg.norm(settings.mock.floor_normal)
         shapes = read_shapes(model, self.contacts, normal, folder_of(settings.robot.urdf)) if self.contacts else {}
-        self.model = compile_mechanism(
-            model, self.contacts, self.step_seconds, settings.mock, shapes, {**self._grips, **self._closures}
-        )
+        attachments = {**self._grips, **self._closures}
+        self.model = compile_mechanism(model, self.contacts, self.step_seconds, settings.mock, shapes, attachments)
         self.data = mujoco.MjData(self.model)
         self._qpos, self._dof = self._addresses(model.joints)
         if settings.mock.joint_friction > 0.0:
             add_friction(self.model, self._dof, settings.mock.joint_friction, self.step_seconds)
         self.model.dof_damping[self._dof] += settings.mock.joint_viscosity
         self._feet = {name: self._body_of(contact_placement(model, name, c)) for name, c in self.contacts.items()}
-        self.contact_forces = ContactForces(
-            self.model, self.contacts, {name: foot.id for name, foot in self._feet.items()}
-        )
+        bodies = {name: foot.id for name, foot in self._feet.items()}
+        self.contact_forces = ContactForces(self.model, self.contacts, bodies)
         self._count = 0
         self._tau = np.zeros(model.na)
         self._wanted_damping, self._damping_matrix = math.nan, np.zeros((model.na, model.nj))
@@ -105,7 +96,7 @@ class Plant:
         self._imus: dict[str, tuple[_Body, deque[Array]]] = {}
         self._locks: Counter[str] = Counter()  # locks by joint
         self._unlocked: dict[str, tuple[bool, Any]] = {}  # limit flag and range without the lock
-        soften(self.model, settings.mock.terrain, [foot.id for foot in self._feet.values()])
+        soften(self.model, settings.mock.terrain, bodies.values())
         start = self._initial_base()
         self._hoist = Hoist(self.model, self.data, start) if model.floating_base else None
         for closure in self._closures.values():
