@@ -37,9 +37,9 @@ class Drawing:
     """Draws snapshots in the scene of a viser server."""
 
     def __init__(self, server: viser.ViserServer, robot: Robot, meshes: Sequence[Part]) -> None:
-        self._scene, self._robot = server.scene, robot
-        self._server = server
-        self._data = robot.model.pinocchio.createData()
+        self._server, self._scene, self._robot = server, server.scene, robot
+        model = robot.model.pinocchio
+        self._data = model.createData()
         self.links: list[tuple[Any, int]] = []  # handle, and index of the joint
         self.placements: list[pin.SE3] = []  # of each joint in the world, as last drawn
         self._shown = dict.fromkeys(GROUPS, True)
@@ -47,10 +47,18 @@ class Drawing:
         self._light = self._scene.add_light_hemisphere(
             "/light", sky_color=(255, 255, 255), ground_color=(150, 150, 160), intensity=_LIGHT
         )
-        self._tree = _FrameTree(self._scene, robot.model.pinocchio, sorted({mesh.joint for mesh in meshes}))
+        #: Joints of the frames, each relative to its parent, so that only moved joints change.
+        self._joints = sorted({before for mesh in meshes for before in model.supports[mesh.joint]} - {0})
+        self._frames: list[Any] = []
+        names = {0: "/robot"}  # of each joint's frame
+        for joint in self._joints:
+            names[joint] = f"{names[model.parents[joint]]}/{joint}"
+            self._frames.append(self._scene.add_frame(names[joint], show_axes=False))
+        self._positions = np.zeros((len(self._joints), 3))
+        self._quaternions = np.tile([1.0, 0.0, 0.0, 0.0], (len(self._joints), 1))
         for mesh in meshes:
             color = np.array(255 * np.clip(np.array(mesh.color), _DARKEST, _BRIGHTEST), dtype=np.uint8)
-            name = f"{self._tree.names[mesh.joint]}/{mesh.name}"
+            name = f"{names[mesh.joint]}/{mesh.name}"
             handle = self._scene.add_mesh_simple(name, mesh.vertices, mesh.triangles, color=color, cast_shadow=True)
             self.links.append((handle, mesh.joint))
 
@@ -60,11 +68,16 @@ class Drawing:
         pin.forwardKinematics(robot.model.pinocchio, self._data, snapshot.q)
         self.placements = list(self._data.oMi)
         robot.dynamics.update(snapshot.q, snapshot.v)
-        shapes = list(draw(robot.dynamics, robot.tasks, robot.contacts, snapshot.references, snapshot.forces))
-        shapes += snapshot.steps
+        shapes = draw(robot.dynamics, robot.tasks, robot.contacts, snapshot.references, snapshot.forces)
+        present = {(shape.group, shape.number): shape for shape in (*shapes, *snapshot.steps)}
         with self._server.atomic():
-            self._tree.move(self._data)
-            self._draw(shapes)
+            self._move_frames()
+            for place, shape in present.items():
+                if place not in self._shapes:
+                    self._shapes[place] = _DrawnShape(self._scene, shape)
+                self._shapes[place].move(shape, self._shown[_SWITCH_OF.get(shape.group, shape.group)])
+            for place in self._shapes.keys() - present:
+                self._shapes[place].hide()
 
     def set_visible(self, group: str, shown: bool) -> None:
         """Show or hide a group of shapes."""
@@ -81,31 +94,8 @@ class Drawing:
         self._light.visible = not shadows  # reflections replace this light
         self._scene.configure_environment_map("studio" if shadows else None, environment_intensity=0.6)
 
-    def _draw(self, shapes: Sequence[Shape]) -> None:
-        present = {(shape.group, shape.number): shape for shape in shapes}
-        for place, shape in present.items():
-            if place not in self._shapes:
-                self._shapes[place] = _DrawnShape(self._scene, shape)
-            self._shapes[place].move(shape, self._shown[_SWITCH_OF.get(shape.group, shape.group)])
-        for place in self._shapes.keys() - present:
-            self._shapes[place].hide()
-
-
-class _FrameTree:
-    """Frames of the joints, each relative to its parent, so that only moved joints change."""
-
-    def __init__(self, scene: viser.SceneApi, model: pin.Model, joints: Sequence[int]) -> None:
-        self.names = {0: "/robot"}  # of each joint's frame
-        self._frames: list[Any] = []
-        self._joints = sorted({before for joint in joints for before in model.supports[joint]} - {0})
-        for joint in self._joints:
-            self.names[joint] = f"{self.names[model.parents[joint]]}/{joint}"
-            self._frames.append(scene.add_frame(self.names[joint], show_axes=False))
-        self._positions = np.zeros((len(self._joints), 3))
-        self._quaternions = np.tile([1.0, 0.0, 0.0, 0.0], (len(self._joints), 1))
-
-    def move(self, data: pin.Data) -> None:
-        placements = [data.liMi[joint] for joint in self._joints]
+    def _move_frames(self) -> None:
+        placements = [self._data.liMi[joint] for joint in self._joints]
         positions = np.array([each.translation for each in placements])
         turns = np.array([quaternion_of(each.rotation) for each in placements])[:, [3, 0, 1, 2]]
         for i in np.flatnonzero(np.abs(positions - self._positions).max(axis=1) > _STILL_JOINT):
