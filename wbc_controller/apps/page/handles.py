@@ -4,13 +4,12 @@ import time
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 import viser
 
 from wbc_controller.apps.page.request_sender import RequestSender
 from wbc_controller.apps.page.snapshot import FOLLOWING, Robot, Snapshot
-from wbc_controller.inverse_dynamics.tasks import AccelerationTask
 from wbc_controller.records import Array
+from wbc_controller.settings.tasks import FrameOrientationTask
 
 #: Task types with a handle: translation, rotation.
 KINDS = {
@@ -29,9 +28,13 @@ class Handle:
     """Handle of one task."""
 
     def __init__(self, server: viser.ViserServer, robot: Robot, task: str, sender: RequestSender) -> None:
-        self._name, self._robot, self._sender = task, robot, sender
-        self._kind = robot.settings.tasks[task].type
-        self._can_move, self._can_rotate = KINDS[self._kind]
+        self._name, self._dynamics, self._sender = task, robot.dynamics, sender
+        self._task: Any = robot.tasks[task]
+        spec = robot.settings.tasks[task]
+        self._can_move, self._can_rotate = KINDS[spec.type]
+        #: Frame with the handle of an orientation; None if the value of the task contains the position.
+        self._frame = robot.model.frame_id(spec.frame, task) if isinstance(spec, FrameOrientationTask) else None
+        self._hold_time = spec.setpoint_duration + _HOLD_TIME
         self._rings_shown = False
         #: Last orientation (w, x, y, z), kept while the rings are hidden and the handle has world axes.
         self._orientation = _UNTURNED
@@ -63,10 +66,10 @@ class Handle:
             self._sender.drag(f"setpoint {self._name}", client, self._request_words())
         else:
             self._dragging = None
-        self._hold_until = time.monotonic() + self._robot.settings.tasks[self._name].setpoint_duration + _HOLD_TIME
+        self._hold_until = time.monotonic() + self._hold_time
 
     def _request_words(self) -> list[str]:
-        numbers = [] if self._kind == "frame_orientation" else list(self._gizmo.position)
+        numbers = list(self._gizmo.position) if self._frame is None else []
         if self._can_rotate:
             w, x, y, z = self._gizmo.wxyz if self._rings_shown else self._orientation
             numbers += [x, y, z, w]
@@ -100,26 +103,11 @@ class Handle:
         if self._dragging is not None or time.monotonic() < self._hold_until:
             return
         known = None if self._disabled or references is None else references.tasks.get(self._name)
-        task = self._robot.tasks[self._name]
-        if known is not None:
-            at = known.position
-        elif isinstance(task, AccelerationTask):
-            at = np.asarray(task.position(self._robot.dynamics))
-        else:
-            return
-        position, turned = self._pose(at)
+        at: Array = self._task.position(self._dynamics) if known is None else known.position
+        position = at[:3] if self._frame is None else self._dynamics.placement(self._frame).translation
         if not np.allclose(position, self._gizmo.position, rtol=0.0, atol=1.0e-4):
             self._gizmo.position = position
-        self._orientation = turned
-        turned = turned if self._rings_shown else _UNTURNED
+        self._orientation = np.roll(at[-4:], 1) if self._can_rotate else _UNTURNED
+        turned = self._orientation if self._rings_shown else _UNTURNED
         if not 1.0 - abs(float(turned @ self._gizmo.wxyz)) <= 1.0e-7:
             self._gizmo.wxyz = turned
-
-    def _pose(self, at: Array) -> tuple[Array, Array]:
-        """Return position, (3,), and quaternion (w, x, y, z) of the handle for a value of the task."""
-        turned = np.roll(at[-4:], 1) if self._can_rotate else _UNTURNED
-        if self._kind != "frame_orientation":
-            return at[:3], turned
-        frame = self._robot.model.frame_id(self._robot.settings.tasks[self._name].frame, self._name)  # type: ignore[union-attr]
-        placement: pin.SE3 = self._robot.dynamics.placement(frame)
-        return placement.translation, turned
