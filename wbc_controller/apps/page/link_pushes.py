@@ -1,5 +1,6 @@
 """Pushes of the mock robot by drags on its links."""
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -27,27 +28,23 @@ class LinkPushes:
         self._drawing = drawing
         self._pulls: dict[int, Any] = {}
         self.enabled = False
-        self._links = {joint: _link_of(robot.model.pinocchio, joint) for _, joint in drawing.links}
         for handle, joint in drawing.links:
-            handle.on_drag("left", modifier=KEY)(self._drag_handler(joint))
+            handle.on_drag("left", modifier=KEY)(partial(self._pulled, joint))
 
-    def _drag_handler(self, joint: int) -> Any:
-        async def pulled(event: Any) -> None:
-            client = int(event.client_id)
-            start, end = np.array(event.start_position), np.array(event.end_position)
-            force = self.force(end - start)
-            # viser also ends the drags of a closed page
-            closed = client not in self._server.get_clients()
-            if event.phase == "end" or closed or not self.enabled:
-                self.end_drags(client)
-                if event.phase == "end" and self.enabled and not closed and force.any():
-                    self._sender.request(self._request(joint, start, force))
-                return
+    async def _pulled(self, joint: int, event: Any) -> None:
+        client = int(event.client_id)
+        start, end = np.array(event.start_position), np.array(event.end_position)
+        force = self._force(end - start)
+        # viser also ends the drags of a closed page
+        closed = client not in self._server.get_clients()
+        if event.phase != "end" and self.enabled and not closed:
             self._draw(client, start, end, force)
+            return
+        self.end_drags(client)
+        if self.enabled and not closed and force.any():
+            self._sender.request(self._request(joint, start, force))
 
-        return pulled
-
-    def force(self, pull: Array) -> Array:
+    def _force(self, pull: Array) -> Array:
         """Return the force of a pull, (3,) in N: zero below the smallest length, bounded above."""
         length = float(np.linalg.norm(pull))
         weight = self._robot.model.mass * self._robot.model.gravity
@@ -56,13 +53,15 @@ class LinkPushes:
         return np.asarray(pull / length * weight * min(_MAX_FORCE, _FORCE_PER_METRE * length))
 
     def _request(self, joint: int, at: Array, force: Array) -> Request:
-        link, frame = self._links[joint]
-        origin = (self._drawing.placements[joint] * frame).translation
-        wrench = np.concatenate([force, np.cross(at - origin, force)])
-        content = wrench_stamped(wrench, link)
+        """Return a push at the nearest link moved by a joint, at the start of the pull."""
+        frames = [each for each in self._robot.model.pinocchio.frames if each.parentJoint == joint]
+        links = [frame for frame in frames if frame.type == pin.BODY]
+        link = min(links, key=lambda frame: float(np.linalg.norm(frame.placement.translation)))
+        origin = (self._drawing.placements[joint] * link.placement).translation
+        wrench, name = np.concatenate([force, np.cross(at - origin, force)]), str(link.name)
         duration = self._robot.settings.mock.push_duration
-        summary = f"a push of {np.linalg.norm(force):.0f} N for {duration:g} s at {link}"
-        return Request("mock", "push", "", summary, lambda wait_for_message: content, link)
+        summary = f"a push of {np.linalg.norm(force):.0f} N for {duration:g} s at {name}"
+        return Request("mock", "push", "", summary, lambda wait_for_message: wrench_stamped(wrench, name), name)
 
     def _draw(self, client: int, start: Array, end: Array, force: Array) -> None:
         name, points = f"/pulls/{client}", np.array([[start, end]], dtype=np.float32)
@@ -80,10 +79,3 @@ class LinkPushes:
         """End the pull of a closed page."""
         for handle in self._pulls.pop(client, ()):
             handle.remove()
-
-
-def _link_of(model: pin.Model, joint: int) -> tuple[str, pin.SE3]:
-    """Return the nearest link moved by a joint, and its placement on the joint."""
-    frames = [frame for frame in model.frames if frame.parentJoint == joint and frame.type == pin.BODY]
-    frame = min(frames, key=lambda frame: float(np.linalg.norm(frame.placement.translation)))
-    return str(frame.name), frame.placement
