@@ -14,6 +14,7 @@ from wbc_controller.apps.terminal.session import Session
 from wbc_controller.apps.terminal.status_view import RobotStatus, StatusListener
 from wbc_controller.controller.visualization.scene import Shape
 from wbc_controller.errors import InputRefused
+from wbc_controller.inverse_dynamics.references.trajectories import rest
 from wbc_controller.middleware.codec import decode
 from wbc_controller.middleware.decoding import READERS
 from wbc_controller.middleware.joint_states import JointStateReader, JointStates, StateReader
@@ -57,13 +58,14 @@ class TopicSource:
         if model.floating_base and base is None:
             q = self._base_on_contacts.place(q)
         mode = self._session.mode()
+        commands: JointStates | None = self._commands.update()
         return Snapshot(
             stamp=joints.stamp,
             age=time.monotonic() - self._joints.arrival,
             q=q,
             v=v,
             mode=mode,
-            torques=self._torques(joints.stamp),
+            torques=commands.effort if commands is not None and _is_fresh(commands.stamp, joints.stamp) else None,
             forces=self._contact_forces(joints.stamp) if mode.startswith("active") else {},
             references=self._references() if mode.startswith(FOLLOWING) else None,
             steps=self._planned_steps(joints.stamp),
@@ -80,10 +82,6 @@ class TopicSource:
             refused += [value.value for value in status.values if value.key.startswith("refused/")]
         self._status = self._listener.newest()
         return refused
-
-    def _torques(self, stamp: int) -> Array | None:
-        newest: JointStates | None = self._commands.update()
-        return newest.effort if newest is not None and _is_fresh(newest.stamp, stamp) else None
 
     def _contact_forces(self, stamp: int) -> dict[str, Array]:
         for name, newest in self._wrenches.items():
@@ -106,23 +104,15 @@ class TopicSource:
     def _references(self) -> References | None:
         if self._status is None:
             return None
-        values, tasks = self._status.values, {}
+        values, tasks = self._status.values, dict[str, Reference]()
         for name, (_, content) in self._status.tasks.items():
-            position = self._position(name, content)
-            if position is not None:
-                still = np.zeros(0)
-                tasks[name] = Reference(position, still, still)
+            if content is not None:
+                # The running controller may have another task of this name.
+                with contextlib.suppress(InputRefused, ValueError):
+                    (change,) = READERS["setpoint"](self._vocabulary, name, content)
+                    tasks[name] = rest(change.position, 0)  # type: ignore[union-attr]
         weights = {name: float(values.get(f"task_weight/{name}", "0")) for name in tasks}
         return References(tasks, weights, {})
-
-    def _position(self, task: str, content: Any) -> Array | None:
-        if content is None:
-            return None
-        try:
-            (change,) = READERS["setpoint"](self._vocabulary, task, content)
-        except (InputRefused, ValueError):
-            return None  # the running controller has another task of this name
-        return np.asarray(change.position)  # type: ignore[union-attr]
 
 
 class _Stream:
