@@ -16,6 +16,7 @@ from wbc_controller.records import REQUESTS, Array
 from wbc_controller.settings import Settings
 
 ReadMessage = Callable[[str, str, str], Any]  # waits for the newest message of a topic, given by node, key and subject
+Make = Callable[[ReadMessage], Any]  # makes the message of a request; may read messages of the nodes
 _HOIST = {"release": "the hoist releases the robot", "hold": "the hoist lifts the robot to its start pose"}
 #: First words of other requests than setpoints, with their arguments.
 FORMS = {
@@ -39,7 +40,7 @@ class Request:
     key: str  # of the topic
     subject: str  # task or contact, or empty
     summary: str  # effect in words, without a full stop
-    make: Callable[[ReadMessage], Any]  # may read messages of the nodes
+    make: Make
     frame: str = ""  # frame to be checked by the sender, as the mock robot only logs an error; or empty
 
 
@@ -53,17 +54,19 @@ def parse_request(words: Sequence[str], settings: Settings) -> Request:
     if not form and rest:
         raise InputRefused(f"{first!r} takes no arguments, got {text!r}")
     if first in REQUESTS:
-        return Request("controller", "command", "", first, _string(first))
+        return Request("controller", "command", "", first, _constant("String", first))
     if first in _HOIST:
-        return Request("mock", "hold", "", _HOIST[first], _bool(first == "hold"))
+        return Request("mock", "hold", "", _HOIST[first], _constant("Bool", first == "hold"))
     if first == "push":
         return _push(rest, settings)
     if first in ("update", "fault"):
         if not rest:
             raise InputRefused(f"{first} requires YAML; see docs/{'topics' if first == 'update' else 'faults'}.md")
-        return Request("controller" if first == "update" else "mock", first, "", f"{first} {text}", _string(text))
+        node = "controller" if first == "update" else "mock"
+        return Request(node, first, "", f"{first} {text}", _constant("String", text))
     if first == "record":
-        return Request("controller", "record", "", "the last seconds are written to a file", _string("-".join(rest)))
+        summary = "the last seconds are written to a file"
+        return Request("controller", "record", "", summary, _constant("String", "-".join(rest)))
     if len(rest) != 2:
         raise InputRefused(f"{first} requires {form}; got {text!r}")
     kind, known = ("task", settings.tasks) if first in ("task", "weight") else ("contact", settings.contacts)
@@ -72,25 +75,17 @@ def parse_request(words: Sequence[str], settings: Settings) -> Request:
     if first == "weight":
         value = quantity.number(word, "weight")
         summary = f"the weight of {name} becomes {value:g} in {settings.control.weight_ramp:g} s"
-        return Request("controller", "weight", name, summary, _constant("std_msgs/msg/Float64", data=value))
+        return Request("controller", "weight", name, summary, _constant("Float64", value))
     require_known(word, ("on", "off"), "unknown value", error=InputRefused)
-    on = word == "on"
+    content = _constant("Bool", word == "on")
     if first == "grip":
-        return Request("mock", "grip", name, f"{'grips' if on else 'releases'} {name}", _bool(on))
+        return Request("mock", "grip", name, f"{'grips' if word == 'on' else 'releases'} {name}", content)
     ramp = settings.control.weight_ramp if first == "task" else settings.contacts[name].ramp
-    return Request("controller", f"{first}_enable", name, f"{first} {name} goes {word} in {ramp:g} s", _bool(on))
+    return Request("controller", f"{first}_enable", name, f"{first} {name} goes {word} in {ramp:g} s", content)
 
 
-def _constant(type_name: str, **fields: Any) -> Callable[[ReadMessage], Any]:
-    return lambda wait_for_message: message(type_name, **fields)
-
-
-def _string(text: str) -> Callable[[ReadMessage], Any]:
-    return _constant("std_msgs/msg/String", data=text)
-
-
-def _bool(value: bool) -> Callable[[ReadMessage], Any]:
-    return _constant("std_msgs/msg/Bool", data=value)
+def _constant(type_name: str, value: str | bool | float) -> Make:
+    return lambda wait_for_message: message(f"std_msgs/msg/{type_name}", data=value)
 
 
 def _setpoint(task: str, words: list[str], settings: Settings) -> Request:
@@ -101,7 +96,7 @@ def _setpoint(task: str, words: list[str], settings: Settings) -> Request:
     oriented = type_name == "geometry_msgs/msg/PoseStamped"
     make = partial(setpoint_message, type_name, kind)
 
-    def request(summary: str, content: Callable[[ReadMessage], Any]) -> Request:
+    def request(summary: str, content: Make) -> Request:
         when = f"in {duration:g} s" if duration > 0.0 else "at once"
         return Request("controller", "setpoint", task, f"{task} {summary}, {when}", content)
 
@@ -127,9 +122,7 @@ def _setpoint(task: str, words: list[str], settings: Settings) -> Request:
     return at(f"moves {' '.join(words)}", values, f"{task}/{'heading' if by_heading else 'reference'}")
 
 
-def _absolute(
-    task: str, words: list[str], make: Callable[..., Any], oriented: bool, home: str
-) -> tuple[str, Callable[[ReadMessage], Any]]:
+def _absolute(task: str, words: list[str], make: Callable[..., Any], oriented: bool, home: str) -> tuple[str, Make]:
     """Parse ``0 0 0.6 [in FRAME]``."""
     frame = home
     if len(words) > 1 and words[-2] == "in":
@@ -150,9 +143,7 @@ def _absolute(
     return summary, keep_orientation
 
 
-def _joints(
-    task: str, words: list[str], make: Callable[..., Any], field: str
-) -> tuple[str, Callable[[ReadMessage], Any]]:
+def _joints(task: str, words: list[str], make: Callable[..., Any], field: str) -> tuple[str, Make]:
     """Parse ``JOINT by 0.1`` or ``JOINT to 0.7``, one or several."""
     keywords = set(words[1::3])
     if not words or len(words) % 3 or len(keywords) != 1 or not keywords <= {"by", "to"}:
