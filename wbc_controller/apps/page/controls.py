@@ -41,7 +41,7 @@ class Controls:
     """Controls of the panel, shared by all pages, on the server's event loop."""
 
     def __init__(self, server: viser.ViserServer, robot: Robot, sender: RequestSender) -> None:
-        self._gui, self._settings, self._sender = server.gui, robot.settings, sender
+        self._gui, self._sender = server.gui, sender
         self._loop = server.get_event_loop()
         self._touched: dict[int, float] = {}
         self._tasks: dict[str, tuple[Any, Any | None]] = {}

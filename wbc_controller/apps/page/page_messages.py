@@ -85,11 +85,8 @@ class TransformControlsUpdateMessage(_Message):
     owner: Literal[""] = ""
 
 
-class TransformControlsDragEndMessage(_Message):
+class TransformControlsDragEndMessage(TransformControlsDragStartMessage):
     """End of a drag of a handle."""
-
-    name: _Name
-    owner: Literal[""] = ""
 
 
 class SceneNodeDragMessage(_Message):

@@ -53,8 +53,7 @@ def torque_panel(robot: Robot, snapshot: Snapshot) -> str:
 
 def effort_shares(robot: Robot, joint_torques: Array) -> Array:
     """Return the actuator torques as shares of their limits, (na,)."""
-    shares = robot.model.actuation.from_joints(joint_torques) / robot.model.effort_limits
-    return np.asarray(shares)
+    return np.asarray(robot.model.actuation.from_joints(joint_torques) / robot.model.effort_limits)
 
 
 def _page(parts: Iterable[str]) -> str:

@@ -72,14 +72,7 @@ class Playback:
             if self.time >= self.duration:
                 self.time, self.playing = self.duration, False
         self._now = now
-        at = max(0, bisect.bisect_right(self._times, self.time) - 1)
-        return self._snapshot_of(self._cycles[at])
-
-    def read_status(self) -> Sequence[str]:
-        """Return no refusals."""
-        return ()
-
-    def _snapshot_of(self, cycle: RecordedCycle) -> Snapshot:
+        cycle = self._cycles[max(0, bisect.bisect_right(self._times, self.time) - 1)]
         values, model = cycle.values, self._robot.model
         mode = MODES[int(cycle.scalar("mode"))].value
         moved = self._recorded.elapsed(cycle.time)
@@ -101,6 +94,10 @@ class Playback:
             status=self._statuses[place][1] if place >= 0 else None,
             silence=0.0,
         )
+
+    def read_status(self) -> Sequence[str]:
+        """Return no refusals."""
+        return ()
 
     def _forces(self, cycle: RecordedCycle) -> dict[str, Array]:
         forces = {name: np.array(cycle.values[f"force/{name}"]) for name in self._robot.contacts}

@@ -87,10 +87,14 @@ def publish_velocities(session: Session, drive: Drive, terminal: int) -> None:
             publish(encode(velocity_message(drive.velocity)))
             for newest in session.statuses():
                 status = {value.key: value.value for value in newest.values}
-            click.echo(f"\r{_line(drive, session.mode(), status)}\x1b[K", nl=False)
+            forward, left, turning = drive.velocity
+            parts = [f"forward {forward:.2f}, left {left:.2f} m/s, turn {turning:.2f} rad/s", session.mode()]
+            if "walking/phase" in status:
+                parts.append(f"{status['walking/phase']}, {status['walking/steps']} steps")
+            click.echo(f"\r{' | '.join(parts)}\x1b[K", nl=False)
             due = max(due + PERIOD, time.monotonic())
-            while (left := due - time.monotonic()) > 0.0:
-                if select.select([terminal], [], [], left)[0]:
+            while (remaining := due - time.monotonic()) > 0.0:
+                if select.select([terminal], [], [], remaining)[0]:
                     pressed = os.read(terminal, 64)
                     if not pressed:
                         return
@@ -98,11 +102,3 @@ def publish_velocities(session: Session, drive: Drive, terminal: int) -> None:
     finally:
         publish(encode(velocity_message((0.0, 0.0, 0.0))))
         publish.wait_for_acknowledgment(_ACKNOWLEDGMENT)
-
-
-def _line(drive: Drive, mode: str, status: Mapping[str, str]) -> str:
-    forward, left, turning = drive.velocity
-    parts = [f"forward {forward:.2f}, left {left:.2f} m/s, turn {turning:.2f} rad/s", mode]
-    if "walking/phase" in status:
-        parts.append(f"{status['walking/phase']}, {status['walking/steps']} steps")
-    return " | ".join(parts)

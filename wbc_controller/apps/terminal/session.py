@@ -18,7 +18,6 @@ from wbc_controller.middleware.transports.dds import DdsPublication, DdsTranspor
 from wbc_controller.nodes.wiring import topics_of
 from wbc_controller.settings import NODE_NAME, Settings
 
-_NODE = "wbc_user"
 ANSWER_TIMEOUT = 20.0  # of a discovered node, wall time, s
 #: Longest wait for the first status, and for a walking robot to stand, before the hoist lifts it, s.
 _STATUS_PATIENCE, _STAND_PATIENCE = 1.5, 10.0
@@ -47,7 +46,7 @@ class Session:
         namespace: str = "/",
         remappings: Mapping[str, str] | None = None,
         patience: float = DISCOVERY_PATIENCE,
-        node: str = _NODE,
+        node: str = "wbc_user",
     ) -> None:
         """Join the DDS domain; an undiscovered node counts as absent after `patience`, wall time, s."""
         self.topics = topics_of(settings, namespace, remappings)
@@ -120,7 +119,11 @@ class Session:
     def execute(self, request: Request) -> Answer:
         """Send a request, and return its outcome; raise `NoAnswer` without a node or answer."""
         if (request.node, request.key, request.summary) == ("controller", "command", "estop"):
-            return self._emergency_stop(request)
+            self._deliver(request)
+            self.listen("controller", "state")
+            error = "the emergency stop was delivered, but the controller has not confirmed it; check the robot"
+            self.until(lambda: "ESTOP" in self.mode(), error)
+            return Answer(True, f"the controller is {self.mode()}")
         if request.node == "mock":
             self._deliver(request)
             return Answer(True, f"sent to the mock robot: {request.summary}")
@@ -174,13 +177,6 @@ class Session:
             if not stopping:
                 deadline, stopping = time.monotonic() + _STAND_PATIENCE, True
             stop(encode(velocity_message((0.0, 0.0, 0.0))))
-
-    def _emergency_stop(self, request: Request) -> Answer:
-        self._deliver(request)
-        self.listen("controller", "state")
-        error = "the emergency stop was delivered, but the controller has not confirmed it; check the robot"
-        self.until(lambda: "ESTOP" in self.mode(), error)
-        return Answer(True, f"the controller is {self.mode()}")
 
     def find_controller(self) -> None:
         """Wait for the discovery of the controller's state, before the first subscription.

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import starmap
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from rich import box
@@ -160,8 +160,7 @@ def _milliseconds(age: str) -> str:
     return f"{1e3 * seconds:.1f} ms" if np.isfinite(seconds) else "never"
 
 
-@dataclass(frozen=True, slots=True)
-class TaskRow:
+class TaskRow(NamedTuple):
     """One task in words; unknown values are empty."""
 
     name: str
@@ -196,8 +195,7 @@ def _task_table(settings: Settings, robot: RobotStatus) -> Table:
     for column in ("task", "type", "weight", "value", "reference", "error"):
         table.add_column(column, overflow="fold", justify="right" if column in ("weight", "error") else "left")
     for row in task_rows(settings, robot):
-        cells = (row.name, row.kind, row.weight, row.value, row.reference, row.error)
-        table.add_row(*cells, style="dim" if row.off else "")
+        table.add_row(*row[:-1], style="dim" if row.off else "")
     return table
 
 
