@@ -48,16 +48,15 @@ def new_configuration(
     postures = read_postures(srdf) if srdf is not None else {}
     draft, body, found = _feet(source, postures, feet, ())
     # A leg may end in a joint as light as a finger's: a second search keeps these joints.
-    if found and min(len(body.limb_of(foot).joints) for foot in found) < LEG_JOINTS:
+    if found and min(len(body.limb(foot.joint).joints) for foot in found) < LEG_JOINTS:
         draft, body, found = _feet(source, postures, feet, [foot.link for foot in found])
     model = body.model
-    kind = _put_base(source, base, found, draft)
-    if kind == "fixed":
+    if _put_base(source, model, base, found, draft) == "fixed":
         fixed = _model(draft, source)
         posture = put_fixed(fixed, postures, draft)
         tuning.put_armature(fixed, (), draft)
         tuning.put_limits(fixed, draft)
-        tuning.put_arm_tasks(model, body.arms, posture, draft)
+        tuning.put_arm_tasks(model, body.arms(), posture, draft)
     else:
         _put_legged(draft, model, body, found, postures)
         try:
@@ -118,13 +117,13 @@ def _is_there(mesh: str, folder: Path) -> bool:
         return False
 
 
-def _put_base(source: UrdfSource, base: Base | None, feet: Sequence[Foot], draft: Draft) -> Base:
+def _put_base(source: UrdfSource, model: RobotModel, base: Base | None, feet: Sequence[Foot], draft: Draft) -> Base:
     origin: Origin = "found"
     if base is not None:
         text = f"From --base {base}."
     elif virtual_joints(source.tree):
         base, text = "floating", "The joints between the root link and the base in the URDF represent a floating base."
-    elif source.root == _WORLD:
+    elif model.base_link == _WORLD:
         base, text = "fixed", f"The root link of the URDF is called {_WORLD!r}."
     elif len(feet) >= 2:
         names = ", ".join(foot.link for foot in feet)
@@ -151,11 +150,11 @@ def _put_legged(
         if len(feet) == 2 and all(foot.kind != "surface" for foot in feet):
             draft.note("contacts", "a third contact, or a surface: a robot cannot stand still on two points or "
                        "wheels.", "missing")  # fmt: skip
-    tuning.put_armature(model, [body.limb_of(foot) for foot in feet], draft)
+    tuning.put_armature(model, [body.limb(foot.joint) for foot in feet], draft)
     tuning.put_limits(model, draft)
     tuning.put_damping(model, height, draft)
     imus = [str(frame.name) for frame in links_of(model, 1) if "imu" in str(frame.name).lower()]
     if imus:
         draft.put("estimation.imu_frame", imus[-1], "From its name.", "guess")
     tuning.put_contacts(model, feet, draft)
-    tuning.put_standing_tasks(model, body.arms, feet, height, draft)
+    tuning.put_standing_tasks(model, body.arms(), feet, height, draft)

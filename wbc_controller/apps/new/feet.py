@@ -33,20 +33,15 @@ class Body:
 
     def __init__(self, model: RobotModel, elements: Sequence[pin.GeometryObject], posture: Array) -> None:
         """Compute kinematics and limbs in a posture, (nj,) in rad."""
-        self.model, self.elements = model, elements
-        self.data = model.pinocchio.createData()  # kinematics in the posture
+        self.model, self.elements, self._robot = model, elements, model.pinocchio
+        self.data = self._robot.createData()  # kinematics in the posture
         q = model.configuration(posture)
-        pin.framesForwardKinematics(model.pinocchio, self.data, q)
-        pin.computeJointJacobians(model.pinocchio, self.data, q)
-        points = {joint: self._points(joint) for joint in range(1, model.pinocchio.njoints)}
-        everything = np.vstack(list(points.values()))
-        self.height = float(np.ptp(everything[:, 2]))  # m
+        pin.framesForwardKinematics(self._robot, self.data, q)
+        pin.computeJointJacobians(self._robot, self.data, q)
+        points = {joint: self._points(joint) for joint in range(1, self._robot.njoints)}
+        self.height = float(np.ptp(np.vstack(list(points.values()))[:, 2]))  # m
         self._lowest_points = {joint: float(some[:, 2].min(initial=np.inf)) for joint, some in points.items()}
-        self.limbs = [self._limb(end) for end in range(2, model.pinocchio.njoints) if not self._children(end)]
-        self.arms = self._arms()  # the limbs, with a palm in place of its fingers
-
-    def _children(self, joint: int) -> list[int]:
-        return list(self.model.pinocchio.children[joint])
+        self.limbs = [self.limb(end) for end in range(2, self._robot.njoints) if not len(self._robot.children[end])]
 
     def _points(self, joint: int) -> Array:
         """Return points of the shapes or link origins moved by a joint, (n, 3) in the world."""
@@ -55,45 +50,37 @@ class Body:
         shapes = shapes or [frame.placement.translation[None] for frame in links_of(self.model, joint)]
         return np.asarray(np.vstack([np.zeros((0, 3)), *shapes]) @ place.rotation.T + place.translation)
 
-    def _limb(self, end: int) -> Limb:
-        chain, model = [end], self.model.pinocchio
-        while model.parents[chain[0]] > 1 and len(self._children(model.parents[chain[0]])) == 1:
-            chain.insert(0, int(model.parents[chain[0]]))
-        return Limb(end, tuple(chain), sum(model.inertias[joint].mass for joint in chain), self._lowest_points[end])
+    def limb(self, end: int) -> Limb:
+        """Return the limb of a joint, up to the next branch."""
+        chain, robot = [end], self._robot
+        while robot.parents[chain[0]] > 1 and len(robot.children[robot.parents[chain[0]]]) == 1:
+            chain.insert(0, int(robot.parents[chain[0]]))
+        return Limb(end, tuple(chain), sum(robot.inertias[joint].mass for joint in chain), self._lowest_points[end])
 
-    def _arms(self) -> list[Limb]:
-        supports = self.model.pinocchio.supports
+    def arms(self) -> list[Limb]:
+        """Return the limbs, with a palm in place of its fingers."""
+        supports = self._robot.supports
         palms: list[Limb] = []
-        for joint in range(2, self.model.pinocchio.njoints):
-            if len(self._children(joint)) > 1 and not any(palm.end in supports[joint] for palm in palms):
-                chain, own = self._limb(joint), len(supports[joint])
+        for joint in range(2, self._robot.njoints):
+            if len(self._robot.children[joint]) > 1 and not any(palm.end in supports[joint] for palm in palms):
+                chain, own = self.limb(joint), len(supports[joint])
                 longest = max(len(supports[limb.end]) - own for limb in self.limbs if joint in supports[limb.end])
                 palms += [chain] if len(chain.joints) > longest else []
-        fingers = [limb for limb in self.limbs if any(palm.end in supports[limb.end] for palm in palms)]
-        return [*(limb for limb in self.limbs if limb not in fingers), *palms]
-
-    def axis(self, joint: int) -> Array:
-        """Return a joint's axis in its own frame, (3,)."""
-        column = self.model.pinocchio.joints[joint].idx_v
-        jacobian = pin.getJointJacobian(self.model.pinocchio, self.data, joint, pin.LOCAL)
-        return np.asarray(jacobian[3:, column])
-
-    def limb_of(self, foot: Foot) -> Limb:
-        """Return the limb of a foot, or only the joint that moves it."""
-        return next((limb for limb in self.limbs if limb.end == foot.joint), self._limb(foot.joint))
+        limbs = [limb for limb in self.limbs if not any(palm.end in supports[limb.end] for palm in palms)]
+        return [*limbs, *palms]
 
     def feet(self) -> list[Foot]:
         """Return the feet, the front left one first; empty without limbs to stand on."""
         lowest = min(self.limbs, key=lambda limb: limb.lowest_point, default=None)
         if lowest is None:
             return []
-        base, pelvis = 1, int(self.model.pinocchio.parents[lowest.joints[0]])
+        base, pelvis = 1, int(self._robot.parents[lowest.joints[0]])
         # A pelvis below a waist is lower than the base; a chest with arms is higher.
         below = len(lowest.joints) >= LEG_JOINTS and self.data.oMi[pelvis].translation[2] <= 0.0
         return self._feet_on_trunk(base) or (self._feet_on_trunk(pelvis) if below else [])
 
     def _feet_on_trunk(self, trunk: int) -> list[Foot]:
-        own = [limb for limb in self.limbs if self.model.pinocchio.parents[limb.joints[0]] == trunk]
+        own = [limb for limb in self.limbs if self._robot.parents[limb.joints[0]] == trunk]
         lowest = min(own, key=lambda limb: limb.lowest_point, default=None)
         if lowest is None:
             return []
@@ -112,8 +99,7 @@ class Body:
 
     def feet_on_links(self, links: Sequence[str]) -> list[Foot]:
         """Return the feet on named links; raise `ConfigurationError` if no joint moves one."""
-        frames = self.model.pinocchio.frames
-        moved = {str(f.name): int(f.parentJoint) for f in frames if f.type == pin.BODY and f.parentJoint > 1}
+        moved = {str(f.name): joint for joint in range(2, self._robot.njoints) for f in links_of(self.model, joint)}
         require_known(links, moved, "--feet: unknown moving link")
         return self._measure_feet(list(dict.fromkeys(moved[link] for link in links)))
 
@@ -124,7 +110,11 @@ class Body:
         return [measured[f.joint] if f.kind == "point" and f.measured_on and f.joint in balls else f for f in feet]
 
     def _measure_feet(self, ends: Sequence[int]) -> list[Foot]:
-        feet = [measure(self.model, self.elements, end, self.data.oMi[end].inverse(), self.axis(end)) for end in ends]
+        feet = []
+        for end in ends:
+            J = pin.getJointJacobian(self._robot, self.data, end, pin.LOCAL)
+            axis = J[3:, self._robot.joints[end].idx_v]  # of the joint, in its own frame
+            feet.append(measure(self.model, self.elements, end, self.data.oMi[end].inverse(), axis))
         at = {foot.joint: self.data.oMi[foot.joint].act(foot.placement.translation) for foot in feet}
         # rounded for adjacent feet
         return sorted(feet, key=lambda foot: (-round(at[foot.joint][0] / self.height, 1), -at[foot.joint][1]))

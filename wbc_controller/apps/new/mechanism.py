@@ -41,12 +41,6 @@ class UrdfSource:
     text: str  # with planar joints split, and missing limits set to 0
     tree: ElementTree.Element  # the text as XML
 
-    @property
-    def root(self) -> str:
-        """Root link."""
-        children = {child.get("link") for child in self.tree.iterfind("joint/child")}
-        return next(str(link.get("name")) for link in self.tree.iterfind("link") if link.get("name") not in children)
-
 
 def read_source(urdf: str) -> UrdfSource:
     """Read a URDF by its path or ``package://`` address; raise `ConfigurationError` for a missing or invalid file."""
