@@ -71,10 +71,8 @@ class Director:
         self.windows: dict[str, tuple[float, float]] = {}
         #: Start, s, and trajectory of the centre of mass; None while the robot walks.
         self.references: list[tuple[float, Trajectory | None]] = []
-        self.targets: dict[str, Array] = {}  # by task, (3,) in m
-        #: Frame of each frame task.
-        self.frames = {name: task.frame for name, task in settings.tasks.items() if hasattr(task, "frame")}
-        self._model, self._scenario = model, scenario
+        self.targets: dict[str, tuple[int, Array]] = {}  # frame and its target, (3,) in m, by task
+        self._tasks, self._model, self._scenario = settings.tasks, model, scenario
         self._data = model.pinocchio.createData()
         self._joint_reader = JointStateReader(model.joints, "position")
         self._base_reader = OdometryReader(model.base_link)
@@ -229,9 +227,10 @@ class Director:
         self._begin("reach")
         q = self.state()
         pin.framesForwardKinematics(self._model.pinocchio, self._data, q)
-        pose = self._data.oMf[self._model.frame_id(self.frames[reach.task], f"tasks.{reach.task}.frame")]
+        frame = self._model.frame_id(self._tasks[reach.task].frame, f"tasks.{reach.task}.frame")  # type: ignore[union-attr]
+        pose = self._data.oMf[frame]
         target = pose.translation + np.array(reach.offset)
-        self.targets[reach.task] = target
+        self.targets[reach.task] = frame, target
         self._send_text("update", f"{{tasks: {{{reach.task}: {{enabled: true}}}}}}")
         pose_value = np.concatenate([target, quaternion_of(pose.rotation)])
         content = setpoint_message("geometry_msgs/msg/PoseStamped", "frame_pose", pose_value)

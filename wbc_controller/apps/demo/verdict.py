@@ -29,8 +29,7 @@ def distances_to_targets(run: RunData, director: Director, model: RobotModel) ->
     """Return the distance of each hand from its target, (n,) in m, by name of the task."""
     data = model.pinocchio.createData()
     distances = {}
-    for task, target in director.targets.items():
-        frame = model.frame_id(director.frames[task], f"tasks.{task}.frame")
+    for task, (frame, target) in director.targets.items():
         rows = []
         for q in run.q:
             pin.framesForwardKinematics(model.pinocchio, data, np.array(q))
@@ -60,8 +59,10 @@ def judge(
         if not wrenches:  # a fixed base carries the weight
             continue
         force = disturbance + np.sum([values[:, 2] for values in wrenches.values()], axis=0)
-        deviation = np.abs(within("stand", force) / weight - 1.0)
-        results.append(_share(f"stand: vertical force, {label}", deviation, scenario.force_target))
+        deviation, limit = np.abs(within("stand", force) / weight - 1.0), scenario.force_target
+        measured = f"{100.0 * np.max(deviation):.3f} % deviation" if len(deviation) else "not reached"
+        good = len(deviation) > 0 and bool(np.max(deviation) <= limit)
+        results.append(Result(f"stand: vertical force, {label}", f"weight ± {100.0 * limit:g} %", measured, good))
     for move in scenario.moves:
         squares = within(move.name, error) ** 2
         rms = np.sqrt(np.mean(squares, keepdims=True)) if len(squares) else squares
@@ -113,9 +114,3 @@ def _distance(name: str, values: Array, limit: float) -> Result:
     """Compare the largest distance, m, with a limit; NaN or no values miss it."""
     measured = f"{1e3 * np.max(values):.2f} mm" if len(values) else "not reached"
     return Result(name, f"below {1e3 * limit:g} mm", measured, len(values) > 0 and bool(np.max(values) < limit))
-
-
-def _share(name: str, values: Array, limit: float) -> Result:
-    measured = f"{100.0 * np.max(values):.3f} % deviation" if len(values) else "not reached"
-    good = len(values) > 0 and bool(np.max(values) <= limit)
-    return Result(name, f"weight ± {100.0 * limit:g} %", measured, good)
