@@ -46,7 +46,7 @@ class Foot:
     corners: Array = field(default_factory=lambda: np.zeros((0, 2)))
     rectangle: bool = False  # True if the corners form a rectangle along these axes
     radius: float = 0.0  # of a ball or wheel, m
-    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)  # of a wheel, in the joint's frame, (3,)
+    axis: Array = field(default_factory=lambda: np.zeros(3))  # of a wheel, in the joint's frame, (3,)
     measured_on: str = ""  # measured geometry in words; empty if the radius is a guess
 
 
@@ -62,7 +62,9 @@ def measure(
     own = [element for element in elements if element.parentJoint == joint]
     down = -upward.rotation[:, 2]
     if not own:
-        return _foot_without_shape(model, joint, down)
+        end = max(links_of(model, joint), key=lambda frame: float(frame.placement.translation @ down))
+        placement = pin.SE3(np.eye(3), end.placement.translation)
+        return Foot(joint, str(end.name), "point", placement, radius=UNKNOWN_RADIUS)
     shapes = [outline(element, upward.rotation) for element in own]
     lowest = int(np.argmax([float((points @ down).max()) for points in shapes]))
     frame, points = own[lowest].parentFrame, np.vstack(shapes)
@@ -88,12 +90,6 @@ def measure(
     return Foot(joint, link, "point", pin.SE3(np.eye(3), centre), radius=radius, measured_on=measured_on)
 
 
-def _foot_without_shape(model: RobotModel, joint: int, down: Array) -> Foot:
-    lowest = max(links_of(model, joint), key=lambda frame: float(frame.placement.translation @ down))
-    placement = pin.SE3(np.eye(3), lowest.placement.translation)
-    return Foot(joint, str(lowest.name), "point", placement, radius=UNKNOWN_RADIUS)
-
-
 def _wheel(model: RobotModel, joint: int, link: str, points: Array, axis: Array) -> Foot | None:
     own = model.pinocchio.joints[joint]
     lower, upper = model.pinocchio.lowerPositionLimit[own.idx_q], model.pinocchio.upperPositionLimit[own.idx_q]
@@ -108,9 +104,8 @@ def _wheel(model: RobotModel, joint: int, link: str, points: Array, axis: Array)
         return None
     outer = points[radii >= _ROUND * radii.max()] @ axis
     centre = 0.5 * (outer.min() + outer.max()) * axis
-    x, y, z = (float(value) for value in axis)
     placement, radius = pin.SE3(np.eye(3), centre), float(radii.max())
-    return Foot(joint, link, "rolling", placement, radius=radius, axis=(x, y, z), measured_on="the wheel's shape")
+    return Foot(joint, link, "rolling", placement, radius=radius, axis=np.array(axis), measured_on="the wheel's shape")
 
 
 def _face(points: Array, down: Array) -> Array | None:
@@ -165,13 +160,13 @@ def _sole(elements: Sequence[pin.GeometryObject], joint: int, link: str, plane: 
     if not (found.size.min() >= _LEAST_SIDE):
         return None
     low, high = found.polygon.min(axis=0), found.polygon.max(axis=0)
-    middle = 0.5 * (low + high)
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
     placement = plane * pin.SE3(np.eye(3), np.array([*middle, found.height]))
     rectangle = bool(_area(found.polygon) >= _RECTANGLE * np.prod(high - low))
-    half = 0.5 * (high - low)
-    corners = simplify_polygon(found.polygon - middle, _MOST_CORNERS)
     if rectangle:
         corners = half * np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
+    else:
+        corners = simplify_polygon(found.polygon - middle, _MOST_CORNERS)
     return Foot(joint, link, "surface", placement, corners, rectangle, measured_on="the foot's shape near its sole")
 
 

@@ -7,7 +7,7 @@ import pinocchio as pin
 
 from wbc_controller.apps.new.foot_shape import Foot
 from wbc_controller.apps.new.mechanism import usable_ranges
-from wbc_controller.apps.new.notes import Draft
+from wbc_controller.apps.new.notes import Draft, Origin
 from wbc_controller.apps.new.standing_posture import FeetPlacement, Legs
 from wbc_controller.controller.check.preflight import support_margin
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
@@ -22,7 +22,8 @@ _MARGIN, _LARGEST_MARGIN = 0.1, 0.2
 _NOTED_CHANGE = 1.0e-3  # smallest noted change, rad
 _SAMPLES, _SPREAD = 400, 1.0  # number of sampled arm postures, and largest distance from the middle of a range, rad
 
-Postures = Mapping[str, Mapping[str, float]]  # postures of an SRDF: joint positions in rad by name
+Posture = Mapping[str, float]  # joint positions of an SRDF in rad by name
+Postures = Mapping[str, Posture]
 
 
 def srdf_posture(model: RobotModel, postures: Postures) -> tuple[str, Array]:
@@ -43,8 +44,8 @@ def put_standing(model: RobotModel, feet: Sequence[Foot], postures: Postures, dr
     legs = Legs(model, feet, reference, keep_feet=bool(name))
     why = _standing_fault(feet, legs.place_feet(reference)) if name else ""
     if name and not why:
-        _put(draft, model, reference, f"Posture {name!r} of the SRDF: level feet, centre of mass above them.")
-        _note_moved(draft, model, reference, postures[name])
+        text = f"Posture {name!r} of the SRDF: level feet, centre of mass above them."
+        _put(draft, model, reference, text, srdf=postures[name])
         return reference
     searches = [legs, Legs(model, feet, reference, keep_feet=False)] if name else [legs]
     stands = (posture for search in searches if (posture := search.solve()) is not None)
@@ -65,8 +66,7 @@ def put_fixed(model: RobotModel, postures: Postures, draft: Draft) -> Array:
     """Write the posture on a fixed base; return it, (nj,) in rad."""
     name, reference = srdf_posture(model, postures)
     if name:
-        _put(draft, model, reference, f"Posture {name!r} of the SRDF.")
-        _note_moved(draft, model, reference, postures[name])
+        _put(draft, model, reference, f"Posture {name!r} of the SRDF.", srdf=postures[name])
         return reference
     found = _dexterous(model)
     text = "Computed: high manipulability of the ends, joints near the middle of their ranges. Collisions with the "
@@ -74,18 +74,16 @@ def put_fixed(model: RobotModel, postures: Postures, draft: Draft) -> Array:
     return found
 
 
-def _note_moved(draft: Draft, model: RobotModel, posture: Array, srdf_values: Mapping[str, float]) -> None:
-    moved = [
-        name for name, value in zip(model.joints, posture, strict=True)
-        if abs(value - srdf_values.get(name, 0.0)) > _NOTED_CHANGE
-    ]  # fmt: skip
+def _put(
+    draft: Draft, model: RobotModel, posture: Array, text: str, origin: Origin = "found", srdf: Posture | None = None
+) -> None:
+    """Write a posture, and note the joints that differ from that of the SRDF."""
+    rounded = np.clip(np.round(posture, 4), model.position_lower, model.position_upper)
+    draft.put("robot.posture", (rounded + 0.0).tolist(), text, origin)
+    changes = zip(model.joints, posture - [srdf.get(name, 0.0) for name in model.joints], strict=True) if srdf else ()
+    moved = [name for name, change in changes if abs(change) > _NOTED_CHANGE]
     if moved:
         draft.note("robot.posture", f"Moved off their limits: {', '.join(moved)}.", "guess")
-
-
-def _put(draft: Draft, model: RobotModel, posture: Array, text: str, origin: str = "found") -> None:
-    rounded = np.clip(np.round(posture, 4), model.position_lower, model.position_upper)
-    draft.put("robot.posture", [float(value) for value in rounded + 0.0], text, origin)  # type: ignore[arg-type]
 
 
 def _standing_fault(feet: Sequence[Foot], placement: FeetPlacement) -> str:

@@ -54,8 +54,13 @@ class Legs:
     def __init__(self, model: RobotModel, feet: Sequence[Foot], reference: Array, *, keep_feet: bool) -> None:
         """Prepare the search near a reference, (nj,) in rad; `keep_feet` keeps its foot positions and base height."""
         self.model, self.feet, self.reference, self._keep_feet = model, feet, np.array(reference), keep_feet
-        self._data = model.pinocchio.createData()
-        self._axes, self._places = self._zero_kinematics()
+        robot, data = model.pinocchio, model.pinocchio.createData()
+        self._data, joints = data, range(2, robot.njoints)
+        pin.computeJointJacobians(robot, data, pin.neutral(robot))
+        jacobians = {j: pin.getJointJacobian(robot, data, j, pin.LOCAL_WORLD_ALIGNED) for j in joints}
+        #: Axes and positions of the joints at zero, (3,) each in the world, by joint.
+        self._axes = {j: np.array(J[3:, robot.joints[j].idx_v]) for j, J in jacobians.items()}
+        self._places = {j: np.array(data.oMi[j].translation) for j in joints}
         self._legs = self._find_legs()
         self._mirrored = self._find_mirrored()
         free = [leg for i, leg in enumerate(self._legs) if i not in self._mirrored]
@@ -100,17 +105,6 @@ class Legs:
                     found[k] = i, np.sign(signs)
         return found
 
-    def _zero_kinematics(self) -> tuple[dict[int, Array], dict[int, Array]]:
-        """Return axes and positions of the joints at zero, (3,) each in the world, by joint."""
-        model, data = self.model.pinocchio, self._data
-        pin.computeJointJacobians(model, data, pin.neutral(model))
-        joints = range(2, model.njoints)
-        axes = {
-            j: np.array(pin.getJointJacobian(model, data, j, pin.LOCAL_WORLD_ALIGNED)[3:, model.joints[j].idx_v])
-            for j in joints
-        }
-        return axes, {j: np.array(data.oMi[j].translation) for j in joints}
-
     def _foot_targets(self, start: FeetPlacement) -> Array:
         """Return the target of each foot, (n, 2) in m: laterally as in the reference, and below its hip."""
         targets = np.array(start.middles[:, :2])
@@ -134,7 +128,7 @@ class Legs:
                 tilts += place.rotation[:2, 2].tolist()
                 yaw.append(place.rotation[1, 0])
             elif foot.kind == "rolling":
-                lean = float(data.oMi[foot.joint].rotation[2] @ np.array(foot.axis))
+                lean = float(data.oMi[foot.joint].rotation[2] @ foot.axis)
                 tilts.append(lean)
                 reach *= np.sqrt(max(0.0, 1.0 - lean**2))
             bottoms.append(place.translation[2] - reach)

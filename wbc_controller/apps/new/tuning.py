@@ -64,7 +64,7 @@ def put_contacts(model: RobotModel, feet: Sequence[Foot], draft: Draft) -> None:
         else:
             contact["radius"] = round(foot.radius, 4)
             if foot.kind == "rolling":
-                contact["axis"] = _rounded(frame.placement.rotation.T @ np.array(foot.axis))
+                contact["axis"] = _rounded(frame.placement.rotation.T @ foot.axis)
         contact |= {"friction": _FRICTION[foot.kind], "max_normal_force": force}
         key = f"contacts.{name}"
         draft.put(key, contact)
