@@ -1,5 +1,6 @@
 """Sender of requests from the pages."""
 
+import contextlib
 import logging
 import queue
 import threading
@@ -29,15 +30,14 @@ class RequestSender:
     ) -> None:
         """Create the sender.
 
-        Args:
-            send: sends one request from any thread; may raise `WbcError`.
-            report: receives the words of each request, empty for a drag, and its error or an empty text.
+        `send` may raise `WbcError`. `report` receives the words of each request, empty for a drag, and its error or an
+        empty text.
         """
         self._settings, self._send, self._report, self._clock = settings, send, report, clock
-        self._requests: queue.Queue[Request | None] = queue.Queue(_QUEUE_SIZE)
+        self._requests: queue.Queue[Request] = queue.Queue(_QUEUE_SIZE)
         self._dragged: dict[str, tuple[float, int, Sequence[str] | Request]] = {}
         self._sent: dict[str, float] = {}
-        self._lock = threading.Lock()
+        self._lock, self._closed = threading.Lock(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="sender", daemon=True)
 
     def start(self) -> None:
@@ -45,14 +45,10 @@ class RequestSender:
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread."""
+        """End the thread, without the queued requests."""
+        self._closed.set()
         with self._lock:
             self._dragged.clear()
-        try:
-            while True:
-                self._requests.get_nowait()
-        except queue.Empty:
-            self._requests.put(None)
         if self._thread.is_alive():
             self._thread.join()
 
@@ -112,15 +108,10 @@ class RequestSender:
         return None
 
     def _run(self) -> None:
-        while True:
-            try:
+        while not self._closed.is_set():
+            with contextlib.suppress(queue.Empty):
                 request = self._requests.get(timeout=PERIOD / 4.0)
-            except queue.Empty:
-                self.send_due_drags()
-                continue
-            if request is None:
-                return
-            self._deliver(request, request.summary)
+                self._deliver(request, request.summary)
             self.send_due_drags()
 
     def _deliver(self, request: Request, words: str) -> None:
