@@ -139,25 +139,21 @@ class Gate:
         if name in cookie:
             yield cookie[name].value
 
-    def checking(self, process: _Process) -> _Process:
-        """Return `process`, preceded by the check."""
-
-        def checked(connection: ServerConnection, request: Request) -> Response | None:
-            why = self.refusal(request)
-            if why:
-                return connection.respond(http.HTTPStatus.FORBIDDEN, why)
-            response = process(connection, request)
-            if response is None:  # a request for a connection
-                full = len(connection.server.connections) >= MAX_PAGES
-                return connection.respond(http.HTTPStatus.SERVICE_UNAVAILABLE, _TOO_MANY_PAGES) if full else None
-            response.headers.update(_HEADERS)
-            response.headers["Content-Security-Policy"] = _POLICY.format(host=request.headers["Host"])
-            if self.token:
-                name = _COOKIE.format(port=self.port)
-                response.headers["Set-Cookie"] = f"{name}={self.token}; Path=/; HttpOnly; SameSite=Strict"
-            return response
-
-        return checked
+    def answer(self, process: _Process, connection: ServerConnection, request: Request) -> Response | None:
+        """Return the answer of `process` to a request that passes the check."""
+        why = self.refusal(request)
+        if why:
+            return connection.respond(http.HTTPStatus.FORBIDDEN, why)
+        response = process(connection, request)
+        if response is None:  # a request for a connection
+            full = len(connection.server.connections) >= MAX_PAGES
+            return connection.respond(http.HTTPStatus.SERVICE_UNAVAILABLE, _TOO_MANY_PAGES) if full else None
+        response.headers.update(_HEADERS)
+        response.headers["Content-Security-Policy"] = _POLICY.format(host=request.headers["Host"])
+        if self.token:
+            name = _COOKIE.format(port=self.port)
+            response.headers["Set-Cookie"] = f"{name}={self.token}; Path=/; HttpOnly; SameSite=Strict"
+        return response
 
 
 def _bytes(token: str) -> bytes:
@@ -167,9 +163,8 @@ def _bytes(token: str) -> bytes:
 def open_server(host: str, port: int, gate: Gate, *, commands: bool = False) -> viser.ViserServer:
     """Open the server behind the gate and the allow-list, on `port` or the next free one, 0 for any.
 
-    Raises:
-        ConfigurationError: if `host` is not an address of this computer.
-        TransportError: if viser does not use the checks; the server is then stopped.
+    Raises `ConfigurationError` if `host` is not an address of this computer, and `TransportError` if viser does not use
+    the checks; the server is then stopped.
     """
     _require_own_address(host)
     allowed = AllowList(commands=commands)
@@ -205,7 +200,7 @@ def _install_checks(gate: Gate, allowed: AllowList) -> Iterator[threading.Event]
     def checked(*args: Any, process_request: _Process, **options: Any) -> Any:
         options |= {"ping_interval": PING_PERIOD, "ping_timeout": PING_TIMEOUT, "close_timeout": PING_TIMEOUT}
         options |= {"max_size": MAX_MESSAGE_SIZE, "create_connection": partial(PageConnection, allowed)}
-        made = serve(*args, process_request=gate.checking(process_request), **options)
+        made = serve(*args, process_request=partial(gate.answer, process_request), **options)
         in_use.set()
         return made
 
