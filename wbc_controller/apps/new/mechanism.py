@@ -151,7 +151,12 @@ def _rank(name: str) -> int:
     return next((i for i, word in enumerate(_POSTURES) if word in name.lower()), len(_POSTURES))
 
 
-def usable_ranges(model: RobotModel) -> tuple[Array, Array]:
-    """Return the lower and upper position limits, (nj,) in rad; ±π for joints with several turns."""
+def usable_ranges(model: RobotModel, share: float, largest: float) -> tuple[Array, Array]:
+    """Return lower and upper position limits, (nj,) in rad, ±π for joints with several turns, with a margin.
+
+    The margin is a share of the range, at most `largest`, rad.
+    """
     several = model.position_upper - model.position_lower > _SEVERAL_TURNS
-    return np.where(several, -np.pi, model.position_lower), np.where(several, np.pi, model.position_upper)
+    lower, upper = np.where(several, [[-np.pi], [np.pi]], [model.position_lower, model.position_upper])
+    margin = np.minimum(share * (upper - lower), largest)
+    return lower + margin, upper - margin

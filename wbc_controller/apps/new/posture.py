@@ -40,7 +40,7 @@ def put_standing(model: RobotModel, feet: Sequence[Foot], postures: Postures, dr
     """Write the posture of a standing robot; return it, (nj,) in rad."""
     name, reference = srdf_posture(model, postures)
     if not name:
-        reference = _with_margin(model, reference)
+        reference = np.clip(reference, *usable_ranges(model, _MARGIN, _LARGEST_MARGIN))
     legs = Legs(model, feet, reference, keep_feet=bool(name))
     why = _standing_fault(feet, legs.place_feet(reference)) if name else ""
     if name and not why:
@@ -98,18 +98,12 @@ def _standing_fault(feet: Sequence[Foot], placement: FeetPlacement) -> str:
     return ""
 
 
-def _with_margin(model: RobotModel, posture: Array) -> Array:
-    lower, upper = usable_ranges(model)
-    margin = np.minimum(_MARGIN * (upper - lower), _LARGEST_MARGIN)
-    return np.clip(posture, lower + margin, upper - margin)
-
-
 def _dexterous(model: RobotModel) -> Array:
     """Return a posture with high manipulability, (nj,) in rad, off the limits."""
     pinocchio, data = model.pinocchio, model.pinocchio.createData()
     ends = [j for j in range(1, pinocchio.njoints) if not list(pinocchio.children[j])]
-    lower, upper = usable_ranges(model)
-    middle = _with_margin(model, 0.5 * (lower + upper))
+    lower, upper = usable_ranges(model, 0.0, 0.0)
+    middle = 0.5 * (lower + upper)
     spread = np.clip(0.35 * (upper - lower), 1.0e-9, _SPREAD)
     rng = np.random.default_rng(0)
 

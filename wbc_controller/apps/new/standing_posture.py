@@ -65,9 +65,7 @@ class Legs:
         self._mirrored = self._find_mirrored()
         free = [leg for i, leg in enumerate(self._legs) if i not in self._mirrored]
         self._columns = np.concatenate([leg.columns for leg in free]).astype(int)
-        lower, upper = (ends[self._columns] for ends in usable_ranges(model))
-        margin = np.minimum(_MARGIN * (upper - lower), _LARGEST_MARGIN)
-        self._bounds = np.column_stack([lower + margin, upper - margin])
+        self._bounds = np.column_stack(usable_ranges(model, _MARGIN, _LARGEST_MARGIN))[self._columns]
         start = self.place_feet(self.reference)
         self._size = float(start.com[2] - start.bottoms.min())
         self._targets = self._foot_targets(start)
