@@ -57,7 +57,6 @@ def derived_scenario(settings: Settings, model: RobotModel) -> Scenario:
     qp = make_qp(settings, model)
     enabled = [name for name, contact in settings.contacts.items() if contact.enabled]
     q = stance(model, qp, enabled)
-    qp.dynamics.update(q, np.zeros(model.nv))
     com = qp.dynamics.com
     height = float(com[2])
     corners = np.vstack([np.zeros((0, 3)), *floor_contacts(qp, enabled, np.eye(3)[2]).values()])

@@ -34,8 +34,6 @@ def write_check_page(config: Config, findings: Sequence[Finding], failure: str, 
     active = [name for name, contact in settings.contacts.items() if contact.enabled]
     normal = np.array(settings.mock.floor_normal) / np.linalg.norm(settings.mock.floor_normal)
     q = stance(model, qp, active, normal)
-    forces = _forces(config, qp, q)
-    qp.dynamics.update(q, np.zeros(model.nv))
     name = config.source or "robot"
     picture = RunData(
         robot=name,
@@ -47,7 +45,7 @@ def write_check_page(config: Config, findings: Sequence[Finding], failure: str, 
         com=np.array(qp.dynamics.com)[None],
         com_reference=np.full((1, 3), np.nan),
         disturbance=np.zeros(1),
-        contact_wrenches={key: force[None] for key, force in forces.items()},
+        contact_wrenches={key: force[None] for key, force in _forces(config, qp, q).items()},
         contacts=settings.contacts,
     )
     rows: list[tuple[tuple[str, str], bool | None]] = [((each.subject, each.text), None) for each in findings]
@@ -71,7 +69,6 @@ def write_check_page(config: Config, findings: Sequence[Finding], failure: str, 
 def _forces(config: Config, qp: WholeBodyQP, q: Array) -> Mapping[str, Array]:
     state = RobotState(0, frozen(q), frozen(np.zeros(qp.model.nv)))
     board = make_board(config.settings, qp)
-    qp.dynamics.update(q, np.zeros(qp.model.nv))
     board.reset(qp.dynamics, 0.0)
     try:
         found = qp.solve(state, board.sample(0.0), None).forces
