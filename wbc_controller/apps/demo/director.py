@@ -63,9 +63,8 @@ class Director:
     ) -> None:
         """Open the topics.
 
-        Args:
-            advance: waits for `arrived`, or in lockstep executes one step.
-            record: records the messages of `truth_topics` and the phases.
+        `advance` waits for `arrived`, or in lockstep executes one step; `record` receives the messages of
+        `truth_topics` and the phases.
         """
         self.arrived = threading.Event()  # set by each joint state, on the transport's thread
         self.windows: dict[str, tuple[float, float]] = {}

@@ -43,9 +43,8 @@ def run_demo(
 ) -> bool:
     """Run the demo of a robot, and write the recording and the report; return True if all targets were met.
 
-    Args:
-        robot: a configuration, or "walk" for the walk of G1; robots without a scenario get a derived one.
-        sensors: quality of the sensors for base estimation; None for exact sensors and odometry.
+    `robot` is a configuration, or "walk" for the walk of G1; robots without a scenario get a derived one. `sensors` is
+    the quality of the sensors for base estimation; None for exact sensors and odometry.
 
     Raises `ConfigurationError` if the robot is unknown, refused by the pre-flight check, or has no possible scenario.
     """

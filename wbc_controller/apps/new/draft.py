@@ -35,12 +35,9 @@ _WORLD = "world"  # root link of a fixed robot
 def new_configuration(
     urdf: str, *, srdf: str | None = None, base: Base | None = None, feet: Sequence[str] = ()
 ) -> Draft:
-    """Return the draft of a configuration.
+    """Return the draft of a configuration; `urdf` and `srdf` are paths or ``package://`` addresses.
 
-    Args:
-        urdf: path or ``package://`` address; srdf likewise.
-        base: attachment of the root link to the world; None for a choice by the feet.
-        feet: links to stand on; empty for a search.
+    Without the type of the base or the links of the feet, they are found in the files.
 
     Raises `ConfigurationError` if a file cannot be read, or the robot has no controllable joint.
     """

@@ -48,9 +48,8 @@ def serve(
 ) -> None:
     """Serve the page until the event is set; `ready` receives its address.
 
-    Raises:
-        ConfigurationError: if the robot cannot be drawn, or `host` is not an address of this computer.
-        NoAnswer: if the configuration names no URDF and no node publishes one.
+    Raises `ConfigurationError` if the robot cannot be drawn, or `host` is not an address of this computer; `NoAnswer`
+    if the configuration names no URDF and no node publishes one.
     """
     if hasattr(os, "SCHED_BATCH"):  # also for child threads: control loops have priority
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))

@@ -43,12 +43,9 @@ def number(text: str, subject: str, units: Mapping[str, float] = PLAIN) -> float
 
 
 def displacement(words: Sequence[str], subject: str, units: Mapping[str, float]) -> tuple[Array, bool]:
-    """Return the sum of pairs such as ``0.02 forward 0.01 down``.
+    """Return the sum of pairs such as ``0.02 forward 0.01 down``, (3,), and whether it has the axes of the heading.
 
-    Returns:
-        The sum, (3,), and True for the axes of the robot's heading, False for those of the world.
-
-    Raises `InputRefused` if the words have another form, or mix both kinds of direction.
+    The other axes are those of the world. Raises `InputRefused` for words of another form, or of both kinds of axes.
     """
     if not words or len(words) % 2:
         raise InputRefused(

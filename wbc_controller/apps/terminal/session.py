@@ -141,9 +141,7 @@ class Session:
     def send(self, request: Request) -> DdsPublication:
         """Send a request without waiting for its outcome. Thread-safe.
 
-        Raises:
-            NoAnswer: without a subscriber of the topic.
-            TransportError: if sending failed.
+        Raises `NoAnswer` without a subscriber of the topic, and `TransportError` if sending failed.
         """
         publication = self.open(request.node, request.key, request.subject)
         content = request.make(self.wait_for_message)
