@@ -1,7 +1,7 @@
 """Search for the feet."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -18,8 +18,7 @@ _ALIKE = 0.2  # largest relative difference of leg masses
 LEG_JOINTS = 3  # smallest number; fingers have fewer
 
 
-@dataclass(frozen=True, slots=True)
-class Limb:
+class Limb(NamedTuple):
     """End of the kinematic tree, with the joints that move only it."""
 
     end: int

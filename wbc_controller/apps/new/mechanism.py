@@ -1,8 +1,8 @@
 """Movable joints of a URDF, and postures of its SRDF."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -32,8 +32,7 @@ _SEVERAL_TURNS = 4.1 * np.pi  # smallest range of a joint with several turns, ra
 _POSTURES = ("half_sitting", "standing", "home", "homing", "default", "neutral")
 
 
-@dataclass(frozen=True, slots=True)
-class UrdfSource:
+class UrdfSource(NamedTuple):
     """A URDF with its location."""
 
     address: str  # ``package://`` address if possible, otherwise an absolute path

@@ -1,7 +1,8 @@
 """Search for a standing posture, stable and with bent legs."""
 
+import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -24,16 +25,14 @@ _MIRROR = 0.02  # of directions, and of positions, m
 _LATERAL = 0.7  # cosine of the largest angle to the lateral axis, 45°
 
 
-@dataclass(frozen=True, slots=True)
-class _Leg:
+class _Leg(NamedTuple):
     """Indices of the joints that move only one foot, in Pinocchio's model and in `RobotModel.joints`."""
 
     joints: tuple[int, ...]
     columns: np.ndarray
 
 
-@dataclass(frozen=True, slots=True)
-class FeetPlacement:
+class FeetPlacement(NamedTuple):
     """Placement of the feet, with the base upright at the origin."""
 
     bottoms: Array  # height of the lowest point of each foot, (n,) in m
@@ -90,17 +89,16 @@ class Legs:
         axes, places = self._axes, self._places
         found: dict[int, tuple[int, Array]] = {}
         flip = np.array([1.0, -1.0, 1.0])
-        for i, left in enumerate(self._legs):
-            for k, right in enumerate(self._legs):
-                if i == k or k in found or i in found or len(left.joints) != len(right.joints) or not left.joints:
-                    continue
-                if not places[left.joints[-1]][1] > places[right.joints[-1]][1]:
-                    continue
-                pairs = list(zip(left.joints, right.joints, strict=True))
-                signs = np.array([axes[b] @ (-flip * axes[a]) for a, b in pairs])
-                apart = max(float(np.linalg.norm(places[b] - flip * places[a])) for a, b in pairs)
-                if np.abs(np.abs(signs) - 1.0).max() < _MIRROR and apart < _MIRROR:
-                    found[k] = i, np.sign(signs)
+        for (i, left), (k, right) in itertools.permutations(enumerate(self._legs), 2):
+            if k in found or i in found or len(left.joints) != len(right.joints) or not left.joints:
+                continue
+            if not places[left.joints[-1]][1] > places[right.joints[-1]][1]:
+                continue
+            pairs = list(zip(left.joints, right.joints, strict=True))
+            signs = np.array([axes[b] @ (-flip * axes[a]) for a, b in pairs])
+            apart = max(float(np.linalg.norm(places[b] - flip * places[a])) for a, b in pairs)
+            if np.abs(np.abs(signs) - 1.0).max() < _MIRROR and apart < _MIRROR:
+                found[k] = i, np.sign(signs)
         return found
 
     def _foot_targets(self, start: FeetPlacement) -> Array:

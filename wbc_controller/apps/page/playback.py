@@ -4,10 +4,9 @@ import bisect
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from html import escape
 from operator import itemgetter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import viser
@@ -29,8 +28,7 @@ _COLORS = {"fault": "#e03131", "contact": "#2f9e44", "push": "#f08c00", "mode": 
 _SPEEDS = {"¼ ×": 0.25, "1 ×": 1.0, "4 ×": 4.0}
 
 
-@dataclass(frozen=True, slots=True)
-class Mark:
+class Mark(NamedTuple):
     """Event of the recording: time since the start, s, kind (a key of `_COLORS`), and text."""
 
     time: float
@@ -45,8 +43,7 @@ class Playback:
     """
 
     def __init__(self, recorded: Recording, robot: Robot) -> None:
-        slots = cycle_slots(robot.model, robot.contacts)
-        recorded.require_slots(slots + reference_slots(robot.tasks, robot.contacts))
+        recorded.require_slots(cycle_slots(robot.model, robot.contacts) + reference_slots(robot.tasks, robot.contacts))
         self._recorded, self._robot = recorded, robot
         self.time, self.speed, self.playing = 0.0, 1.0, True  # present time, s, and recorded seconds per second
         self._now = time.monotonic()

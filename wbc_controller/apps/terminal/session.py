@@ -5,7 +5,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from wbc_controller.apps.terminal import DISCOVERY_PATIENCE
 from wbc_controller.apps.terminal.request_parser import Request
@@ -28,8 +28,7 @@ class NoAnswer(WbcError):
     """A node is missing or did not answer."""
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class Answer:
+class Answer(NamedTuple):
     """Outcome of a request."""
 
     done: bool  # False after a refusal
@@ -158,8 +157,7 @@ class Session:
 
     def _stop_before(self, request: Request) -> None:
         """Let a walking robot stand before the hoist lifts it; without a status nothing is sent."""
-        lifts = request.key == "hold" and request.make(self.wait_for_message).data
-        if not lifts or self._settings.walking is None:
+        if self._settings.walking is None or request.key != "hold" or not request.make(self.wait_for_message).data:
             return
         newest, stop = self.poll("controller", "diagnostics"), self.open("controller", "cmd_vel")
         deadline, stopping = time.monotonic() + _STATUS_PATIENCE, False

@@ -4,7 +4,6 @@ import re
 import time
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from itertools import starmap
 from typing import Any, NamedTuple
@@ -24,8 +23,7 @@ _WINDOW = 2.0  # wall time, s
 _TASK_PERIODS = 3.0  # for the first status, in periods of the diagnostics
 
 
-@dataclass(frozen=True, slots=True)
-class RobotStatus:
+class RobotStatus(NamedTuple):
     """Newest messages."""
 
     status: Any  # diagnostic_msgs/DiagnosticStatus of the controller
