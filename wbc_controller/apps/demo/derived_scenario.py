@@ -89,8 +89,7 @@ def _arm_scenario(settings: Settings, model: RobotModel, hands: Mapping[str, Fra
             "the demo of a fixed base requires an enabled posture task; for other robots use wbc mock, wbc run and "
             "wbc send (docs/bring-up.md)"
         )
-    last = str(model.pinocchio.names[model.pinocchio.njoints - 1])
-    shoved = next((hand.frame for hand in hands.values()), last)
+    shoved = next((hand.frame for hand in hands.values()), str(model.pinocchio.names[-1]))
     reaches = (_reach(settings, model, name, hand) for name, hand in hands.items())
     along, sideways, _ = (float(f"{impulse:.2g}") for impulse in _arm_impulses(model, shoved))
     return Scenario(com="", reaches=tuple(filter(None, reaches)), shoves=shoves(sideways, along, shoved))

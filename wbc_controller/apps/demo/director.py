@@ -195,8 +195,7 @@ class Director:
         base: tuple[Array, ...] = ()
         if model.floating_base:
             base = self._base_reader.read(self._newest["mock", "odom"])[1:]
-        position = self._joint_reader.read(self._newest[_STATE]).position
-        return model.state(position, np.zeros(model.nj), *base)[0]
+        return model.state(self._joint_reader.read(self._newest[_STATE]).position, np.zeros(model.nj), *base)[0]
 
     def com(self) -> Array:
         """Return the newest centre of mass, (3,) in m."""
@@ -224,8 +223,7 @@ class Director:
 
     def _reach(self, reach: Reach) -> None:
         self._begin("reach")
-        q = self.state()
-        pin.framesForwardKinematics(self._model.pinocchio, self._data, q)
+        pin.framesForwardKinematics(self._model.pinocchio, self._data, self.state())
         frame = self._model.frame_id(self._tasks[reach.task].frame, f"tasks.{reach.task}.frame")  # type: ignore[union-attr]
         pose = self._data.oMf[frame]
         target = pose.translation + np.array(reach.offset)

@@ -91,8 +91,7 @@ def replaced_limits(joints: Sequence[ElementTree.Element], mass: float, reach: f
             reasons["velocity"] = f"placeholder {_VELOCITY:g}; the URDF has {velocity:g}"
         # A joint with an effort and an empty range is meant to be fixed.
         empty = not number.get("lower") and not number.get("upper")
-        no_range = empty and (not effort or not {"lower", "upper"} & {*number})
-        if joint.get("type") == "revolute" and no_range:
+        if joint.get("type") == "revolute" and empty and (not effort or not {"lower", "upper"} & {*number}):
             values |= {"lower": -_RANGE, "upper": _RANGE}
             reasons["range"] = "placeholder of half a turn to either side; the URDF has none"
         if values:

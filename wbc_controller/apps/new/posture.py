@@ -31,8 +31,7 @@ def srdf_posture(model: RobotModel, postures: Postures) -> tuple[str, Array]:
     name = next(iter(postures), "")
     lower, upper = model.position_lower, model.position_upper
     limit_margin = np.minimum(_SRDF_MARGIN, 0.1 * (upper - lower))
-    positions = postures.get(name, {})
-    values = [positions.get(joint, 0.0) for joint in model.joints]
+    values = [postures.get(name, {}).get(joint, 0.0) for joint in model.joints]
     return name, np.clip(values, lower + limit_margin, upper - limit_margin)
 
 

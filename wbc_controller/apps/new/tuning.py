@@ -46,7 +46,7 @@ def put_contacts(model: RobotModel, feet: Sequence[Foot], draft: Draft) -> None:
     for number, foot in enumerate(feet):
         frame = frames[model.frame_id(foot.link, "contacts")]
         placement = frame.placement.actInv(foot.placement)
-        name = draft.free_name("contacts", foot.link)
+        key = f"contacts.{draft.free_name('contacts', foot.link)}"
         contact: dict[str, Any] = {"type": foot.kind, "frame": foot.link}
         translation = _rounded(placement.translation)
         if any(translation):
@@ -66,7 +66,6 @@ def put_contacts(model: RobotModel, feet: Sequence[Foot], draft: Draft) -> None:
             if foot.kind == "rolling":
                 contact["axis"] = _rounded(frame.placement.rotation.T @ foot.axis)
         contact |= {"friction": _FRICTION[foot.kind], "max_normal_force": force}
-        key = f"contacts.{name}"
         draft.put(key, contact)
         if foot.measured_on:
             draft.note(key, f"Measured on {foot.measured_on}.", "found")
@@ -136,8 +135,7 @@ def _trunk(model: RobotModel, arms: Sequence[Limb], feet: Sequence[Foot]) -> str
     ends = [arm.end for arm in arms if arm.end not in {foot.joint for foot in feet}]
     if len(ends) < 2:
         return ""
-    shared = set.intersection(*(set(model.pinocchio.supports[end]) for end in ends))
-    joint = max(shared)
+    joint = max(set.intersection(*(set(model.pinocchio.supports[end]) for end in ends)))
     return str(links_of(model, joint)[0].name) if joint > 1 else ""
 
 

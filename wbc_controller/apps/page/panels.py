@@ -40,10 +40,9 @@ STYLE = """<style>
 def controller_panel(robot: Robot, snapshot: Snapshot) -> str:
     """Return mode, binding constraints, tasks and loop."""
     status = snapshot.status
-    parts = [_mode(snapshot)]
-    if status is not None:
-        parts += [_binding(status), _tasks(robot, status), _loop(status)]
-    return _page(parts)
+    if status is None:
+        return _page([_mode(snapshot)])
+    return _page([_mode(snapshot), _binding(status), _tasks(robot, status), _loop(status)])
 
 
 def torque_panel(robot: Robot, snapshot: Snapshot) -> str:
@@ -127,8 +126,7 @@ def _loop(status: RobotStatus) -> str:
 def _contacts(robot: Robot, snapshot: Snapshot) -> str:
     if not snapshot.forces:
         return '<h4>Contacts</h4><span class="muted">no forces; the controller is inactive</span>'
-    weight = robot.model.mass * robot.model.gravity
-    used = friction_used(robot.contacts, snapshot.forces, weight)
+    used = friction_used(robot.contacts, snapshot.forces, robot.model.mass * robot.model.gravity)
     rows = ""
     for name, force in snapshot.forces.items():
         contact = robot.contacts[name]

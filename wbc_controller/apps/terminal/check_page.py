@@ -32,8 +32,7 @@ def write_check_page(config: Config, findings: Sequence[Finding], failure: str, 
     model = make_model(settings, config.urdf)
     qp = make_qp(settings, model)
     active = [name for name, contact in settings.contacts.items() if contact.enabled]
-    normal = np.array(settings.mock.floor_normal) / np.linalg.norm(settings.mock.floor_normal)
-    q = stance(model, qp, active, normal)
+    q = stance(model, qp, active, settings.mock.floor_normal)
     name = config.source or "robot"
     picture = RunData(
         robot=name,

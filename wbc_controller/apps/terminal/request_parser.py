@@ -106,8 +106,7 @@ def _setpoint(task: str, words: list[str], settings: Settings) -> Request:
     if kind in JOINT_FIELDS:
         return request(*_joints(task, words, make, JOINT_FIELDS[kind]))
     if words[:1] == ["to"]:
-        home = getattr(spec, "reference_frame", "world")
-        return request(*_absolute(task, words[1:], make, oriented, home))
+        return request(*_absolute(task, words[1:], make, oriented, getattr(spec, "reference_frame", "world")))
     if oriented and words and words[0] in quantity.ROTATIONS:
         rotation = quantity.turn(words[1:], quantity.ROTATIONS[words[0]], f"{task} {words[0]}")
         values = np.concatenate([np.zeros(0 if kind == "frame_orientation" else 3), quantity.quaternion(rotation)])

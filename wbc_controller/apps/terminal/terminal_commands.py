@@ -183,11 +183,10 @@ def find_topic(text: str, topics: dict[tuple[str, str, str], Endpoint]) -> Endpo
     # Latched messages require the sender's row, with a latched subscription.
     by_name |= {topic.name: topic for topic in topics.values() if topic.direction is Direction.OUT}
     ending = "/" + text.removeprefix("~").strip("/")
-    own = [name for name in by_name if name.endswith(ending)]
-    first = by_name.get(text) or next((by_name[name] for name in own), None)
-    if first is None:
+    found = by_name.get(text) or next((topic for name, topic in by_name.items() if name.endswith(ending)), None)
+    if found is None:
         raise InputRefused(f"unknown topic {text!r}; {valid_choices(text, by_name)}")
-    return first
+    return found
 
 
 def _split_requests(words: tuple[str, ...]) -> list[list[str]]:
