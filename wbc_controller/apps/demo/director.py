@@ -78,18 +78,17 @@ class Director:
         self._advance, self._record, self._report_phase = advance, record, report_phase
         self._newest: dict[tuple[str, str], bytes] = {}  # payload by node and key
         self._publish: dict[tuple[str, str, str], Publish] = {}
-        truth = {topic.name for topic in truth_topics(settings)}
+        self._recorded = {topic.name for topic in truth_topics(settings)}
         for (node, key, subject), topic in topics_of(settings).items():
-            if topic.direction is Direction.OUT and (topic.name in truth or (node, key) in _HEARD):
-                recorded = topic if topic.name in truth else None
-                transport.subscribe(counterpart(topic), partial(self._receive, (node, key), recorded))
+            if topic.direction is Direction.OUT and (topic.name in self._recorded or (node, key) in _HEARD):
+                transport.subscribe(counterpart(topic), partial(self._receive, (node, key), topic))
             elif topic.direction is Direction.IN and (node, key) in _SENT:
                 self._publish[node, key, subject] = transport.advertise(counterpart(topic))
 
-    def _receive(self, place: tuple[str, str], recorded: Endpoint | None, payload: bytes) -> None:
+    def _receive(self, place: tuple[str, str], topic: Endpoint, payload: bytes) -> None:
         self._newest[place] = payload
-        if recorded is not None:
-            self._record(recorded.name, recorded.type, header_stamp(payload), payload)
+        if topic.name in self._recorded:
+            self._record(topic.name, topic.type, header_stamp(payload), payload)
         if place == _STATE:
             self.arrived.set()
 

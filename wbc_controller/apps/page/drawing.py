@@ -109,24 +109,21 @@ class _DrawnShape:
         self._rgb = np.array(255 * np.array(COLORS[shape.group][:3]), dtype=np.uint8)
         self._scene, self._name = scene, f"/controller/{shape.group}/{shape.number}"
         self._handles: list[Any] = []
-        self._points = np.zeros((0, 3))
-        self._hidden = False
+        self._points = np.zeros((0, 3))  # as drawn; empty while hidden
 
     def hide(self) -> None:
-        if not self._hidden:
-            self._hidden = True
-            for handle in self._handles:
-                handle.visible = False
+        self._points = np.zeros((0, 3))
+        for handle in self._handles:
+            handle.visible = False
 
     def move(self, shape: Shape, shown: bool) -> None:
         if not shown:
             self.hide()
             return
         points = shape.points
-        drawn = not self._hidden and points.shape == self._points.shape
-        if drawn and np.abs(points - self._points).max() <= _STILL_SHAPE:
+        if points.shape == self._points.shape and np.abs(points - self._points).max() <= _STILL_SHAPE:
             return
-        self._hidden, self._points = False, points
+        self._points = points
         if shape.kind == SPHERE_LIST:
             self._balls(shape)
         else:
@@ -135,16 +132,12 @@ class _DrawnShape:
             self._lines(points.reshape(-1, 2, 3), shape)
 
     def _lines(self, points: Array, shape: Shape) -> None:
-        made: Any
-        if not self._handles:
-            if shape.kind == ARROW:
-                made = self._scene.add_arrows(
-                    self._name, points, self._rgb, shaft_radius=shape.size / 2.0, head_radius=1.1 * shape.size,
-                    head_length=2.4 * shape.size,
-                )  # fmt: skip
-            else:
-                made = self._scene.add_line_segments(self._name, points, self._rgb, thickness=shape.size)
-            self._handles.append(made)
+        if not self._handles and shape.kind == ARROW:
+            heads = {"head_radius": 1.1 * shape.size, "head_length": 2.4 * shape.size}
+            arrows = self._scene.add_arrows(self._name, points, self._rgb, shaft_radius=shape.size / 2.0, **heads)
+            self._handles.append(arrows)
+        elif not self._handles:
+            self._handles.append(self._scene.add_line_segments(self._name, points, self._rgb, thickness=shape.size))
         (handle,) = self._handles
         handle.points = points.astype(np.float32)
         handle.visible = True

@@ -97,9 +97,7 @@ class Handle:
             return
         references = snapshot.references
         self._disabled = references is None or not references.weights.get(self._name, 0.0) > 0.0
-        opacity = _DISABLED_OPACITY if self._disabled else 1.0
-        if self._gizmo.opacity != opacity:
-            self._gizmo.opacity = opacity
+        self._gizmo.opacity = _DISABLED_OPACITY if self._disabled else 1.0
         if self._dragging is not None or time.monotonic() < self._hold_until:
             return
         known = None if self._disabled or references is None else references.tasks.get(self._name)

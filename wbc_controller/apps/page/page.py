@@ -51,7 +51,6 @@ class Page:
         self._is_mock: Callable[[], bool] | None = None
         self.time_line: TimeLine | None = None  # of a recording
         self._requests: deque[tuple[str, bool]] = deque(maxlen=_MAX_REQUESTS)
-        self._requests_changed = False
         self._history: deque[tuple[float, float, float, float]] = deque(maxlen=int(_PLOT_TIME * _PLOT_RATE))
         gui = server.gui
         gui.configure_theme(
@@ -139,7 +138,6 @@ class Page:
         """List a request and its error, empty after success; from any thread."""
         if words or error:
             self._requests.appendleft((": ".join(filter(None, (words, error))), not error))
-            self._requests_changed = True
 
     def run(self, stop: threading.Event) -> None:
         """Draw snapshots until the event is set; errors are logged."""
@@ -178,9 +176,7 @@ class Page:
             if self._is_mock is not None:
                 self._pushes.enabled = self._is_mock()
                 self._controls.show(snapshot, self._pushes.enabled)
-                if self._requests_changed:
-                    self._requests_changed = False
-                    self._request_list.content = panels.request_list(list(self._requests))
+                self._request_list.content = panels.request_list(list(self._requests))
         if count % int(RATE / _PLOT_RATE) == 0:
             self._record_history(snapshot)
         if count % _PLOTS == 0:
