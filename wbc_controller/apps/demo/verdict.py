@@ -28,14 +28,12 @@ def reference_of(run: RunData, director: Director) -> Array:
 def distances_to_targets(run: RunData, director: Director, model: RobotModel) -> dict[str, Array]:
     """Return the distance of each hand from its target, (n,) in m, by name of the task."""
     data = model.pinocchio.createData()
-    distances = {}
-    for task, (frame, target) in director.targets.items():
-        rows = []
-        for q in run.q:
-            pin.framesForwardKinematics(model.pinocchio, data, np.array(q))
-            rows.append(np.linalg.norm(data.oMf[frame].translation - target))
-        distances[task] = np.array(rows)
-    return distances
+
+    def distance(q: Array, frame: int, target: Array) -> float:
+        pin.framesForwardKinematics(model.pinocchio, data, np.array(q))
+        return float(np.linalg.norm(data.oMf[frame].translation - target))
+
+    return {task: np.array([distance(q, *place) for q in run.q]) for task, place in director.targets.items()}
 
 
 def judge(

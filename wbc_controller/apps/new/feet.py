@@ -70,9 +70,7 @@ class Body:
 
     def feet(self) -> list[Foot]:
         """Return the feet, the front left one first; empty without limbs to stand on."""
-        lowest = min(self.limbs, key=lambda limb: limb.lowest_point, default=None)
-        if lowest is None:
-            return []
+        lowest = min(self.limbs, key=lambda limb: limb.lowest_point)
         base, pelvis = 1, int(self._robot.parents[lowest.joints[0]])
         # A pelvis below a waist is lower than the base; a chest with arms is higher.
         below = len(lowest.joints) >= LEG_JOINTS and self.data.oMi[pelvis].translation[2] <= 0.0
@@ -104,9 +102,8 @@ class Body:
 
     def remeasured(self, feet: Sequence[Foot]) -> list[Foot]:
         """Return the feet as measured in this posture: the contact point of a ball depends on the posture."""
-        measured = {foot.joint: foot for foot in self._measure_feet([foot.joint for foot in feet])}
-        balls = {joint for joint, foot in measured.items() if foot.kind == "point"}
-        return [measured[f.joint] if f.kind == "point" and f.measured_on and f.joint in balls else f for f in feet]
+        balls = {foot.joint: foot for foot in self._measure_feet([f.joint for f in feet]) if foot.kind == "point"}
+        return [balls.get(f.joint, f) if f.kind == "point" and f.measured_on else f for f in feet]
 
     def _measure_feet(self, ends: Sequence[int]) -> list[Foot]:
         feet = []

@@ -11,16 +11,10 @@ import pinocchio as pin
 from wbc_controller.apps.new.missing_limits import fill_limits, reach_of, replaced_limits
 from wbc_controller.apps.new.notes import Draft
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.inverse_dynamics.robot import urdf
 from wbc_controller.inverse_dynamics.robot.from_urdf import read_mechanism
 from wbc_controller.inverse_dynamics.robot.mimic import read_mimics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.inverse_dynamics.robot.urdf import (
-    LARGEST_URDF,
-    parse_urdf,
-    parse_xml,
-    read_robot,
-    split_planar_joints,
-)
 from wbc_controller.inverse_dynamics.robot.virtual_base import virtual_joints
 from wbc_controller.records import Array
 from wbc_controller.settings.resources import PACKAGE_SCHEME, locate, read_text, share_folder
@@ -41,15 +35,14 @@ class UrdfSource(NamedTuple):
     tree: ElementTree.Element  # the text as XML
 
 
-def read_source(urdf: str) -> UrdfSource:
+def read_source(uri: str) -> UrdfSource:
     """Read a URDF by its path or ``package://`` address; raise `ConfigurationError` for a missing or invalid file."""
-    path = locate(urdf, "ROBOT.urdf")
-    text = read_text(path, f"ROBOT.urdf = {urdf!r}", LARGEST_URDF)
-    tree = parse_urdf(text)
-    split_planar_joints(tree)
+    path = locate(uri, "ROBOT.urdf")
+    tree = urdf.parse_urdf(read_text(path, f"ROBOT.urdf = {uri!r}", urdf.LARGEST_URDF))
+    urdf.split_planar_joints(tree)
     fill_limits(tree)
     text = ElementTree.tostring(tree, encoding="unicode")
-    return UrdfSource(urdf if urdf.startswith(PACKAGE_SCHEME) else _address(path.resolve()), path, text, tree)
+    return UrdfSource(uri if uri.startswith(PACKAGE_SCHEME) else _address(path.resolve()), path, text, tree)
 
 
 def _address(path: Path) -> str:
@@ -67,7 +60,7 @@ def _address(path: Path) -> str:
 def ranges_of(source: UrdfSource, limits: Mapping[str, Mapping[str, float]]) -> dict[str, tuple[float, float]]:
     """Return the position limits of the movable joints after replacements."""
     replaced = {name: JointLimitSettings.model_construct(None, **entries) for name, entries in limits.items()}
-    tree, _ = read_robot(source.text, replaced)
+    tree, _ = urdf.read_robot(source.text, replaced)
     found = {}
     for joint in tree.iterfind("joint"):
         limit = joint.find("limit")
@@ -128,7 +121,8 @@ def read_postures(srdf: str) -> dict[str, dict[str, float]]:
 
     Raises `ConfigurationError` if the SRDF is invalid.
     """
-    tree = parse_xml(read_text(locate(srdf, "--srdf"), f"--srdf = {srdf!r}", LARGEST_URDF), "--srdf", "SRDF")
+    text = read_text(locate(srdf, "--srdf"), f"--srdf = {srdf!r}", urdf.LARGEST_URDF)
+    tree = urdf.parse_xml(text, "--srdf", "SRDF")
     found: dict[str, dict[str, float]] = {}
     for state in tree.iterfind("group_state"):
         joints = found.setdefault(str(state.get("name")), {})

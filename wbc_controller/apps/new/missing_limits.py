@@ -1,7 +1,7 @@
 """Placeholders of missing or implausible joint limits."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -17,8 +17,7 @@ _MOST_VELOCITY, _VELOCITY = 100.0, 8.0  # largest plausible speed and its placeh
 _RANGE = round(np.pi, 4)  # placeholder of a missing range to either side, rad
 
 
-@dataclass(frozen=True, slots=True)
-class Placeholders:
+class Placeholders(NamedTuple):
     """Limits that replace limits of the URDF."""
 
     values: dict[str, dict[str, float]]  # as ``robot.joint_limits``

@@ -132,12 +132,14 @@ class _DrawnShape:
             self._lines(points.reshape(-1, 2, 3), shape)
 
     def _lines(self, points: Array, shape: Shape) -> None:
+        size = shape.size
         if not self._handles and shape.kind == ARROW:
-            heads = {"head_radius": 1.1 * shape.size, "head_length": 2.4 * shape.size}
-            arrows = self._scene.add_arrows(self._name, points, self._rgb, shaft_radius=shape.size / 2.0, **heads)
+            arrows = self._scene.add_arrows(
+                self._name, points, self._rgb, shaft_radius=size / 2.0, head_radius=1.1 * size, head_length=2.4 * size
+            )
             self._handles.append(arrows)
         elif not self._handles:
-            self._handles.append(self._scene.add_line_segments(self._name, points, self._rgb, thickness=shape.size))
+            self._handles.append(self._scene.add_line_segments(self._name, points, self._rgb, thickness=size))
         (handle,) = self._handles
         handle.points = points.astype(np.float32)
         handle.visible = True

@@ -1,9 +1,8 @@
 """Parser of `wbc send`: words to one message on one topic."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,8 +31,7 @@ FORMS = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Request:
+class Request(NamedTuple):
     """One message."""
 
     node: str  # ``controller`` or ``mock``

@@ -191,7 +191,6 @@ class Session:
     def wait_for_controller(self) -> None:
         """Wait for state and diagnostics of the controller; raise `NoAnswer` without them."""
         self.find_controller()
-        self.listen("controller", "state")
         self.listen("controller", "diagnostics", depth=1000)
         self.wait_for_message("controller", "state")
         self.wait_for_message("controller", "diagnostics")
