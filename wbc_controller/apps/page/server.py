@@ -36,7 +36,7 @@ from wbc_controller.errors import ConfigurationError, TransportError
 PING_PERIOD, PING_TIMEOUT = 0.5, 2.5
 MAX_PAGES = 32
 _COOKIE = "wbc_token_{port}"  # cookies of a host are shared by all its ports
-_LOOPBACK = ("localhost", "127.0.0.1", "::1")
+_LOOPBACK = ("localhost", "127.0.0.1", "[::1]")
 _UNAUTHORIZED = "This page requires the token in the address printed by wbc.\n"
 _INVALID_HOST = "{subject} is {value!r}; valid: {host}.\n"
 _DROPPED = "page at %s: message dropped: %s; further dropped messages of this page are not logged"
@@ -112,7 +112,10 @@ class Gate:
 
     def __init__(self, host: str) -> None:
         """Set the rules; addresses beyond the loopback get a random token."""
-        self.loopback = _is_loopback(host)
+        try:
+            self.loopback = ipaddress.ip_address(host).is_loopback
+        except ValueError:
+            self.loopback = host == "localhost"
         self.token = "" if self.loopback else secrets.token_urlsafe(24)  # empty if none is required
         self.port = 0
 
@@ -120,7 +123,8 @@ class Gate:
         """Return the reason for a refusal, or an empty text."""
         hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
         named = hosts[0] if len(hosts) == 1 else ""
-        if not _HOST.fullmatch(named) or (self.loopback and _hostname(f"//{named}") not in _LOOPBACK):
+        found = _HOST.fullmatch(named)
+        if found is None or (self.loopback and found[1].lower() not in _LOOPBACK):
             this = "a name of the loopback" if self.loopback else "the address of this page"
             return _INVALID_HOST.format(host=this, subject="The requested host", value=", ".join(hosts))
         if any(origin not in (f"http://{named}", f"https://{named}") for origin in origins):
@@ -219,17 +223,3 @@ def _require_own_address(host: str) -> None:
             probe.bind(place)
     except OSError as error:
         raise ConfigurationError(f"--host {host}: not an address of this computer: {error}") from error
-
-
-def _is_loopback(host: str) -> bool:
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
-
-
-def _hostname(address: str) -> str:
-    try:
-        return urlsplit(address).hostname or ""
-    except ValueError:
-        return ""
