@@ -6,7 +6,6 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, nullcontext, suppress
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -109,17 +108,17 @@ def _in_real_time(config: Config, path: Path, real_time_factor: float) -> Iterat
     ):
         processes.start("mock", "--real-time-factor", str(real_time_factor))
         processes.start("controller", "--record", str(path))
-        yield transport, partial(_wait_for_state, processes), record
+
+        def advance(arrived: threading.Event) -> None:
+            if not arrived.wait(0.05):
+                error = processes.early_end()
+                if error:
+                    raise DemoFailed(error)
+            arrived.clear()
+
+        yield transport, advance, record
     with suppress(ConfigurationError):  # `_conclude` reports an unreadable recording
         add_topics(path, recorded)
-
-
-def _wait_for_state(processes: Processes, arrived: threading.Event) -> None:
-    if not arrived.wait(0.05):
-        error = processes.early_end()
-        if error:
-            raise DemoFailed(error)
-    arrived.clear()
 
 
 @contextmanager
@@ -156,13 +155,13 @@ def _conclude(
     results = judge(run, scenario, director.windows, distances, model.mass * model.gravity)
     if failure is not None:
         results = (Result("run", "complete", failure, False), *results)
-    rows = [(each.name, each.target, each.measured, "met" if each.passed else "missed") for each in results]
+    rows = tuple((each.name, each.target, each.measured, "met" if each.passed else "missed") for each in results)
     times = 1e3 * run.cycle_seconds
     cycle_time = (
         f"cycle time of the controller: median {np.median(times):.2f} ms, 99 % below {np.quantile(times, 0.99):.2f} ms "
         f"({len(times)} cycles)"
     )
-    table = Table(("check", "target", "measured", ""), tuple(rows))
+    table = Table(("check", "target", "measured", ""), rows)
     console.print(as_text(cycle_time, [table]), markup=False, highlight=False)
     page = path.with_suffix(".html")
     write_run_report(replace(run, results=results), model, page, kind="wbc_controller demo")

@@ -1,5 +1,6 @@
 """Movable joints of a URDF, and postures of its SRDF."""
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -47,13 +48,9 @@ def read_source(uri: str) -> UrdfSource:
 
 def _address(path: Path) -> str:
     for folder in path.parents:
-        if folder.parent.name != "share":
-            continue
-        try:
-            if share_folder(folder.name).resolve() == folder:
+        with contextlib.suppress(ConfigurationError):  # package not installed
+            if folder.parent.name == "share" and share_folder(folder.name).resolve() == folder:
                 return f"{PACKAGE_SCHEME}{folder.name}/{path.relative_to(folder).as_posix()}"
-        except ConfigurationError:  # package not installed
-            continue
     return str(path)
 
 

@@ -35,8 +35,7 @@ class LinkPushes:
         client = int(event.client_id)
         start, end = np.array(event.start_position), np.array(event.end_position)
         force = self._force(end - start)
-        # viser also ends the drags of a closed page
-        closed = client not in self._server.get_clients()
+        closed = client not in self._server.get_clients()  # viser also ends the drags of a closed page
         if event.phase != "end" and self.enabled and not closed:
             self._draw(client, start, end, force)
             return

@@ -113,10 +113,15 @@ def next_step(state: str) -> str:
 def status_view(settings: Settings, robot: RobotStatus) -> RenderableType:
     """Return the status as a table."""
     table = Table.grid(padding=(0, 2))
-    for row in facts(robot).items():
-        table.add_row(*row)
+    for fact in facts(robot).items():
+        table.add_row(*fact)
+    tasks = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for column in ("task", "type", "weight", "value", "reference", "error"):
+        tasks.add_column(column, overflow="fold", justify="right" if column in ("weight", "error") else "left")
+    for row in task_rows(settings, robot):
+        tasks.add_row(*row[:-1], style="dim" if row.off else "")
     title = f"{robot.status.hardware_id}: {robot.status.message}"
-    return Group(Text(title, style=f"bold {_COLOURS[robot.status.level]}"), table, _task_table(settings, robot))
+    return Group(Text(title, style=f"bold {_COLOURS[robot.status.level]}"), table, tasks)
 
 
 def facts(robot: RobotStatus) -> dict[str, str]:
@@ -186,15 +191,6 @@ def task_rows(settings: Settings, robot: RobotStatus) -> Iterator[TaskRow]:
             error="" if off else values.get(f"task_error/{name}", ""),
             off=off,
         )
-
-
-def _task_table(settings: Settings, robot: RobotStatus) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for column in ("task", "type", "weight", "value", "reference", "error"):
-        table.add_column(column, overflow="fold", justify="right" if column in ("weight", "error") else "left")
-    for row in task_rows(settings, robot):
-        table.add_row(*row[:-1], style="dim" if row.off else "")
-    return table
 
 
 def format_numbers(content: Any, kind: str) -> str:
