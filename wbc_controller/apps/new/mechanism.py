@@ -114,10 +114,7 @@ def choose_joints(source: UrdfSource, draft: Draft, carrying: Sequence[str]) -> 
 
 
 def read_postures(srdf: str) -> dict[str, dict[str, float]]:
-    """Read the postures of an SRDF, joint positions in rad by name of the ``<group_state>``, in order of preference.
-
-    Raises `ConfigurationError` if the SRDF is invalid.
-    """
+    """Read the postures of an SRDF by name, preferred first, in rad; raise `ConfigurationError` if it is invalid."""
     text = read_text(locate(srdf, "--srdf"), f"--srdf = {srdf!r}", urdf.LARGEST_URDF)
     tree = urdf.parse_xml(text, "--srdf", "SRDF")
     found: dict[str, dict[str, float]] = {}

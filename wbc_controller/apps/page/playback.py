@@ -37,10 +37,7 @@ class Mark(NamedTuple):
 
 
 class Playback:
-    """Snapshots of a recording by time.
-
-    A recording without robot state, or of another robot, raises `ConfigurationError`.
-    """
+    """Snapshots of a recording by time; `ConfigurationError` without a robot state, or for another robot."""
 
     def __init__(self, recorded: Recording, robot: Robot) -> None:
         recorded.require_slots(cycle_slots(robot.model, robot.contacts) + reference_slots(robot.tasks, robot.contacts))

@@ -175,11 +175,9 @@ class Session:
             stop(encode(velocity_message((0.0, 0.0, 0.0))))
 
     def find_controller(self) -> None:
-        """Wait for the discovery of the controller's state, before the first subscription.
+        """Wait for a publisher of the controller's state, before the first subscription; raise `NoAnswer` without one.
 
         Fast DDS delays latched messages by up to 3 s for a reader announced before the writer's discovery.
-
-        Raises `NoAnswer` if no publisher is discovered in time.
         """
         state = counterpart(self.topics["controller", "state", ""])
         deadline = time.monotonic() + self._patience
