@@ -1,7 +1,7 @@
 """Steps from a URDF to a draft."""
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 from xml.etree import ElementTree
@@ -14,7 +14,7 @@ from wbc_controller.apps.new.feet import LEG_JOINTS, Body
 from wbc_controller.apps.new.foot_shape import Foot, links_of
 from wbc_controller.apps.new.mechanism import UrdfSource, choose_joints, ranges_of, read_postures, read_source
 from wbc_controller.apps.new.notes import Draft, Origin
-from wbc_controller.apps.new.posture import put_fixed, put_standing, srdf_posture
+from wbc_controller.apps.new.posture import Postures, put_fixed, put_standing, srdf_posture
 from wbc_controller.apps.new.standing_posture import Legs
 from wbc_controller.controller.build.collision_elements import read_collision_elements
 from wbc_controller.controller.build.collision_model import with_visuals
@@ -67,7 +67,7 @@ def new_configuration(
 
 
 def _feet(
-    source: UrdfSource, postures: Mapping[str, Mapping[str, float]], feet: Sequence[str], carrying: Sequence[str]
+    source: UrdfSource, postures: Postures, feet: Sequence[str], carrying: Sequence[str]
 ) -> tuple[Draft, Body, list[Foot]]:
     """Begin a draft, and return the feet; joints that move `carrying` are kept."""
     draft = Draft()
@@ -132,9 +132,7 @@ def _put_base(source: UrdfSource, model: RobotModel, base: Base | None, feet: Se
     return base
 
 
-def _put_legged(
-    draft: Draft, model: RobotModel, body: Body, feet: Sequence[Foot], postures: dict[str, dict[str, float]]
-) -> None:
+def _put_legged(draft: Draft, model: RobotModel, body: Body, feet: Sequence[Foot], postures: Postures) -> None:
     height = body.height
     if not feet:
         draft.put("contacts", {}, "contacts: no feet found. Name the links of the feet with --feet.", "missing")

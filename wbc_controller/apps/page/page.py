@@ -88,13 +88,11 @@ class Page:
     def enable_commands(self, sender: RequestSender, is_mock: Callable[[], bool]) -> None:
         """Add the controls, before `run`."""
         self._is_mock = is_mock
-        gui = self.server.gui
-        self._controls = Controls(self.server, self._robot, sender)
-        tasks = self._robot.settings.tasks
-        self._handles = [
-            Handle(self.server, self._robot, name, sender) for name, task in tasks.items() if task.type in KINDS
-        ]
-        self._pushes = LinkPushes(self.server, self._robot, self.drawing, sender)
+        server, robot, gui = self.server, self._robot, self.server.gui
+        self._controls = Controls(server, robot, sender)
+        tasks = robot.settings.tasks
+        self._handles = [Handle(server, robot, name, sender) for name, task in tasks.items() if task.type in KINDS]
+        self._pushes = LinkPushes(server, robot, self.drawing, sender)
         with gui.add_folder("Handles"):
             gui.add_html(_HELP)
             hint = "Show rings on the handles of poses and orientations."
@@ -108,7 +106,7 @@ class Page:
         with gui.add_folder("Requests"):
             self._request_list = gui.add_html(panels.request_list(()))
 
-        @self.server.on_client_disconnect
+        @server.on_client_disconnect
         async def _(client: Any) -> None:
             sender.drop_drags(client.client_id)
             self._pushes.end_drags(client.client_id)

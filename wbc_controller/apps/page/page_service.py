@@ -126,15 +126,14 @@ def play(
         # simulated time waits for a controller delayed by a browser
         processes.start("mock", "--patient", "--real-time-factor", f"{factor:g}")
         processes.start("controller", "--activate", "--use-sim-time")
-        starter = threading.Thread(
-            target=_release_hoist, args=(processes.settings, stop, errors), name="starter", daemon=True
-        )
+        settings = processes.settings
+        starter = threading.Thread(target=_release_hoist, args=(settings, stop, errors), name="starter", daemon=True)
         watcher = threading.Thread(target=_watch, args=(processes, stop, errors), name="watcher", daemon=True)
         starter.start()
         watcher.start()
         click.echo(f"{robot} in DDS domain {domain}, on this computer only; Ctrl-C ends it")
         click.echo(f"commands from another terminal: ROS_DOMAIN_ID={domain} wbc send {robot} com 20mm forward")
-        serve(processes.settings, stop, host=host, port=port, commands=True, ready=_open_browser)
+        serve(settings, stop, host=host, port=port, commands=True, ready=_open_browser)
         stop.set()
         watcher.join()
     if errors:
