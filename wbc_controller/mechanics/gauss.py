@@ -27,35 +27,17 @@ class ConstrainedMotion:
     condition: float  # largest over smallest non-zero singular value of A
 
 
-@dataclass(frozen=True, slots=True)
-class _Decomposition:
-    """A = U diag(s) Vᵀ with non-zero s, and null space basis N."""
-
-    U: Array
-    s: Array
-    V: Array
-    N: Array
-
-
-def _decompose(A: Array) -> _Decomposition:
-    n = A.shape[1]
-    if not A.shape[0]:
-        return _Decomposition(np.zeros((0, 0)), np.zeros(0), np.zeros((n, 0)), np.eye(n))
+def _decompose(A: Array) -> tuple[Array, Array, Array, Array]:
+    """Return U, s, V, N: A = U diag(s) Vᵀ with non-zero s, and null space basis N."""
     U, s, Vt = np.linalg.svd(A)
-    rank = int(np.sum(s > max(RANK_TOLERANCE * s[0], ZERO)))
-    return _Decomposition(U[:, :rank], s[:rank], Vt[:rank].T, Vt[rank:].T)
+    rank = int(np.sum(s > max(RANK_TOLERANCE * float(np.max(s, initial=0.0)), ZERO)))
+    return U[:, :rank], s[:rank], Vt[:rank].T, Vt[rank:].T
 
 
 def _check(M: Array, v_dot_u: Array, A: Array, b: Array) -> tuple[Array, Array, Array, Array]:
-    acceleration = np.asarray(v_dot_u, dtype=np.float64)
-    n = acceleration.size
-    rows = np.asarray(b, dtype=np.float64).size
-    return (
-        as_array("M", M, (n, n)),
-        as_array("v_dot_u", acceleration, (n,)),
-        as_array("A", A, (rows, n)),
-        as_array("b", b, (rows,)),
-    )
+    n, k = np.size(v_dot_u), np.size(b)
+    M, v_dot_u = as_array("M", M, (n, n)), as_array("v_dot_u", v_dot_u, (n,))
+    return M, v_dot_u, as_array("A", A, (k, n)), as_array("b", b, (k,))
 
 
 def _consistent(A: Array, b: Array, v_dot: Array) -> None:
@@ -71,10 +53,10 @@ def _consistent(A: Array, b: Array, v_dot: Array) -> None:
         )
 
 
-def _multipliers(split: _Decomposition, force: Array) -> tuple[Array, Array]:
+def _multipliers(U: Array, s: Array, V: Array, force: Array) -> tuple[Array, Array]:
     """Return least-norm λ with Aᵀλ = force, and Aᵀλ, computed along V for accuracy."""
-    along = split.V.T @ force
-    return split.U @ (along / split.s), split.V @ along
+    along = V.T @ force
+    return U @ (along / s), V @ along
 
 
 def gauss(M: Array, v_dot_u: Array, A: Array, b: Array) -> ConstrainedMotion:
@@ -89,25 +71,25 @@ def gauss(M: Array, v_dot_u: Array, A: Array, b: Array) -> ConstrainedMotion:
         NoSolution: if the constraints are inconsistent; contains (A, b).
     """
     M, v_dot_u, A, b = _check(M, v_dot_u, A, b)
-    split = _decompose(A)
-    particular = split.V @ ((split.U.T @ b) / split.s)
-    free = split.N.T @ M
+    U, s, V, N = _decompose(A)
+    particular = V @ ((U.T @ b) / s)
+    free = N.T @ M
     try:
-        np.linalg.cholesky(free @ split.N)
+        np.linalg.cholesky(free @ N)
     except np.linalg.LinAlgError as error:
         raise InputRefused(f"M is not positive definite in the null space of A: {error}") from error
-    z = np.linalg.solve(free @ split.N, free @ (v_dot_u - particular))
-    v_dot = particular + split.N @ z
+    z = np.linalg.solve(free @ N, free @ (v_dot_u - particular))
+    v_dot = particular + N @ z
     _consistent(A, b, v_dot)
-    multipliers, constraint_force = _multipliers(split, M @ (v_dot - v_dot_u))
+    multipliers, constraint_force = _multipliers(U, s, V, M @ (v_dot - v_dot_u))
     return ConstrainedMotion(
         v_dot=v_dot,
         multipliers=multipliers,
         constraint_force=constraint_force,
         push=np.zeros(0),
         push_force=np.zeros(len(v_dot)),
-        rank=len(split.s),
-        condition=float(split.s[0] / split.s[-1]) if len(split.s) else 1.0,
+        rank=len(s),
+        condition=float(s[0] / s[-1]) if len(s) else 1.0,
     )
 
 
@@ -142,8 +124,7 @@ def admissible_directions(A: Array) -> Array:
     Raises:
         InputRefused: if a value is not finite.
     """
-    array = np.asarray(A, dtype=np.float64)
-    return _decompose(as_array("A", array, array.shape)).N
+    return _decompose(as_array("A", A, np.shape(A)))[-1]
 
 
 def gauss_unilateral(M: Array, v_dot_u: Array, A: Array, b: Array, C: Array, d: Array) -> ConstrainedMotion:
@@ -163,19 +144,17 @@ def gauss_unilateral(M: Array, v_dot_u: Array, A: Array, b: Array, C: Array, d: 
     """
     base = gauss(M, v_dot_u, A, b)
     M, v_dot_u, A, b = _check(M, v_dot_u, A, b)
-    rows = np.asarray(d, dtype=np.float64).size
-    C, d = as_array("C", C, (rows, len(v_dot_u))), as_array("d", d, (rows,))
-    split = _decompose(A)
-    N = split.N
+    C, d = as_array("C", C, (np.size(d), len(v_dot_u))), as_array("d", d, (np.size(d),))
+    U, s, V, N = _decompose(A)
     # v̇ = base + W z: the functional is ½‖z‖² + constant.
     W = scipy.linalg.solve_triangular(np.linalg.cholesky(N.T @ M @ N), N.T, lower=True).T
     G, h = C @ W, d - C @ base.v_dot
     sizes = np.maximum(np.linalg.norm(G, axis=1), 1.0e-12)
-    G, h = G / sizes[:, None], h / sizes
-    mu = _least_distance(G, h, (C, d))
+    G /= sizes[:, None]
+    mu = _least_distance(G, h / sizes, (C, d))
     v_dot = base.v_dot + W @ (G.T @ mu)
     push = mu / sizes
-    multipliers, constraint_force = _multipliers(split, M @ (v_dot - v_dot_u) - C.T @ push)
+    multipliers, constraint_force = _multipliers(U, s, V, M @ (v_dot - v_dot_u) - C.T @ push)
     return replace(
         base, v_dot=v_dot, multipliers=multipliers, constraint_force=constraint_force, push=push, push_force=C.T @ push
     )
