@@ -27,12 +27,8 @@ def lagrangian_variation(model: pin.Model, q: Array, v: Array, perturbation: Per
         InputRefused: if the perturbation is invalid.
     """
     data = model.createData()
-
-    def field(at: Array) -> Array:
-        return as_array("δq(q)", perturbation(at), (model.nv,))
-
-    delta = field(q)
-    forth, back = (field(pin.integrate(model, q, sign * _STEP * v)) for sign in (1.0, -1.0))
+    states = (q, *(pin.integrate(model, q, step * v) for step in (_STEP, -_STEP)))
+    delta, forth, back = (as_array("δq(q)", perturbation(at), (model.nv,)) for at in states)
     delta_rate = (forth - back) / (2.0 * _STEP)  # d/dt δq(q)
     values = []
     for epsilon in (_STEP, -_STEP):
@@ -82,10 +78,13 @@ def check_symmetry(
     return SymmetryReport(variation=worst, invariant=bool(worst <= tolerance))
 
 
-def _require_free_flyer(model: pin.Model) -> None:
+def _rigid_motion(model: pin.Model, linear: Array, angular: Array) -> Perturbation:
+    """Return the motion of the robot by a twist at the world's origin, in m and rad."""
     if model.njoints < 2 or model.joints[1].nq != 7:
         first = model.joints[1].shortname() if model.njoints > 1 else "no joint"
         raise ConfigurationError(f"the first joint is {first}, expected a floating base (JointModelFreeFlyer)")
+    twist = pin.Motion(linear, angular)
+    return lambda q: np.append(pin.XYZQUATToSE3(q[:7]).actInv(twist).vector, np.zeros(model.nv - 6))
 
 
 def translation(model: pin.Model, direction: npt.ArrayLike) -> Perturbation:
@@ -98,15 +97,7 @@ def translation(model: pin.Model, direction: npt.ArrayLike) -> Perturbation:
         ConfigurationError: if the base is not floating.
         InputRefused: if the direction is invalid.
     """
-    _require_free_flyer(model)
-    world = as_array("direction", direction, (3,))
-
-    def perturbation(q: Array) -> Array:
-        delta = np.zeros(model.nv)
-        delta[:3] = pin.XYZQUATToSE3(q[:7]).rotation.T @ world
-        return delta
-
-    return perturbation
+    return _rigid_motion(model, as_array("direction", direction, (3,)), np.zeros(3))
 
 
 def rotation(model: pin.Model, axis: npt.ArrayLike, point: npt.ArrayLike = (0.0, 0.0, 0.0)) -> Perturbation:
@@ -120,17 +111,8 @@ def rotation(model: pin.Model, axis: npt.ArrayLike, point: npt.ArrayLike = (0.0,
         ConfigurationError: if the base is not floating.
         InputRefused: if an array is invalid.
     """
-    _require_free_flyer(model)
-    turn, through = as_array("axis", axis, (3,)), as_array("point", point, (3,))
-
-    def perturbation(q: Array) -> Array:
-        base = pin.XYZQUATToSE3(q[:7])
-        delta = np.zeros(model.nv)
-        delta[:3] = base.rotation.T @ np.cross(turn, base.translation - through)
-        delta[3:6] = base.rotation.T @ turn
-        return delta
-
-    return perturbation
+    turn = as_array("axis", axis, (3,))
+    return _rigid_motion(model, np.cross(as_array("point", point, (3,)), turn), turn)
 
 
 def joint_shift(model: pin.Model, joint: str) -> Perturbation:
