@@ -20,11 +20,6 @@ from wbc_controller.mechanics.checks import as_array, frame_index, single_joint
 from wbc_controller.records import Array
 
 
-def _cross(a: Array, b: Array) -> Array:
-    """Return a × b; faster than `numpy.cross`."""
-    return np.asarray(pin.skew(a) @ b)
-
-
 class BodyMotion(NamedTuple):
     """Motion of a frame on a link or support."""
 
@@ -36,7 +31,7 @@ class BodyMotion(NamedTuple):
     def point(self) -> tuple[Array, Array, Array, Array]:
         """Return position (3,), velocity (3,), Jacobian (3, nv), drift (3,) of the origin, world axes."""
         R, linear, angular = self.placement.rotation, self.twist[:3], self.twist[3:]
-        drift = self.drift[:3] + _cross(angular, linear)  # the axes of the twist rotate
+        drift = self.drift[:3] + np.cross(angular, linear)  # the axes of the twist rotate
         return self.placement.translation, R @ linear, R @ self.jacobian[:3], R @ drift
 
 
@@ -90,7 +85,7 @@ class Kinematics:
 
     def __init__(self, model: pin.Model, q: Array, v: Array, t: float = 0.0, *, data: pin.Data | None = None) -> None:
         self.model, self.q, self.v, self.t = model, q, v, t
-        self._data = data if data is not None else model.createData()
+        self._data = data or model.createData()
         pin.forwardKinematics(model, self._data, q, v, np.zeros(model.nv))
         pin.computeJointJacobians(model, self._data)
         pin.updateFramePlacements(model, self._data)
@@ -296,8 +291,8 @@ class Rolling(Constraint):
         height = float(normal @ (position + arm)) - self.height
         return ConstraintTerms(
             jacobian=axes @ (jacobian - pin.skew(arm) @ J_omega),
-            drift=axes @ (drift + _cross(omega_drift, arm) + _cross(omega, arm_rate)),
-            velocity=axes @ (velocity + _cross(omega, arm)),
+            drift=axes @ (drift + np.cross(omega_drift, arm) + np.cross(omega, arm_rate)),
+            velocity=axes @ (velocity + np.cross(omega, arm)),
             position=np.array([0.0, 0.0, height]),
             holonomic=np.array([False, False, True]),
         )
@@ -307,7 +302,7 @@ class Rolling(Constraint):
         if self.axis is None:
             return -self.radius * normal, np.zeros(3)
         axle = R @ _unit("axis", self.axis)
-        turning = _cross(omega, axle)
+        turning = np.cross(omega, axle)
         # The lowest point is along the normal projected onto the disc.
         up = normal - (normal @ axle) * axle
         length = float(np.linalg.norm(up))
@@ -322,9 +317,9 @@ def _axes_with_normal(normal: Array) -> Array:
     """Return two directions in the plane and its normal as rows, (3, 3)."""
     if normal[2] > 1.0 - 1.0e-12:
         return np.eye(3)
-    first = _cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
+    first = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
     first /= np.linalg.norm(first)
-    return np.vstack([first, _cross(normal, first), normal])
+    return np.vstack([first, np.cross(normal, first), normal])
 
 
 @dataclass(frozen=True, kw_only=True)

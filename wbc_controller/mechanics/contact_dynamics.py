@@ -32,7 +32,7 @@ def constrained_dynamics(
     Raises:
         NoSolution: if the constraints are inconsistent.
     """
-    data = data if data is not None else model.createData()
+    data = data or model.createData()
     f = as_array("force", force, (model.nv,))
     M = mass_matrix(model, q, data=data)
     v_dot_u = np.asarray(np.linalg.solve(M, f - bias_force(model, q, v, data=data)), dtype=np.float64)

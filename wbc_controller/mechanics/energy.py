@@ -21,7 +21,7 @@ def kinetic_energy(model: pin.Model, q: Array, v: Array, *, data: pin.Data | Non
 
 def potential_energy(model: pin.Model, q: Array, *, data: pin.Data | None = None) -> float:
     """Return the potential energy V = -Σ mᵢ gᵀxᵢ of equations (2) and (3), J; g points down, unlike the note's."""
-    return float(pin.computePotentialEnergy(model, data if data is not None else model.createData(), q))
+    return float(pin.computePotentialEnergy(model, data or model.createData(), q))
 
 
 def lagrangian(model: pin.Model, q: Array, v: Array, *, data: pin.Data | None = None) -> float:
@@ -87,7 +87,7 @@ def energy_residual(
         InputRefused: if the second state is not later, or the force is invalid.
     """
     seconds = duration(before, after)
-    data = data if data is not None else model.createData()
+    data = data or model.createData()
     applied = as_array("force", force, (model.nv,))
     work = applied * np.asarray(pin.difference(model, before.q, after.q))
     rate = hamiltonian(model, after.q, after.v, data=data) - hamiltonian(model, before.q, before.v, data=data)

@@ -15,17 +15,17 @@ def mass_matrix(model: pin.Model, q: Array, *, data: pin.Data | None = None) -> 
 
     Composite rigid body algorithm, with reflected rotor inertias (``model.armature``).
     """
-    return np.array(pin.crba(model, data if data is not None else model.createData(), q))
+    return np.array(pin.crba(model, data or model.createData(), q))
 
 
 def bias_force(model: pin.Model, q: Array, v: Array, *, data: pin.Data | None = None) -> Array:
     """Return the bias force h of equation (34), (nv,) in N and N·m: Coriolis, centrifugal and gravity terms."""
-    return np.array(pin.nonLinearEffects(model, data if data is not None else model.createData(), q, v))
+    return np.array(pin.nonLinearEffects(model, data or model.createData(), q, v))
 
 
 def generalized_gravity(model: pin.Model, q: Array, *, data: pin.Data | None = None) -> Array:
     """Return the gradient of the potential energy, ∂V/∂q of equations (3) and (5), (nv,) in N and N·m: h at v = 0."""
-    return np.array(pin.computeGeneralizedGravity(model, data if data is not None else model.createData(), q))
+    return np.array(pin.computeGeneralizedGravity(model, data or model.createData(), q))
 
 
 def inverse_dynamics(model: pin.Model, q: Array, v: Array, v_dot: Array, *, data: pin.Data | None = None) -> Array:
@@ -34,7 +34,7 @@ def inverse_dynamics(model: pin.Model, q: Array, v: Array, v_dot: Array, *, data
     Recursive Newton–Euler algorithm (Luh, Walker, Paul, "On-line computational scheme for mechanical manipulators",
     1980).
     """
-    return np.array(pin.rnea(model, data if data is not None else model.createData(), q, v, v_dot))
+    return np.array(pin.rnea(model, data or model.createData(), q, v, v_dot))
 
 
 def forward_dynamics(model: pin.Model, q: Array, v: Array, force: Array, *, data: pin.Data | None = None) -> Array:
@@ -42,7 +42,7 @@ def forward_dynamics(model: pin.Model, q: Array, v: Array, force: Array, *, data
 
     Articulated body algorithm (Featherstone, "Rigid Body Dynamics Algorithms", 2008).
     """
-    return np.array(pin.aba(model, data if data is not None else model.createData(), q, v, force))
+    return np.array(pin.aba(model, data or model.createData(), q, v, force))
 
 
 def actuation_matrix(model: pin.Model, joints: Sequence[str]) -> Array:

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -53,7 +52,7 @@ def generalized_force(
     Raises:
         ConfigurationError: if a frame is unknown.
     """
-    data = data if data is not None else model.createData()
+    data = data or model.createData()
     total = np.zeros(model.nv)
     pin.computeJointJacobians(model, data, q)
     pin.updateFramePlacements(model, data)
@@ -71,15 +70,12 @@ def world_wrench(
     Raises:
         ConfigurationError: if a frame is unknown.
     """
-    data = data if data is not None else model.createData()
+    data = data or model.createData()
     pin.framesForwardKinematics(model, data, q)
     total = np.zeros(6)
     for external in wrenches:
-        placement: Any = data.oMf[frame_index(model, external.frame)]
-        axes = {
-            "LOCAL": placement,
-            "LOCAL_WORLD_ALIGNED": pin.SE3(np.eye(3), placement.translation),
-            "WORLD": pin.SE3.Identity(),
-        }[external.axes]
-        total += axes.act(pin.Force(external.at_origin)).vector
+        placement = data.oMf[frame_index(model, external.frame)]
+        R = placement.rotation if external.axes == "LOCAL" else np.eye(3)
+        p = np.zeros(3) if external.axes == "WORLD" else placement.translation
+        total += pin.SE3(R, p).act(pin.Force(external.at_origin)).vector
     return total

@@ -22,16 +22,14 @@ def centroidal_momentum(model: pin.Model, q: Array, v: Array, *, data: pin.Data 
 
     Without rotors. Orin, Goswami, Lee, "Centroidal dynamics of a humanoid robot" (2013).
     """
-    data = data if data is not None else model.createData()
-    return np.array(pin.computeCentroidalMomentum(model, data, q, v).vector)
+    return np.array(pin.computeCentroidalMomentum(model, data or model.createData(), q, v).vector)
 
 
 def centroidal_momentum_rate(
     model: pin.Model, q: Array, v: Array, v_dot: Array, *, data: pin.Data | None = None
 ) -> Array:
     """Return the time derivative of `centroidal_momentum`, ṗ of equation (26), (6,) in N and N·m."""
-    data = data if data is not None else model.createData()
-    return np.array(pin.computeCentroidalMomentumTimeVariation(model, data, q, v, v_dot).vector)
+    return np.array(pin.computeCentroidalMomentumTimeVariation(model, data or model.createData(), q, v, v_dot).vector)
 
 
 def centroidal_wrench(
@@ -41,7 +39,7 @@ def centroidal_wrench(
 
     It equals `centroidal_momentum_rate`; internal forces (27) cancel.
     """
-    data = data if data is not None else model.createData()
+    data = data or model.createData()
     total = world_wrench(model, q, wrenches, data=data)
     com = np.array(pin.centerOfMass(model, data, q))
     total[3:] -= np.cross(com, total[:3])
@@ -79,7 +77,8 @@ def momentum_residual(
         InputRefused: if the second state is not later.
     """
     seconds = duration(before, after)
-    data = data if data is not None else model.createData()
-    first, last = (centroidal_momentum(model, state.q, state.v, data=data) for state in (before, after))
-    ends = [centroidal_wrench(model, state.q, wrenches, data=data) for state in (before, after)]
-    return MomentumBalance(rate=(last - first) / seconds, supplied=0.5 * (ends[0] + ends[1]))
+    data = data or model.createData()
+    states = before, after
+    first, last = (centroidal_momentum(model, state.q, state.v, data=data) for state in states)
+    supplied = [centroidal_wrench(model, state.q, wrenches, data=data) for state in states]
+    return MomentumBalance(rate=(last - first) / seconds, supplied=np.mean(supplied, axis=0))

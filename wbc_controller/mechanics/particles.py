@@ -85,10 +85,8 @@ def rod_constraints(
 def _free_acceleration(system: ParticleSystem, forces: Array | None) -> Array:
     """Return ẍᵤ of gravity and other forces, (3n,) in m/s²; equations (1) and (3)."""
     n = len(system.masses)
-    acceleration = np.tile(np.asarray(system.gravity, dtype=np.float64), (n, 1))
-    if forces is not None:
-        acceleration = acceleration + as_array("forces", forces, (n, 3)) / np.asarray(system.masses)[:, None]
-    return acceleration.reshape(-1)
+    others = np.zeros((n, 3)) if forces is None else as_array("forces", forces, (n, 3))
+    return np.ravel(system.gravity + others / np.asarray(system.masses)[:, None])
 
 
 def solve_in_one_stage(
