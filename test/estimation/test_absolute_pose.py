@@ -7,8 +7,8 @@ import pytest
 from wbc_controller.controller.build.contacts import make_contact
 from wbc_controller.controller.build.estimation import make_estimator
 from wbc_controller.estimation.absolute_pose import AGREEMENT_TIME, SPEED, PoseSample
-from wbc_controller.estimation.planar_transform import planar_transform
 from wbc_controller.estimation.running_estimate import ImuSample
+from wbc_controller.inverse_dynamics.robot.orientation import planar_transform
 
 PERIOD = 0.004
 #: True pose of the base in the world of the poses.

@@ -4,9 +4,8 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.estimation.anchoring import Anchoring
-from wbc_controller.estimation.planar_transform import heading_of
+from wbc_controller.inverse_dynamics.robot.orientation import about_z, heading_of
 from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
-from wbc_controller.walking.feet import about_z
 
 FEET = {
     "left": np.array([[0.1, 0.1, 0.0], [-0.1, 0.1, 0.0], [0.0, 0.15, 0.0]]),

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from plain_filter import PlainFilter
 
 from wbc_controller.estimation.invariant_filter import InvariantFilter
-from wbc_controller.estimation.planar_transform import heading_of
+from wbc_controller.inverse_dynamics.robot.orientation import heading_of
 from wbc_controller.settings.estimation import EstimationSettings
 
 GRAVITY = np.array([0.0, 0.0, -9.81])

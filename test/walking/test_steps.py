@@ -12,10 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wbc_controller.inverse_dynamics.robot.instruction import placement_numbers
-from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
+from wbc_controller.inverse_dynamics.robot.orientation import about_z, rotation_of
 from wbc_controller.walking import adaptation_kernels as kernels
 from wbc_controller.walking import swing_kernels
-from wbc_controller.walking.feet import Foot, Sole, about_z
+from wbc_controller.walking.feet import Foot, Sole
 from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity, nominal_step
 from wbc_controller.walking.pendulum_kernels import before, later
 from wbc_controller.walking.swing_kernels import Landing, at_rest, integrate_foot, moved

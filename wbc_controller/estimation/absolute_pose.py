@@ -24,9 +24,8 @@ from scipy.special import chdtri
 
 from wbc_controller.estimation.invariant_filter import InvariantFilter
 from wbc_controller.estimation.leg_kinematics import LegKinematics
-from wbc_controller.estimation.planar_transform import heading_of, planar_transform
 from wbc_controller.inverse_dynamics.arrays import solved
-from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
+from wbc_controller.inverse_dynamics.robot.orientation import heading_of, planar_transform, rotation_of
 from wbc_controller.records import Array
 
 HISTORY = 0.5  # age of the oldest stored estimate, s; older poses are refused
@@ -142,30 +141,27 @@ class AbsolutePoses:
         ready = [sample for sample in self._waiting if sample.stamp <= newest]
         self._waiting = deque((sample for sample in self._waiting if sample.stamp > newest), _MOST_WAITING)
         for sample in ready:
-            reason = ""
             if sample.stamp >= self._past[0].stamp:
-                reason = self._correct(sample, controlled=controlled)
+                refused.append(self._correct(sample, controlled=controlled))
             elif sample.stamp >= self._first_stamp:
-                reason = f"header.stamp is {newest - sample.stamp:.3f} s before the IMU's (limit {HISTORY:g} s)"
-            refused += [reason] if reason else []
-        return refused
+                refused.append(f"header.stamp is {newest - sample.stamp:.3f} s before the IMU's (limit {HISTORY:g} s)")
+        return [reason for reason in refused if reason]
 
     def frame_at(self, stamp: float) -> pin.SE3:
         """Return frame F at a past stamp, in the present world."""
         after = bisect.bisect_left(self._past, stamp, key=lambda past: past.stamp)
-        later = self._past[after]
-        frame = later.frame
-        if later.stamp > stamp:
-            earlier = self._past[after - 1]
-            share = (stamp - earlier.stamp) / (later.stamp - earlier.stamp)
-            frame = pin.SE3.Interpolate(earlier.frame, frame, share)
+        end, frame = self._past[after]
+        if end > stamp:
+            start, before = self._past[after - 1]
+            frame = pin.SE3.Interpolate(before, frame, (stamp - start) / (end - start))
         return self.odometry.actInv(frame)
 
     def innovation(self, sample: PoseSample) -> tuple[Array, Array, Array, Array]:
         """Return z, (4,) in m and rad; H, (4, n); the noise covariance, (4, 4); p̂_F, (3,) in m, at the pose's stamp."""
         frame, Y = self.frame_at(sample.stamp), rotation_of(sample.pose[3:])
         R, p = frame.rotation, frame.translation
-        z = np.append(sample.pose[:3] - p, _heading(Y @ R.T))
+        turn = Y @ R.T
+        z = np.append(sample.pose[:3] - p, math.atan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1]))
         H = np.zeros((4, len(self._filter.P)))
         H[:3, :3], H[:3, 6:9], H[3, 2] = -pin.skew(p), np.eye(3), 1.0
         noise = sample.covariance[np.ix_([0, 1, 2, 5], [0, 1, 2, 5])].copy()
@@ -209,7 +205,3 @@ class AbsolutePoses:
         self.relocations += self.aligned
         self.aligned, self._contradicting, self.contradiction = True, None, ""
         return ""
-
-
-def _heading(R: Array) -> float:
-    return math.atan2(R[1, 0] - R[0, 1], R[0, 0] + R[1, 1])

@@ -15,7 +15,7 @@ from collections.abc import Mapping
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.estimation.planar_transform import heading_of, planar_transform
+from wbc_controller.inverse_dynamics.robot.orientation import heading_of, planar_transform
 from wbc_controller.records import Array
 
 _CONTACT_TIME = 1.0  # duration of a contact before its points get anchors, s

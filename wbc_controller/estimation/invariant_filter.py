@@ -17,8 +17,8 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.estimation import invariant_filter_kernels as kernel
-from wbc_controller.estimation.planar_transform import planar_transform
 from wbc_controller.inverse_dynamics.arrays import solved
+from wbc_controller.inverse_dynamics.robot.orientation import planar_transform
 from wbc_controller.records import Array
 from wbc_controller.settings.estimation import EstimationSettings
 
@@ -29,22 +29,13 @@ class InvariantFilter:
     """Right-invariant extended Kalman filter of an IMU and contact points."""
 
     def __init__(
-        self,
-        settings: EstimationSettings,
-        gravity: Array,
-        *,
-        rotation: Array,
-        velocity: Array,
-        position: Array,
-        gyroscope_bias: Array,
-        accelerometer_bias: Array,
-        P: Array,
-    ) -> None:
+        self, settings: EstimationSettings, gravity: Array, *, rotation: Array, velocity: Array, position: Array,
+        gyroscope_bias: Array, accelerometer_bias: Array, P: Array,
+    ) -> None:  # fmt: skip
         """Start without contact points; gravity is in the world, (3,) in m/s², and P is (15, 15)."""
         self.settings = settings
         noise = settings.gyroscope_noise, settings.accelerometer_noise
-        walks = settings.gyroscope_bias_walk, settings.accelerometer_bias_walk
-        self._densities = np.array([*noise, *walks])
+        self._densities = np.array([*noise, settings.gyroscope_bias_walk, settings.accelerometer_bias_walk])
         self._gravity = np.array(gravity)
         self.rotation = np.array(rotation)  # R, (3, 3), from IMU axes to the world
         self.columns = np.ascontiguousarray(np.column_stack([velocity, position]))  # v, p, d₁ … d_N, (3, 2 + N)
@@ -80,14 +71,9 @@ class InvariantFilter:
         return self.rotation, self.columns, self.gyroscope_bias, self.accelerometer_bias, self.P
 
     def correct(
-        self,
-        names: Sequence[str],
-        positions: Array,
-        covariance: Array,
-        *,
-        ends: np.ndarray | None = None,
+        self, names: Sequence[str], positions: Array, covariance: Array, *, ends: np.ndarray | None = None,
         limits: Array | None = None,
-    ) -> Array:
+    ) -> Array:  # fmt: skip
         """Correct the state by kinematics, X ← exp(K z) X, and return zᵀ S⁻¹ z of each group of points, (c,).
 
         z = R y + p - d has the covariance S. A square above its limit, or NaN, leaves the state unchanged. Raises

@@ -1,4 +1,4 @@
-"""Feet: poses and references."""
+"""Feet: poses, references, and the reaction to their swing."""
 
 import math
 from dataclasses import dataclass, field
@@ -90,12 +90,25 @@ class Foot:
         return motion, acceleration, slope, Reference(out[:7], out[7:13], out[13:])
 
 
-def about_z(angle: float) -> Array:
-    """Return the rotation about z by an angle in rad, (3, 3)."""
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
 def mean_angle(a: float, b: float) -> float:
     """Return the angle in the middle of the shorter way from one angle to another, rad."""
     return a + 0.5 * math.remainder(b - a, math.tau)
+
+
+def swing_reaction(dynamics: Dynamics, stance: Foot, swing: Foot, height: float) -> float:
+    """Return μ of the reaction of the centre of mass to a swing foot that moves forward.
+
+    The inverted pendulum has no swing leg. With the sagittal component L of its angular momentum about the centre of
+    mass, m z (c̈ - ω² (c - p)) = -L̇. L = λ ẋ for a foot that moves at ẋ gives c̈ = ω² (c - p) + μ ẍ with μ = -λ / (m z).
+    In the nominal posture, the centre of mass, at the height z above the ground in m, and the base's orientation rest.
+    """
+    feet = [dynamics.jacobian(foot.frame, pin.LOCAL_WORLD_ALIGNED) for foot in (stance, swing)]
+    rows = np.vstack([*feet, np.eye(6, dynamics.model.nv)[3:], dynamics.com_jacobian])
+    wanted = np.zeros(len(rows))
+    wanted[6] = 1.0  # ẋ of the swing foot
+    joints = dynamics.model.pinocchio.frames
+    columns = np.any([dynamics.moves[joints[foot.frame].parentJoint] for foot in (stance, swing)], axis=0)
+    v = np.zeros(dynamics.model.nv)
+    v[columns] = np.linalg.lstsq(rows[:, columns], wanted, rcond=None)[0]
+    momentum = dynamics.centroidal_matrix @ v
+    return float(-momentum[4] / (dynamics.model.mass * height))

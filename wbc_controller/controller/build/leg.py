@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.robot.orientation import about_z
 from wbc_controller.records import Array
-from wbc_controller.walking.feet import about_z
 from wbc_controller.walking.footsteps import Velocity
 from wbc_controller.walking.swing_kernels import Landing, at_rest, moved
 

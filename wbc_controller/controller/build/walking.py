@@ -16,15 +16,15 @@ from wbc_controller.inverse_dynamics.contacts.mount import placement_of
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics, support_matrix
 from wbc_controller.inverse_dynamics.robot.instruction import placement_numbers, placement_on_link
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.robot.orientation import about_z
 from wbc_controller.inverse_dynamics.tasks import ComTask, FramePoseTask, PostureTask, Task
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.settings import Settings
 from wbc_controller.settings.contacts import SurfaceContact
 from wbc_controller.settings.walking import WalkingSettings
 from wbc_controller.walking.biped import BipedWalker
-from wbc_controller.walking.feet import Foot, about_z
+from wbc_controller.walking.feet import Foot, swing_reaction
 from wbc_controller.walking.gait import Gait
-from wbc_controller.walking.reaction import swing_reaction
 from wbc_controller.walking.walker import TaskSets, Walker
 
 LEFT, RIGHT = "walking_left_foot", "walking_right_foot"  # names of the tasks on the feet
