@@ -11,8 +11,8 @@ from refusals import input_refusal
 
 import wbc_controller as wbc
 from wbc_controller.walking.gait import Phase
+from wbc_controller.walking.quadruped_kernels import later_on_line, middle_of_pair
 from wbc_controller.walking.terrain import Ground
-from wbc_controller.walking.trot_kernels import later_on_line, middle_of_pair
 
 OMEGA = 5.8
 FEET = 0.2 + 0.1j, -0.2 - 0.15j

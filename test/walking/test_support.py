@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from wbc_controller.walking.support_kernels import nearest_in_support
+from wbc_controller.walking.references_kernels import nearest_in_support
 
 HALF = (0.08, 0.02)
 

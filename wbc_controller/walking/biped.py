@@ -17,11 +17,9 @@ from wbc_controller.walking.footsteps_kernels import swing_push
 from wbc_controller.walking.gait import Gait, Phase
 from wbc_controller.walking.pendulum_kernels import before, natural_frequency
 from wbc_controller.walking.plan import WalkingPlan, margin
-from wbc_controller.walking.references_kernels import smooth_step
-from wbc_controller.walking.roughness import Roughness, aim_below
-from wbc_controller.walking.support_kernels import nearest_in_support
+from wbc_controller.walking.references_kernels import nearest_in_support, smooth_step
 from wbc_controller.walking.swing_kernels import Landing, at_rest
-from wbc_controller.walking.terrain import FOOTHOLDS, Ground, plane_through
+from wbc_controller.walking.terrain import FOOTHOLDS, Ground, Roughness, aim_below, plane_through
 from wbc_controller.walking.touchdown import SoleTouchdown
 from wbc_controller.walking.walker import Decision, TaskSets, Walker
 from wbc_controller.walking.weight_transfer import WeightTransfer
@@ -94,9 +92,7 @@ class BipedWalker(Walker):
 
     def __init__(self, gait: Gait, left: Foot, right: Foot, tasks: TaskSets, gravity: float, lag: float = 0.0) -> None:
         """Make a standing walker; gravity in m/s², and the delay of the torques in s."""
-        self._lag = lag
-        self._feet = {1: left, -1: right}
-        self._gravity = gravity
+        self._feet, self._gravity, self._lag = {1: left, -1: right}, gravity, lag
         super().__init__(gait, tasks)
         self._omega = natural_frequency(self._com_height, gravity)  # ω, 1/s
         self._feedback = 1.0 + _GAIN / self._omega  # of the centre of pressure on the DCM
@@ -129,7 +125,7 @@ class BipedWalker(Walker):
         The feet alternate. A standing robot begins with the foot nearer to its pose. Errors as in `Walker`.
         """
         soles = {side: foot.sole(dynamics) for side, foot in self._feet.items()}
-        feet, first = {side: (sole.place, sole.heading) for side, sole in soles.items()}, None
+        first, feet = None, {side: (sole.place, sole.heading) for side, sole in soles.items()}
         if self.phase is Phase.SINGLE and self._step is not None:  # the foot in the air lands as planned before
             landing, first = self._step.landing, self._stance
             feet[-first] = landing.place, landing.heading
@@ -142,9 +138,8 @@ class BipedWalker(Walker):
     @property
     def footsteps_left(self) -> int:  # type: ignore[override]
         """Number of planned footsteps without a touchdown."""
-        return len(self.footsteps) + (
-            self.phase is Phase.SINGLE and self._step is not None and self._step.begun.planned
-        )
+        begun = self.phase is Phase.SINGLE and self._step is not None and self._step.begun.planned
+        return len(self.footsteps) + begun
 
     @property
     def contact_sets(self) -> tuple[tuple[str, ...], ...]:
@@ -157,13 +152,11 @@ class BipedWalker(Walker):
         if self.phase is Phase.STAND or self._latest is None:
             return None
         (cycle, pressure), feet, swings = self._latest, list(self._feet.values()), {}
-        clearance = self.gait.clearance
+        clearance, elapsed = self.gait.clearance, self._latest[0].time - self._since
         if self.phase is Phase.SINGLE and self._step is not None:
-            feet, swing = [self._feet[self._stance]], self._feet[-self._stance]
-            swings = {swing.contact: (self._step.swing, self._step.landing)}
-            clearance = self._step.begun.clearance
+            feet, clearance = [self._feet[self._stance]], self._step.begun.clearance
+            swings = {self._feet[-self._stance].contact: (self._step.swing, self._step.landing)}
         edge = margin(pressure, [point for foot in feet for point in foot.corners(cycle.dynamics)])
-        elapsed = cycle.time - self._since
         return WalkingPlan.of(self.phase, cycle.dcm, self._dcm_wanted, swings, clearance, elapsed, edge)
 
     def update(
@@ -362,7 +355,11 @@ class BipedWalker(Walker):
         pressure = self._corrected(stance.place, cycle, stance.place, stance.place, beyond)
         rolled = cycle.soles[self._stance].slope - self._footholds[0].slope
         if abs(rolled) > _FLAT and self.phase is Phase.SINGLE:
-            return self._flattened(pressure, rolled, cycle)
+            # The sole rolls over its edge: the centre of pressure moves to the raised side. The error of the estimated
+            # slope is larger than the distance to the edge: the slope counts from that at lift-off.
+            held, usable = cycle.soles[self._stance], self._feet[self._stance].usable
+            pressure += _FLATTENING * (abs(rolled) - _FLAT) * rolled / abs(rolled)
+            pressure = nearest_in_support(pressure, held.place, held.place, held.heading, *usable)
         return pressure
 
     def _land(self, step: Step, cycle: _Cycle, late: float, decision: Decision) -> None:
@@ -406,16 +403,6 @@ class BipedWalker(Walker):
         pressure += self._feedback * (cycle.dcm - self._dcm_wanted)
         length, width = foot.usable
         return nearest_in_support(pressure, first, second, heading, length, width + beyond)
-
-    def _flattened(self, pressure: complex, rolled: complex, cycle: _Cycle) -> complex:
-        """Return the centre of pressure, moved to the raised side of a stance sole that rolls over its edge.
-
-        The sole has rolled from its slope at lift-off: the error of the estimate is larger than the distance of the
-        centre of pressure from the edge.
-        """
-        sole, foot, angle = cycle.soles[self._stance], self._feet[self._stance], abs(rolled)
-        pressure += _FLATTENING * (angle - _FLAT) * rolled / angle
-        return nearest_in_support(pressure, sole.place, sole.place, sole.heading, *foot.usable)
 
     def _turn(self, soles: Mapping[int, Sole], dt: float) -> float:
         """Turn the heading to that of the feet; return its rate, rad/s."""

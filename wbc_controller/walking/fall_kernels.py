@@ -17,18 +17,14 @@ from __future__ import annotations
 import cmath
 import math
 
-from wbc_controller.compilation import compiled, part
+from wbc_controller.compilation import compiled
 from wbc_controller.walking.footsteps_kernels import StepSizes
+from wbc_controller.walking.references_kernels import clipped, nearest_in_support
 
 #: Time for which the DCM must be out of reach, s: an impact of a foot changes the velocity for a few cycles.
 PERSISTS = 0.02
 STANDING = 0.22  # largest distance of the DCM from the support of a standing robot, as a share of its height
 MARGIN = 0.05  # margin of the reach, m, for the errors of the estimate and of the model
-
-
-@part
-def _clipped(point: complex, length: float, width: float) -> complex:
-    return complex(max(-length, min(length, point.real)), max(-width, min(width, point.imag)))
 
 
 @compiled
@@ -37,16 +33,11 @@ def nearest_support(
 ) -> complex:
     """Return a point p near the DCM in the support of one or two soles, on two soles up to one half length outside it.
 
-    Args:
-        dcm: ξ, x + i y in m.
-        first, second: centres of the soles; twice the same for one sole.
-        heading: of one sole, rad.
-        length, width: half length and half width of a sole, m.
+    Arguments as of `nearest_in_support`: the DCM ξ, the centres of the soles, heading and half sides of a sole.
     """
     way = second - first
     if way == 0.0:
-        axes = cmath.rect(1.0, heading)
-        return first + _clipped((dcm - first) / axes, length, width) * axes
+        return nearest_in_support(dcm, first, second, heading, length, width)
     share = ((dcm - first) * way.conjugate()).real / abs(way) ** 2
     between = first + max(0.0, min(1.0, share)) * way
     apart = abs(dcm - between)
@@ -60,18 +51,13 @@ def missed(
 ) -> tuple[float, float]:  # fmt: skip
     """Return the distance from the DCM to the nearest foothold at the earliest touchdown, and the largest one, m.
 
-    Crossing feet are allowed: a late alarm is better than a false one. Other arguments as above.
-
-    Args:
-        sizes: of the steps.
-        omega: ω, 1/s.
-        time: until the earliest touchdown t, s.
+    Crossing feet are allowed: a late alarm is better than a false one. The earliest touchdown is after the time t, s.
     """
     support = nearest_support(dcm, first, second, first_heading, length, width)
     end = support + (dcm - support) * math.exp(omega * time)
     distance = math.inf
     for place, heading in ((first, first_heading), (second, second_heading)):
         local = (end - place) / cmath.rect(1.0, heading)
-        distance = min(distance, abs(local - _clipped(local, sizes.length, sizes.greatest_width)))
+        distance = min(distance, abs(local - clipped(local, sizes.length, sizes.greatest_width)))
     longest, step_time = max(sizes.length, sizes.greatest_width), sizes.single + sizes.double
     return distance, longest / math.expm1(omega * step_time) + MARGIN

@@ -14,11 +14,11 @@ from wbc_controller.walking.feet_kernels import motion_of_points
 from wbc_controller.walking.footsteps import Velocity
 from wbc_controller.walking.gait import Phase, QuadrupedGait
 from wbc_controller.walking.plan import WalkingPlan, margin
+from wbc_controller.walking.quadruped_kernels import motion_of_body, next_pair
 from wbc_controller.walking.references_kernels import smooth_step
 from wbc_controller.walking.swing_kernels import Landing, at_rest, move_axis, moved
 from wbc_controller.walking.terrain import Ground
 from wbc_controller.walking.touchdown import COUNTS, lands, rebounds
-from wbc_controller.walking.trot_kernels import motion_of_body, next_pair
 from wbc_controller.walking.walker import STILL, Decision, TaskSets, Walker
 
 _FREEZE = 0.03  # time before touchdown in which the target of the step is constant, s

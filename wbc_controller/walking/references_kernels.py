@@ -1,10 +1,11 @@
-"""Kernels for the references of the body, and the smooth step."""
+"""Kernels for the references of the body, the area of the centre of pressure, and the smooth step."""
 
 from __future__ import annotations
 
+import cmath
 import math
 
-from wbc_controller.compilation import Matrix, OutVector, compiled
+from wbc_controller.compilation import Matrix, OutVector, compiled, part
 from wbc_controller.inverse_dynamics.robot.placement_kernels import put, three
 
 _HEIGHT_RATE, _FASTEST_HEIGHT = 3.0, 0.2  # rate at which a height follows its goal, 1/s, and its largest rate, m/s
@@ -15,6 +16,29 @@ def smooth_step(share: float) -> tuple[float, float]:
     """Return the quintic from 0 to 1 at a share of its duration, and its derivative."""
     s = max(0.0, min(1.0, share))
     return s**3 * (10.0 - 15.0 * s + 6.0 * s * s), 30.0 * s * s * (1.0 - s) ** 2
+
+
+@part
+def clipped(point: complex, length: float, width: float) -> complex:
+    """Return the nearest point of a rectangle about the origin with these half sides, m."""
+    return complex(max(-length, min(length, point.real)), max(-width, min(width, point.imag)))
+
+
+@compiled
+def nearest_in_support(
+    point: complex, first: complex, second: complex, heading: float, length: float, width: float
+) -> complex:
+    """Return the nearest point of the rectangle around the nearest point of the line between two feet.
+
+    Points are x + i y in m; on one foot, `first` and `second` are the same. `length` and `width` are the half sides of
+    the rectangle, m.
+    """
+    line, axes = second - first, cmath.rect(1.0, heading)
+    squared = abs(line) ** 2
+    share = ((point - first) * line.conjugate()).real / squared if squared > 0.0 else 0.0
+    centre = first + max(0.0, min(1.0, share)) * line
+    local = (point - centre) / axes
+    return centre + clipped(local, length, width) * axes
 
 
 @compiled

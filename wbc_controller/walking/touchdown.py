@@ -4,8 +4,8 @@ import math
 
 from wbc_controller.records import Array
 from wbc_controller.walking.feet import Sole
-from wbc_controller.walking.roughness import aim_below
 from wbc_controller.walking.swing_kernels import Landing
+from wbc_controller.walking.terrain import aim_below
 
 COUNTS = 0.6  # least share of the planned swing for a touchdown
 _STOPPED = 0.5  # share of the reference's downward speed below which the ground has stopped the foot
@@ -32,22 +32,13 @@ class SoleTouchdown:
         self._moved = -math.inf  # last time at which the sole moved, s
 
     def update(
-        self,
-        time: float,
-        elapsed: float,
-        swing: Array,
-        landing: Landing,
-        clearance: float,
-        sole: Sole,
+        self, time: float, elapsed: float, swing: Array, landing: Landing, clearance: float, sole: Sole,
         touching: bool | None,
-    ) -> bool:
-        """Return whether the sole has landed at a time, s.
+    ) -> bool:  # fmt: skip
+        """Return whether the sole has landed at a time, s, `elapsed` since the lift-off; `touching` as of `lands`.
 
         Args:
-            elapsed: since the lift-off, s.
-            swing: motion of the reference, (3, 4) (`swing_kernels`).
-            clearance: of the reference above the ground, m.
-            touching: as of `lands`.
+            swing, clearance: motion of the reference, (3, 4) (`swing_kernels`), and its height above the ground, m.
         """
         late = elapsed - landing.time
         if elapsed < COUNTS * landing.time:
@@ -69,13 +60,7 @@ class SoleTouchdown:
 
 
 def lands(
-    late: float,
-    wanted: float,
-    landing: float,
-    rise: float,
-    speed: float,
-    touching: bool | None,
-    slow: float = _SLOW,
+    late: float, wanted: float, landing: float, rise: float, speed: float, touching: bool | None, slow: float = _SLOW
 ) -> bool:
     """Return whether the ground has stopped the foot, after the share `COUNTS` of the swing.
 
@@ -88,7 +73,7 @@ def lands(
     """
     if late >= LATEST or touching:
         return True
-    return _is_stopped(wanted, landing, rise) and speed < slow
+    return wanted <= -_DESCENDING and rise > _STOPPED * max(wanted, -landing) and speed < slow
 
 
 def tips(wanted: float, rise: float, speed: float, turning: float) -> bool:
@@ -98,10 +83,6 @@ def tips(wanted: float, rise: float, speed: float, turning: float) -> bool:
     """
     turned = turning > _TURNED and speed < _TURNED_SPEED and rise < _TURNED_RISE
     return turned and wanted <= -_DESCENDING and rise > wanted + _TURNED_BEHIND
-
-
-def _is_stopped(wanted: float, landing: float, rise: float) -> bool:
-    return wanted <= -_DESCENDING and rise > _STOPPED * max(wanted, -landing)
 
 
 def rebounds(wanted: float, rise: float) -> bool:

@@ -1,4 +1,4 @@
-"""Kernels for the placement of the feet in a trot.
+"""Kernels for the plane of the ground under point feet, and for their placement in a trot.
 
 Two point feet exert no moment about the line between them. Along the line the controller accelerates the body; across
 it the body falls like the linear inverted pendulum, ξ̇ = ω (ξ - p). The place of the next line controls it.
@@ -10,6 +10,24 @@ import math
 
 from wbc_controller.compilation import Matrix, Vector, compiled
 from wbc_controller.walking.pendulum_kernels import periodic_offset
+
+
+@compiled
+def plane_below(points: Matrix) -> tuple[complex, float, complex]:
+    """Return the mean place and height of points, (n, 3), and the slope of the plane of `Ground.below`.
+
+    With x, y and z relative to their means, the slope s solves Σ (x, y)ᵀ(x, y) s = Σ (x, y)ᵀ z.
+    """
+    n = len(points)
+    if points.shape[1] != 3 or n < 3:
+        raise ValueError("plane_below: wrong size")
+    x0 = y0 = z0 = xx = xy = yy = xz = yz = 0.0
+    for i in range(n):
+        x0, y0, z0 = x0 + points[i, 0] / n, y0 + points[i, 1] / n, z0 + points[i, 2] / n
+    for i in range(n):
+        x, y, z = points[i, 0] - x0, points[i, 1] - y0, points[i, 2] - z0
+        xx, xy, yy, xz, yz = xx + x * x, xy + x * y, yy + y * y, xz + x * z, yz + y * z
+    return complex(x0, y0), z0, complex(xz * yy - yz * xy, yz * xx - xz * xy) / (xx * yy - xy * xy)
 
 
 @compiled
