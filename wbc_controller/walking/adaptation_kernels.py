@@ -118,15 +118,10 @@ def adapt(
         planned: keep the nominal step, u*, heading and b*, of the last cycle; otherwise it follows the velocity.
         velocity, turning: command, m/s and rad/s.
         place, time: u and T of the last cycle, x + i y in m in the world, and s.
-        stance, heading: place p and heading of the stance foot.
-        side: 1 if the swing foot is the left one, -1 for the right one.
-        omega: ω, 1/s.
-        sizes: of the steps; `sizes.single` is T*.
-        dcm: ξ, measured.
-        swing: motion of the swing foot, (3, 4).
+        stance, heading, side, omega: fields of `Stance`; `sizes.single` is T*.
+        dcm, swing: measured ξ, and motion of the swing foot, (3, 4).
         ground, level, slope: place and height of a point of the ground, m, and slope dz/dx + i dz/dy.
-        elapsed: t, since the start of the single support, s.
-        dt: time since the last cycle, s.
+        elapsed, dt: t since the start of the single support, and time since the last cycle, s.
         shortest: duration of the fastest step, s.
     """
     if not planned:
@@ -158,10 +153,10 @@ def adapt(
         cost = W_PLACE * place_error**2 + W_OFFSET * offset_error**2 + W_TIME * late * late
         if cost < lowest:
             lowest, best = cost, (u, T)
-    (place, time), facing = best, swing[0, 3]
+    place, time = best
     wanted = dcm_towards(nominal_place, nominal_offset, stance, omega, reaction, swing, max(time - elapsed, 0.0))
-    turn = nominal_heading - facing
-    facing += turn - 2.0 * math.pi * np.round(turn / (2.0 * math.pi))
+    turn = nominal_heading - swing[0, 3]
+    facing = swing[0, 3] + (turn - 2.0 * math.pi * np.round(turn / (2.0 * math.pi)))
     height = _height_at(place, ground, level, slope)
     return nominal_place, nominal_heading, nominal_offset, place, height, facing, time, wanted
 
@@ -171,12 +166,9 @@ def steps_again(
     dcm: complex, stance: complex, heading: float, landed: complex, landed_heading: float, side: int, omega: float,
     sizes: StepSizes, shortest: float,
 ) -> bool:  # fmt: skip
-    """Return whether a foot that has landed steps again: the DCM is beyond its outer side, but within its reach.
+    """Return whether a foot that has `landed` steps again: the DCM is beyond its outer side, but within its reach.
 
-    The other foot cannot land there.
-
-    Args:
-        landed, landed_heading: place and heading of it; others as of `adapt`.
+    The other foot cannot land there. Other arguments as of `adapt`.
     """
     half = 0.5 * sizes.sole_width
     outside = side * ((dcm - landed) * cmath.rect(1.0, -landed_heading)).imag

@@ -48,26 +48,18 @@ def planned(
     ]
     place, heading = feet[-first]
     for number, step in enumerate(steps, 1):
-        _check(number, len(steps), step, place, heading, gait)
+        local, turn = (step.place - place) * cmath.rect(1.0, -heading), math.remainder(step.heading - heading, math.tau)
+        ahead, width = local.real, step.side * local.imag
+        reached = abs(ahead) <= gait.length and gait.least_width <= width <= gait.greatest_width
+        if not (reached and abs(turn) <= MAX_TURN):
+            raise InputRefused(
+                f"step {number} of {len(steps)} ({_NAMES[step.side]} foot) is {ahead:.3f} m ahead and {width:.3f} m "
+                f"beside the {_NAMES[-step.side]} foot, turned by {turn:.2f} rad; valid: -{gait.length:.3f} to "
+                f"{gait.length:.3f} m ahead, {gait.least_width:.3f} to {gait.greatest_width:.3f} m beside, "
+                f"{-MAX_TURN:g} to {MAX_TURN:g} rad"
+            )
         place, heading = step.place, step.heading
     return tuple(steps)
-
-
-def _check(number: int, count: int, step: Footstep, place: complex, heading: float, gait: Gait) -> None:
-    """Refuse a step that is out of reach from the other foot at a place, or overlaps it."""
-    local = (step.place - place) * cmath.rect(1.0, -heading)
-    turn, width = math.remainder(step.heading - heading, math.tau), step.side * local.imag
-    if (
-        abs(local.real) <= gait.length
-        and gait.least_width <= width <= gait.greatest_width
-        and abs(turn) <= MAX_TURN
-    ):  # fmt: skip
-        return
-    raise InputRefused(
-        f"step {number} of {count} ({_NAMES[step.side]} foot) is {local.real:.3f} m ahead and {width:.3f} m beside the "
-        f"{_NAMES[-step.side]} foot, turned by {turn:.2f} rad; valid: -{gait.length:.3f} to {gait.length:.3f} m ahead, "
-        f"{gait.least_width:.3f} to {gait.greatest_width:.3f} m beside, {-MAX_TURN:g} to {MAX_TURN:g} rad"
-    )
 
 
 def step_towards(steps: Sequence[Footstep], stance: Stance, gait: Gait) -> NominalStep:

@@ -26,26 +26,15 @@ def later(dcm: complex, pressure: complex, omega: float, time: float) -> complex
 
 @compiled
 def before(dcm: complex, pressure: complex, omega: float, time: float, push: complex) -> complex:
-    """Return the DCM a time in s earlier: the inverse of `later` and a push.
-
-    Args:
-        dcm: at the end.
-        push: change of the DCM at the end by the swing foot, m.
-    """
+    """Return the DCM a time in s earlier: the inverse of `later`, and of a `push` at the end by the swing foot, m."""
     return later(dcm - push, pressure, omega, -time)
 
 
 @compiled
 def transferred(dcm: complex, start: complex, end: complex, duration: float, omega: float, time: float) -> complex:
-    """Return the DCM after a time t in s while the centre of pressure moves from p₀ to p₁ at a constant velocity.
+    """Return the DCM after a time t while the centre of pressure moves from p₀ to p₁ at a constant velocity.
 
-    With ṗ = (p₁ - p₀) / T: ξ(t) = p₀ + ṗ t + ṗ / ω + (ξ₀ - p₀ - ṗ / ω) e^{ωt}.
-
-    Args:
-        dcm: ξ₀.
-        start: p₀.
-        end: p₁.
-        duration: T, s.
+    With `dcm` ξ₀, the duration T, s, and ṗ = (p₁ - p₀) / T: ξ(t) = p₀ + ṗ t + ṗ / ω + (ξ₀ - p₀ - ṗ / ω) e^{ωt}.
     """
     speed = (end - start) / duration
     return start + speed * (time + 1.0 / omega) + (dcm - start - speed / omega) * math.exp(omega * time)
@@ -75,10 +64,9 @@ def periodic_offset(
         b = -s (1 + κ G) / (E G + 1)    of the part that alternates.
 
     Args:
-        progress: part of the step that repeats, m.
-        width: part that alternates, from the stance foot to the new one, m.
-        single: T_s, duration of the single support, s.
-        double: T_d, duration of the double support, in which the centre of pressure moves linearly, s; may be 0.
+        progress, width: parts of the step from the stance foot to the new one that repeat and alternate, m.
+        single, double: durations T_s and T_d of the supports, s; in the double one, which may take 0 s, the centre of
+            pressure moves linearly.
         push: ρ, change of the DCM at the end of the step by a swing foot that moves by 1 m.
     """
     E, G, kappa = _factors(omega, single, double)
@@ -89,14 +77,9 @@ def periodic_offset(
 def previous_offset(
     offset: complex, step: complex, following: complex, omega: float, single: float, double: float, push: float
 ) -> complex:
-    """Return the offset b that leads to the offset b' after the following step.
+    """Return the offset b of a step s that leads to the offset b' after the following step s', x + i y in m each.
 
     With the factors of `periodic_offset`, b = ((b' + s' - ρ (s + s')) / G - κ s) / E.
-
-    Args:
-        offset: b', m.
-        step: s, from the stance foot to the new one, m.
-        following: s', m.
     """
     E, G, kappa = _factors(omega, single, double)
     return ((offset + following - push * (step + following)) / G - kappa * step) / E

@@ -59,12 +59,7 @@ def _quintic(x: float, v: float, a: float, goal: float, speed: float, T: float) 
 
 @compiled
 def move_axis(x: float, v: float, a: float, goal: float, speed: float, left: float, dt: float) -> Vector3:
-    """Return a coordinate with its rates after `dt` on the way to a goal; all times in s.
-
-    Args:
-        speed: velocity at the goal, without acceleration.
-        left: time until the goal.
-    """
+    """Return a coordinate with its rates after `dt` on the way to a goal, reached at a speed in the time `left`, s."""
     if left <= _SHORTEST:
         return x, 0.0, 0.0
     t = min(dt, left)
@@ -114,14 +109,13 @@ def moved(
 
     Args:
         clearance: height of the foot above the ground at the apex, m.
-        elapsed: time since lift-off.
-        descent: time before the apex at which the plan changes to the ground.
+        elapsed, descent: time since lift-off, and time before the apex at which the plan changes to the ground.
     """
-    place, height, heading, time = landing.place, landing.height, landing.heading, landing.time
     out = np.empty((3, 4))
     move_foot(
-        foot, place, height, heading, time, landing.speed, landing.roughness, clearance, elapsed, dt, descent, out
-    )
+        foot, landing.place, landing.height, landing.heading, landing.time, landing.speed, landing.roughness,
+        clearance, elapsed, dt, descent, out,
+    )  # fmt: skip
     return out
 
 
