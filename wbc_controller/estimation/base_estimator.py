@@ -36,14 +36,9 @@ class BaseEstimator:
     ) -> None:
         """Start without data; gravity is in the world, (3,) in m/s². `pose_frame` is the frame of absolute poses."""
         self._pose_frame = None if pose_frame is None else kinematics.frame(pose_frame, "estimation.pose_frame")
-        self.imu_frame = kinematics.imu_frame
-        self.lost = ""
-        self._waits_for = "no IMU data received"
-        self._kinematics = kinematics
-        self._settings = settings
-        self._gravity = gravity
-        self._still: list[ImuSample] = []
-        self._running: RunningEstimate | None = None
+        self.imu_frame, self.uses_poses = kinematics.imu_frame, pose_frame is not None
+        self._kinematics, self._settings, self._gravity = kinematics, settings, gravity
+        self.restart()
 
     @property
     def waits_for(self) -> str:
@@ -79,11 +74,6 @@ class BaseEstimator:
         return self._running.base(self._running.odometry) if self._running is not None else None
 
     @property
-    def uses_poses(self) -> bool:
-        """True if absolute poses are used."""
-        return self._pose_frame is not None
-
-    @property
     def poses(self) -> AbsolutePoses | None:
         """Correction by absolute poses, or None."""
         return self._running.poses if self._running is not None else None
@@ -104,27 +94,19 @@ class BaseEstimator:
 
     def restart(self) -> None:
         """Discard the estimate and wait for standstill."""
-        self._running, self._still = None, []
+        self._running: RunningEstimate | None = None
+        self._still: list[ImuSample] = []
         self.lost, self._waits_for = "", "no IMU data received"
 
     def update(
-        self,
-        samples: Sequence[ImuSample],
-        q: Array,
-        v: Array,
-        active_contacts: Collection[str],
-        *,
-        walking: bool = False,
+        self, samples: Sequence[ImuSample], q: Array, v: Array, active: Collection[str], *, walking: bool = False
     ) -> None:
-        """Process the new measurements.
+        """Process IMU samples by increasing stamp, with q and v of the joints, (nj,) each, and the active contacts.
 
-        Args:
-            samples: IMU samples by increasing stamp.
-            q: joint positions, (nj,) in rad; velocities v in rad/s.
-            walking: the robot walks: larger velocities of all contacts are tolerated.
+        If the robot is `walking`, larger velocities of all contacts are tolerated.
         """
         self._kinematics.update(q, v)
-        active = [name for name in self._kinematics.points if name in active_contacts]
+        active = [name for name in self._kinematics.points if name in active]
         if self._running is None:
             self._wait_for_rest(samples, active)
             return

@@ -90,18 +90,9 @@ def _transition(P: Array, G: Array, R: Array, gravity: Array, dt: float, out: Ar
 
 @compiled
 def propagate(
-    R: Matrix,
-    columns: Matrix,
-    gyroscope_bias: Vector,
-    accelerometer_bias: Vector,
-    P: Matrix,
-    gravity: Vector,
-    angular_velocity: StridedVector,
-    specific_force: StridedVector,
-    dt: float,
-    noise: Vector,
-    creep: Vector,
-) -> tuple[Array, Array, Array]:
+    R: Matrix, columns: Matrix, gyroscope_bias: Vector, accelerometer_bias: Vector, P: Matrix, gravity: Vector,
+    angular_velocity: StridedVector, specific_force: StridedVector, dt: float, noise: Vector, creep: Vector,
+) -> tuple[Array, Array, Array]:  # fmt: skip
     """Return R exp((ω - b_g) dt), v + a dt, p + v dt + ½ a dt², and Φ (P + dt Ad_X Q Ad_Xᵀ) Φᵀ.
 
     The state (R, columns, biases, P) is that of `InvariantFilter`; `noise` are its first four densities in their
@@ -173,16 +164,9 @@ def _reduce(U: Array, Y: Array, y: Array) -> None:
 
 @compiled
 def correct(
-    R: Matrix,
-    columns: Matrix,
-    gyroscope_bias: Vector,
-    accelerometer_bias: Vector,
-    P: Matrix,
-    points: Indices,
-    ends: Indices,
-    positions: Matrix,
-    covariance: Matrix,
-) -> tuple[Array, Array, Array, Array, Array, Array]:
+    R: Matrix, columns: Matrix, gyroscope_bias: Vector, accelerometer_bias: Vector, P: Matrix, points: Indices,
+    ends: Indices, positions: Matrix, covariance: Matrix,
+) -> tuple[Array, Array, Array, Array, Array, Array]:  # fmt: skip
     """Return zᵀ S⁻¹ z of each group of points, (c,), and the corrected state: exp(K z) X, biases, P - K H P.
 
     With K = P Hᵀ S⁻¹, S = UᵀU and Y = U⁻ᵀ H P, K z = Yᵀ U⁻ᵀ z and K H P = YᵀY. Arguments as for

@@ -54,15 +54,9 @@ class LegKinematics:
     """
 
     def __init__(
-        self,
-        model: RobotModel,
-        contacts: Mapping[str, Contact],
-        frames: Mapping[str, str],
-        imu_frame: str,
-        *,
-        joint_noise: float,
-        point_noise: float,
-    ) -> None:
+        self, model: RobotModel, contacts: Mapping[str, Contact], frames: Mapping[str, str], imu_frame: str, *,
+        joint_noise: float, point_noise: float,
+    ) -> None:  # fmt: skip
         """Collect the contact points; `frames` are the link frames of the contacts.
 
         `joint_noise`, rad, and `point_noise`, m (soft soles), are standard deviations.

@@ -19,26 +19,20 @@ class ModelErrorCompensation:
     STATE_FIELDS = ("observer", "contact_forces", "_friction", "_prediction")
 
     def __init__(
-        self,
-        observer: DisturbanceObserver,
-        friction: FrictionCompensation | None,
-        contact_forces: ContactForces | None,
-        period: float,
-    ) -> None:
+        self, observer: DisturbanceObserver, friction: FrictionCompensation | None,
+        contact_forces: ContactForces | None, period: float,
+    ) -> None:  # fmt: skip
         """Start without a prediction; the control period is in s."""
-        self.observer, self.contact_forces = observer, contact_forces
-        self._friction = friction
+        self.observer, self.contact_forces, self._friction = observer, contact_forces, friction
         self._largest_gap = _LARGEST_GAP * period
         self._prediction: Prediction | None = None
         self._zero = frozen(np.zeros(len(observer.forces)))
 
     def restart(self) -> None:
         """Reset."""
-        self.observer.restart()
-        if self.contact_forces is not None:
-            self.contact_forces.restart()
-        if self._friction is not None:
-            self._friction.restart()
+        for part in (self.observer, self.contact_forces, self._friction):
+            if part is not None:
+                part.restart()
         self._prediction = None
 
     @property
@@ -80,13 +74,9 @@ class ModelErrorCompensation:
             self.contact_forces.update(before.forces, *self.observer.missing_contact_forces)
 
     def record_command(
-        self,
-        state: RobotState,
-        solution: Solution | None,
-        tau: Array | None,
-        dynamics: Dynamics,
+        self, state: RobotState, solution: Solution | None, tau: Array | None, dynamics: Dynamics,
         jacobian: Callable[[tuple[str, ...]], Array],
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Store the prediction of a cycle.
 
         `tau` are the torques sent, (na,); None without torques or during a ramp. `jacobian` returns the stacked contact

@@ -37,14 +37,9 @@ class OdometryAgreement:
         self._is_twist_wrong = self._agreed = False
 
     def update(
-        self,
-        stamp: float,
-        base: tuple[Array, Array],
-        joints: tuple[Array, Array],
-        active_contacts: Collection[str],
-        *,
-        controlled: bool,
-    ) -> None:
+        self, stamp: float, base: tuple[Array, Array], joints: tuple[Array, Array], active_contacts: Collection[str],
+        *, controlled: bool,
+    ) -> None:  # fmt: skip
         """Process the newest odometry and joints; the vertical is compared until the robot is `controlled`.
 
         `base`: pose, (7,), and twist in base axes, (6,); `joints`: q and v, (nj,) each.
@@ -64,15 +59,9 @@ class OdometryAgreement:
             self._compare(elapsed, base[0], steps, joints, contacts, controlled=controlled)
 
     def _compare(
-        self,
-        elapsed: float,
-        pose: Array,
-        steps: Array,
-        joints: tuple[Array, Array],
-        contacts: tuple[str, ...],
-        *,
+        self, elapsed: float, pose: Array, steps: Array, joints: tuple[Array, Array], contacts: tuple[str, ...], *,
         controlled: bool,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Compare rotation and displacement by the twist, (2, 3) in rad and m, with pose and legs."""
         legs, base = self._kinematics, pin.XYZQUATToSE3(pose)
         before, self._before = self._before, base
@@ -91,6 +80,6 @@ class OdometryAgreement:
         self._is_twist_wrong = found is not None
         self._agreed = found is None and self._by_pose.agreed and self._by_legs.comparison.agreed
         if found is None and contacts and not controlled:
-            found = gravity_contradiction(legs, contacts, R[2])
-            found = found and f"the orientation of odometry contradicts the legs: {found}"
+            tilted = gravity_contradiction(legs, contacts, R[2])
+            found = tilted and f"the orientation of odometry contradicts the legs: {tilted}"
         self.contradiction = found

@@ -84,14 +84,9 @@ class SensorAgreement:
         self._places = self._moved = np.zeros((0, 3))  # y at the last comparison, and Δy
 
     def check(
-        self,
-        elapsed: float,
-        steps: Array,
-        active_contacts: tuple[str, ...],
-        world: Array | None = None,
-        *,
+        self, elapsed: float, steps: Array, active_contacts: tuple[str, ...], world: Array | None = None, *,
         known_wrong: bool = False,
-    ) -> str | None:
+    ) -> str | None:  # fmt: skip
         """Compare the motion since the last check; return a message on an axis or unit error, or None.
 
         Args:

@@ -13,16 +13,9 @@ from wbc_controller.records import Array
 
 
 def constrained_dynamics(
-    model: pin.Model,
-    q: Array,
-    v: Array,
-    force: Array,
-    constraints: Sequence[Constraint] = (),
-    *,
-    unilateral: Sequence[Constraint] = (),
-    t: float = 0.0,
-    data: pin.Data | None = None,
-) -> ConstrainedMotion:
+    model: pin.Model, q: Array, v: Array, force: Array, constraints: Sequence[Constraint] = (), *,
+    unilateral: Sequence[Constraint] = (), t: float = 0.0, data: pin.Data | None = None,
+) -> ConstrainedMotion:  # fmt: skip
     """Return the constrained motion (section 4.2.2, by (31) and (32); S10) with v̇ᵤ = M⁻¹(f - h), f = Sᵀτ + Jᵀw.
 
     Args:

@@ -67,14 +67,9 @@ def duration(before: RobotState, after: RobotState) -> float:
 
 
 def energy_residual(
-    model: pin.Model,
-    before: RobotState,
-    after: RobotState,
-    force: Array,
-    wrenches: Sequence[ExternalWrench] = (),
-    *,
+    model: pin.Model, before: RobotState, after: RobotState, force: Array, wrenches: Sequence[ExternalWrench] = (), *,
     data: pin.Data | None = None,
-) -> EnergyBalance:
+) -> EnergyBalance:  # fmt: skip
     """Return the balance dH/dt = τᵀS v + external power (equation (29), S6) between two states.
 
     Work of constant torques, f · (q₁ ⊖ q₀), is exact; work of constant wrenches is second-order accurate.

@@ -61,13 +61,9 @@ class MomentumBalance:
 
 
 def momentum_residual(
-    model: pin.Model,
-    before: RobotState,
-    after: RobotState,
-    wrenches: Sequence[ExternalWrench] = (),
-    *,
+    model: pin.Model, before: RobotState, after: RobotState, wrenches: Sequence[ExternalWrench] = (), *,
     data: pin.Data | None = None,
-) -> MomentumBalance:
+) -> MomentumBalance:  # fmt: skip
     """Return the balance of centroidal momentum between two states (equation (26), S5), N and N·m.
 
     Detects wrong masses, contact forces and unknown pushes; `energy_residual` detects wrong torques. Wrenches are
