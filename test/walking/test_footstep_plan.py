@@ -7,8 +7,7 @@ import pytest
 from gaits import GAIT, run_to, simulated
 from refusals import input_refusal
 
-from wbc_controller.walking.footstep_plan import planned, step_towards
-from wbc_controller.walking.footsteps import Stance, Velocity, nominal_step
+from wbc_controller.walking.footsteps import Stance, Velocity, nominal_step, planned, step_towards
 from wbc_controller.walking.gait import Phase
 from wbc_controller.walking.pendulum_kernels import periodic_offset, previous_offset
 

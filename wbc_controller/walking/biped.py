@@ -11,8 +11,15 @@ from wbc_controller.records import Array
 from wbc_controller.walking.adaptation_kernels import SHORTEST, SHORTEST_ROUGH, adapt, dcm_towards, steps_again
 from wbc_controller.walking.fall_kernels import STANDING, missed, nearest_support
 from wbc_controller.walking.feet import Foot, Sole, mean_angle
-from wbc_controller.walking.footstep_plan import Footstep, planned, step_towards
-from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity, nominal_step
+from wbc_controller.walking.footsteps import (
+    Footstep,
+    NominalStep,
+    Stance,
+    Velocity,
+    nominal_step,
+    planned,
+    step_towards,
+)
 from wbc_controller.walking.footsteps_kernels import swing_push
 from wbc_controller.walking.gait import Gait, Phase
 from wbc_controller.walking.pendulum_kernels import before, natural_frequency

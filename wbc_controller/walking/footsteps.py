@@ -1,12 +1,20 @@
-"""Nominal steps of a velocity."""
+"""Nominal steps of a velocity, and planned footsteps."""
 
+import cmath
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from wbc_controller.errors import InputRefused
 from wbc_controller.records import Array
-from wbc_controller.walking.footsteps_kernels import periodic_step
+from wbc_controller.walking.footsteps_kernels import periodic_step, swing_push
 from wbc_controller.walking.gait import Gait, SpeedLimits
+from wbc_controller.walking.pendulum_kernels import periodic_offset, previous_offset
 
 BACKWARD = 0.5  # largest backward speed, as a share of the forward speed
+MAX_TURN = 0.5  # largest angle between the feet, rad
+_AHEAD = 3  # steps that determine the next one: each later one counts by e^{-ωT}, a tenth
+_NAMES = {1: "left", -1: "right"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,3 +83,66 @@ def nominal_step(velocity: Velocity, stance: Stance, gait: Gait, single: float) 
     """Return the next step, with a single support of the given duration in s."""
     on = stance.place, stance.heading, stance.side, stance.omega
     return NominalStep(*periodic_step(velocity.linear, velocity.turning, single, *on, gait.sizes))
+
+
+@dataclass(frozen=True, slots=True)
+class Footstep:
+    """Wanted pose of a sole on the ground: side (1 left, -1 right), place x + i y in m, heading in rad."""
+
+    side: int
+    place: complex
+    heading: float
+
+
+def planned(
+    poses: Array, feet: Mapping[int, tuple[complex, float]], first: int | None, gait: Gait
+) -> tuple[Footstep, ...]:
+    """Return the footsteps with poses of alternating soles.
+
+    Args:
+        poses: x, y in m and heading in rad, (n, 3).
+        feet: place and heading of both feet before the first step, by side.
+        first: side of the first step; None for the foot that is nearer to it.
+
+    Raises:
+        InputRefused: if a step is out of reach, or its foot would overlap the other one.
+    """
+    x, y = poses[0, :2]
+    if first is None:
+        first = min(feet, key=lambda side: abs(feet[side][0] - complex(x, y)))
+    steps = [
+        Footstep(first if i % 2 == 0 else -first, complex(x, y), float(heading))
+        for i, (x, y, heading) in enumerate(poses)
+    ]
+    place, heading = feet[-first]
+    for number, step in enumerate(steps, 1):
+        local, turn = (step.place - place) * cmath.rect(1.0, -heading), math.remainder(step.heading - heading, math.tau)
+        ahead, width = local.real, step.side * local.imag
+        reached = abs(ahead) <= gait.length and gait.least_width <= width <= gait.greatest_width
+        if not (reached and abs(turn) <= MAX_TURN):
+            raise InputRefused(
+                f"step {number} of {len(steps)} ({_NAMES[step.side]} foot) is {ahead:.3f} m ahead and {width:.3f} m "
+                f"beside the {_NAMES[-step.side]} foot, turned by {turn:.2f} rad; valid: -{gait.length:.3f} to "
+                f"{gait.length:.3f} m ahead, {gait.least_width:.3f} to {gait.greatest_width:.3f} m beside, "
+                f"{-MAX_TURN:g} to {MAX_TURN:g} rad"
+            )
+        place, heading = step.place, step.heading
+    return tuple(steps)
+
+
+def step_towards(steps: Sequence[Footstep], stance: Stance, gait: Gait) -> NominalStep:
+    """Return the nominal step to the first planned footstep; after the last one the robot steps in place.
+
+    The offset of the DCM follows backwards, from the step in place after the last considered one.
+    """
+    step, *later = steps[:_AHEAD]
+    last = later[-1] if later else step
+    following = -1j * last.side * gait.width * cmath.rect(1.0, last.heading)
+    push = swing_push(gait.reaction, gait.single, stance.omega)
+    offset = periodic_offset(0.0, following, stance.omega, gait.single, gait.double, push)
+    places = [stance.place, step.place, *(each.place for each in later)]
+    for i in range(len(places) - 1, 0, -1):
+        vector = places[i] - places[i - 1]
+        offset = previous_offset(offset, vector, following, stance.omega, gait.single, gait.double, push)
+        following = vector
+    return NominalStep(step.place, step.heading, offset)
