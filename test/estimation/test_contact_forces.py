@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from wbc_controller.estimation.contact_forces import ContactForces
+from wbc_controller.estimation.contact_detection import ContactForces
 from wbc_controller.simulation.faults.fault import LONGEST
 from wbc_controller.simulation.faults.world import FloorHole
 from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial

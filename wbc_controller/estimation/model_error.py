@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from wbc_controller.estimation.contact_forces import ContactForces
+from wbc_controller.estimation.contact_detection import ContactForces
 from wbc_controller.estimation.disturbance_observer import DisturbanceObserver
 from wbc_controller.estimation.friction import FrictionCompensation
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics

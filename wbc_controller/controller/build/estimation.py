@@ -7,8 +7,7 @@ import numpy as np
 
 from wbc_controller.errors import ConfigurationError, require_known
 from wbc_controller.estimation.base_estimator import BaseEstimator
-from wbc_controller.estimation.contact_detection import ContactSensing
-from wbc_controller.estimation.contact_forces import ContactForces
+from wbc_controller.estimation.contact_detection import ContactForces, ContactSensing
 from wbc_controller.estimation.disturbance_observer import DisturbanceLimits, DisturbanceObserver
 from wbc_controller.estimation.friction import FrictionCompensation
 from wbc_controller.estimation.joint_velocity import VelocityFilter
