@@ -29,7 +29,7 @@ class Anchoring:
 
     def __init__(self) -> None:
         self.transform = pin.SE3.Identity()
-        self._due = self._updated = -np.inf
+        self.due = self._updated = -np.inf  # time of the next update, and last one, s
         self._since: dict[str, float] = {}  # stamp of each contact's first update, s
         self._anchors: dict[str, Array] = {}
 
@@ -38,14 +38,10 @@ class Anchoring:
         self._since.pop(contact, None)
         self._anchors.pop(contact, None)
 
-    def is_due(self, stamp: float) -> bool:
-        """Return True if an update is due."""
-        return stamp >= self._due
-
     def update(self, stamp: float, points: Mapping[str, Array]) -> None:
         """Fit the transform to the points dᵢ of the active contacts, (k, 3) in m in the filter's world; stamp in s."""
         elapsed = min(stamp - self._updated, _TIME_CONSTANT)
-        self._updated, self._due = stamp, stamp + _PERIOD
+        self._updated, self.due = stamp, stamp + _PERIOD
         R, t = self.transform.rotation, self.transform.translation
         for name, positions in points.items():
             if name not in self._anchors and stamp - self._since.setdefault(name, stamp) >= _CONTACT_TIME:

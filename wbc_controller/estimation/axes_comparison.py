@@ -68,8 +68,8 @@ class AxesComparison:
         """Average a and b over a step, s; return a message on an explained contradiction, or None.
 
         Args:
-            a: reference rotation and displacement, (n, 3) in rad and m; b is from the tested sensor.
-            world: rotation to the world, (3, 3), or None.
+            a, b: rotation and displacement of the reference and of the tested sensor, (n, 3) in rad and m.
+            world: rotation from sensor axes to the world, (3, 3), or None.
             known_wrong: True lowers the limits.
             lever: distance at which a rotation counts as much as a displacement, m, to explain both; 0: each alone.
         """
@@ -95,11 +95,9 @@ class AxesComparison:
             if least > _SUSPECTED * contradiction:
                 continue
             equal = [cause for left, cause in causes if left <= least + _ALIKE * contradiction]
-            motion, unit = ("a turn", "rad") if i == 0 else ("a displacement", "m")
-            sentence = (
-                f"{motion} of {vector_text(a[i])} {unit} is measured as {vector_text(b[i])}, "
-                f"as if {' or '.join(equal[:2])}"
-            )
+            motion, unit = (("a turn", "rad"), ("a displacement", "m"))[i]
+            errors, seen = " or ".join(equal[:2]), vector_text(b[i])
+            sentence = f"{motion} of {vector_text(a[i])} {unit} is measured as {seen}, as if {errors}"
             if least <= _EXPLAINED * contradiction:
                 return sentence
             if i == 0 and causes[0][0] == least:

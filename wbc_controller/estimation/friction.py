@@ -40,8 +40,7 @@ class FrictionCompensation:
 
     def restart(self) -> None:
         """Reset the intended velocities."""
-        self.forces = np.zeros(len(self._dry))
-        self._intended = np.zeros(len(self._dry))
+        self.forces, self._intended = np.zeros(len(self._dry)), np.zeros(len(self._dry))
         self._smooth = np.full(len(self._dry), np.inf)
         self._contacts: tuple[str, ...] = ()
         self._age = np.inf

@@ -31,8 +31,7 @@ class VelocityFilter:
 
     def restart(self) -> None:
         """Reset the filter."""
-        self._stamp, self._x, self._v = 0, np.zeros(0), np.zeros(0)
-        self._period = 0.0
+        self._stamp, self._x, self._v, self._period = 0, np.zeros(0), np.zeros(0), 0.0
 
     @property
     def delay(self) -> float:

@@ -57,18 +57,12 @@ class LegKinematics:
         self, model: RobotModel, contacts: Mapping[str, Contact], frames: Mapping[str, str], imu_frame: str, *,
         joint_noise: float, point_noise: float,
     ) -> None:  # fmt: skip
-        """Collect the contact points; `frames` are the link frames of the contacts.
-
-        `joint_noise`, rad, and `point_noise`, m (soft soles), are standard deviations.
-        """
-        self.imu_frame = imu_frame
-        self._model = model
-        self._pinocchio = model.pinocchio
-        self._data = model.pinocchio.createData()
+        """Collect the contact points; `frames` are those of the links, the noises standard deviations, rad and m."""
+        self.imu_frame, self._noise = imu_frame, (joint_noise, point_noise)
+        self._model, self._pinocchio, self._data = model, model.pinocchio, model.pinocchio.createData()
         self._imu_joint, self._imu_placement = self.frame(imu_frame, "estimation.imu_frame")
         self._moves = support_matrix(self._pinocchio)
         self._q, self._v = pin.neutral(self._pinocchio), np.zeros(model.nv)
-        self._noise = joint_noise, point_noise
         self.points: dict[str, tuple[str, ...]] = {}
         self.rolling: dict[str, Array] = {}
         self.corners: dict[str, Array] = {}
@@ -82,7 +76,8 @@ class LegKinematics:
             if isinstance(contact, SurfaceContact):
                 support = contact.points(dynamics)
                 corners = support[:_SOLE_POINTS]
-                self.corners[name] = np.linalg.lstsq(_with_one(corners).T, _with_one(support).T)[0].T
+                extended = np.column_stack([support, np.ones(len(support))]).T  # weights have the sum 1
+                self.corners[name] = np.linalg.lstsq(extended[:, :_SOLE_POINTS], extended)[0].T
             elif isinstance(contact, FixedContact):
                 corners = np.array([contact.placement(dynamics).act(offset) for offset in _ARM])
             elif isinstance(contact, PointContact) and contact.ball:
@@ -181,7 +176,3 @@ def hats(vectors: Array) -> Array:
     matrices[:, 0, 1], matrices[:, 0, 2], matrices[:, 1, 2] = -z, y, -x
     matrices[:, 1, 0], matrices[:, 2, 0], matrices[:, 2, 1] = z, -y, x
     return matrices
-
-
-def _with_one(points: Array) -> Array:
-    return np.column_stack([points, np.ones(len(points))])

@@ -52,24 +52,18 @@ class OdometryAgreement:
             return
         self._twist += dt * base[1]
         self._elapsed += dt
-        if self._elapsed >= PERIOD:
-            elapsed, self._elapsed = self._elapsed, 0.0
-            steps, self._twist = self._twist.reshape(2, 3)[::-1], np.zeros(6)
-            contacts = tuple(name for name in self._kinematics.points if name in active_contacts)
-            self._compare(elapsed, base[0], steps, joints, contacts, controlled=controlled)
-
-    def _compare(
-        self, elapsed: float, pose: Array, steps: Array, joints: tuple[Array, Array], contacts: tuple[str, ...], *,
-        controlled: bool,
-    ) -> None:  # fmt: skip
-        """Compare rotation and displacement by the twist, (2, 3) in rad and m, with pose and legs."""
-        legs, base = self._kinematics, pin.XYZQUATToSE3(pose)
-        before, self._before = self._before, base
+        if self._elapsed < PERIOD:
+            return
+        elapsed, self._elapsed = self._elapsed, 0.0
+        steps, self._twist = self._twist.reshape(2, 3)[::-1], np.zeros(6)  # rotation and displacement, rad and m
+        legs, present = self._kinematics, pin.XYZQUATToSE3(base[0])
+        contacts = tuple(name for name in legs.points if name in active_contacts)
+        before, self._before = self._before, present
         if before is None:
             self._moved, self._measured = np.zeros((2, 3)), np.zeros((2, 3))
             return
         keep = math.exp(-elapsed / HIGH_PASS)
-        back, R = base.actInv(before), base.rotation
+        back, R = present.actInv(before), present.rotation
         self._moved = keep * (self._moved - [pin.log3(back.rotation), back.translation])
         self._measured = keep * (self._measured + steps)
         found = self._by_pose.update(elapsed, self._moved, self._measured, R)

@@ -44,19 +44,15 @@ class RunningEstimate:
     def __init__(
         self, filter: InvariantFilter, last: ImuSample, kinematics: LegKinematics, poses: AbsolutePoses | None
     ) -> None:
-        self.filter = filter
-        self.poses = poses
+        self.filter, self.poses = filter, poses
         self._moving: dict[str, tuple[float, Array]] = {}  # slipping contacts: stamp and points, (k, 3) in m
-        self._last = last
         self._landed = -np.inf  # last touchdown beside another contact, s
-        self._interval = np.inf  # between the last two samples, s
-        self._kinematics = kinematics
-        self._anchoring = Anchoring()
+        self._last, self._interval = last, np.inf  # last sample, and time between the last two, s
+        self._kinematics, self._anchoring = kinematics, Anchoring()
         self._rolled: dict[str, Array] = {}  # displacements of the centres of active balls in the world, (3,) in m
         self._consistency = ContactConsistency(kinematics)
-        self._agreement = SensorAgreement(kinematics, "the gyroscope", with_displacements=False)
+        self._agreement, self._agreed = SensorAgreement(kinematics, "the gyroscope", with_displacements=False), False
         self._bias = filter.gyroscope_bias
-        self._agreed = False
         self._turned, self._compared = np.zeros(3), last.stamp  # turn since the last comparison, rad, and its stamp
         self._largest_square = {
             name: float(chdtri(3 * len(points), _FALSE_SLIP)) for name, points in kinematics.points.items()
@@ -93,7 +89,7 @@ class RunningEstimate:
             lost = self._compare_turns(tuple(active_contacts))
         if lost is None and self.poses is not None:
             self.poses.update(self.stamp)
-        elif lost is None and self._anchoring.is_due(self.stamp):
+        elif lost is None and self.stamp >= self._anchoring.due:
             self._anchoring.update(self.stamp, self._points())
         return lost
 
@@ -224,19 +220,23 @@ class RunningEstimate:
                     continue
                 steps = name not in self._moving and not alone
                 if self._is_at_rest(name, contact_points):
-                    self._add_contact(name, contact_points)
+                    covariance = contact_points.covariance
+                    for i, point in enumerate(contact_points.names):
+                        own = slice(3 * i, 3 * i + 3)
+                        found.add(point, contact_points.positions[i], covariance[own, own])
+                    if name in legs.rolling:
+                        self._rolled[name] = _ZERO
                     self._landed = self.stamp if steps else self._landed
 
     def _try_correction(self, contacts: tuple[str, ...]) -> np.ndarray:
         """Correct unless a contact contradicts; return a flag per consistent contact, (c,)."""
         found, legs = self.filter, self._kinematics
-        contact_points = legs.contact_points(contacts)
-        limits, positions = np.array([self._largest_square[name] for name in contacts]), contact_points.positions
+        seen, limits = legs.contact_points(contacts), np.array([self._largest_square[name] for name in contacts])
+        positions = seen.positions
         if self._rolled:  # centres of the balls without their rolling
             rolled = [self._rolled.get(name, _ZERO) for name in contacts for _ in legs.points[name]]
             positions = positions - np.array(rolled) @ found.rotation
-        covariance, ends = contact_points.covariance, contact_points.ends
-        return found.correct(contact_points.names, positions, covariance, ends=ends, limits=limits) <= limits
+        return found.correct(seen.names, positions, seen.covariance, ends=seen.ends, limits=limits) <= limits
 
     def _points_of(self, contact_points: ContactPoints) -> Array:
         return np.asarray(contact_points.positions @ self.filter.rotation.T + self.filter.position)
@@ -251,14 +251,6 @@ class RunningEstimate:
         elif self.stamp - since >= _RESTED:
             del self._moving[name]
         return name not in self._moving
-
-    def _add_contact(self, name: str, contact_points: ContactPoints) -> None:
-        for i, point in enumerate(contact_points.names):
-            self.filter.add(
-                point, contact_points.positions[i], contact_points.covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3]
-            )
-        if name in self._kinematics.rolling:
-            self._rolled[name] = _ZERO
 
     def _remove_contact(self, name: str) -> None:
         for point in self._kinematics.points[name]:

@@ -14,7 +14,7 @@ comparison begins when the landed feet have settled.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -37,8 +37,10 @@ def gravity_contradiction(kinematics: LegKinematics, active_contacts: Sequence[s
 
     The normals are those of soles, and of the plane through all balls, towards the centre of mass.
     """
-    center = kinematics.center_of_mass()
-    normals = [_normal(points, center) for points in _planes(kinematics, active_contacts)]
+    center, balls = kinematics.center_of_mass(), tuple(name for name in active_contacts if name in kinematics.rolling)
+    planes = [balls] if len(balls) > 2 else []
+    planes += [(name,) for name in active_contacts if name in kinematics.corners]
+    normals = [_normal(kinematics.positions(contacts), center) for contacts in planes]
     best = max((normal for normal in normals if normal is not None), key=lambda n: float(n @ up), default=None)
     if best is None or best @ up >= _STEEPEST_COSINE:
         return None
@@ -50,16 +52,6 @@ def gravity_contradiction(kinematics: LegKinematics, active_contacts: Sequence[s
         f"up is {vector_text(up)} in the axes of {kinematics.imu_frame}, but {vector_text(best)} by the contacts "
         f"({', '.join(active_contacts)}), {math.degrees(angle):.0f}° apart: {why}"
     )
-
-
-def _planes(kinematics: LegKinematics, active_contacts: Sequence[str]) -> Iterator[Array]:
-    """Yield the points of each sole, and of all balls together, (n, 3) in m in sensor axes."""
-    balls = tuple(name for name in active_contacts if name in kinematics.rolling)
-    if len(balls) > 2:
-        yield kinematics.positions(balls)
-    for name in active_contacts:
-        if name in kinematics.corners:
-            yield kinematics.positions((name,))
 
 
 def _normal(points: Array, center: Array) -> Array | None:
@@ -91,8 +83,7 @@ class SensorAgreement:
 
         Args:
             steps: measured rotation and displacement since then in sensor axes, (n, 3) in rad and m.
-            world: rotation from sensor axes to the world, (3, 3), or None.
-            known_wrong: True lowers the limits.
+            world, known_wrong: as of `AxesComparison.update`.
         """
         before, self._places = self._places, self._kinematics.positions(active_contacts)
         self._settling -= elapsed
