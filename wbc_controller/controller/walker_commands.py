@@ -39,6 +39,8 @@ def command_walker(walker: Walker | None, change: WalkingChange, dynamics: Dynam
         walker.go(Goal(complex(x, y), heading))
     elif isinstance(change, WalkFootsteps):
         walker.follow(change.poses, dynamics)
+    elif change.velocity is None:
+        walker.ask(None, until if change.streamed else np.inf)
     else:
-        velocity = None if change.velocity is None else Velocity.of(change.velocity)
-        walker.ask(velocity, until if change.streamed else np.inf)
+        forward, sideways, turning = change.velocity.tolist()
+        walker.ask(Velocity(complex(forward, sideways), turning), until if change.streamed else np.inf)

@@ -229,13 +229,12 @@ class BipedWalker(Walker):
         if not soles or len(soles) < len(active):
             self.fall_prediction.clear(time)
             return
-        com, velocity = dynamics.com.tolist(), dynamics.com_velocity.tolist()
-        height = com[2] - min(sole.height for sole in soles)
+        (x, y, z), (vx, vy, _) = dynamics.com.tolist(), dynamics.com_velocity.tolist()
+        height = z - min(sole.height for sole in soles)
         if height <= 0.0:
             return
         omega = natural_frequency(height, self._gravity)
-        dcm = complex(com[0] + velocity[0] / omega, com[1] + velocity[1] / omega)
-        first, second = soles[0], soles[-1]
+        dcm, first, second = complex(x + vx / omega, y + vy / omega), soles[0], soles[-1]
         support = nearest_support(dcm, first.place, second.place, first.heading, *self._feet[1].half)
         self.fall_prediction.compare(time, abs(dcm - support), STANDING * height, "the feet")
 
@@ -258,10 +257,10 @@ class BipedWalker(Walker):
         While the robot walks, the middle is beside the stance foot, half of the nominal width away.
         """
         stance = soles[self._stance]
-        middle, heading = 0.5 * (soles[1].place + soles[-1].place), stance.heading
-        if self.phase is not Phase.STAND:
-            middle = stance.place - 0.5j * self._stance * self.gait.width * cmath.rect(1.0, heading)
-        return middle, heading
+        if self.phase is Phase.STAND:
+            return 0.5 * (soles[1].place + soles[-1].place), stance.heading
+        beside = 0.5j * self._stance * self.gait.width * cmath.rect(1.0, stance.heading)
+        return stance.place - beside, stance.heading
 
     def _next_step(self, velocity: Velocity, cycle: _Cycle) -> tuple[Stance, NominalStep, complex]:
         """Return the single support to the next planned footstep, or at a velocity, and the DCM at its start."""

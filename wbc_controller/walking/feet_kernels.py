@@ -75,13 +75,9 @@ def _put_rotation(out: Array, slope: complex, heading: float) -> None:
 def _put_frame(out: Array, motion: Array, slope: complex, mount: Array) -> None:
     """Write the reference of a frame for a sole in the air: position, quaternion, velocity and acceleration, (19,).
 
-    The sole is parallel to a slope and turns with its heading ψ about the vertical. With the offset r from its centre
-    to the frame, ṗ = ċ + ψ̇ e_z × r and p̈ = c̈ + ψ̈ e_z × r + ψ̇² e_z × (e_z × r).
-
-    Args:
-        motion: position, velocity and acceleration of x, y, z and ψ, (3, 4) in m and rad.
-        slope: dz/dx + i dz/dy.
-        mount: placement of the frame in the sole, (12,).
+    The sole is parallel to a slope dz/dx + i dz/dy and turns with its heading ψ about the vertical. With the offset r
+    from its centre to the frame, ṗ = ċ + ψ̇ e_z × r and p̈ = c̈ + ψ̈ e_z × r + ψ̇² e_z × (e_z × r). `motion` contains x,
+    y, z and ψ with their rates, (3, 4) in m and rad, `mount` the placement of the frame in the sole, (12,).
     """
     sole, frame = np.empty(12), np.empty(12)
     _put_rotation(sole, slope, motion[0, 3])

@@ -24,12 +24,6 @@ class Velocity:
     linear: complex = 0j
     turning: float = 0.0
 
-    @classmethod
-    def of(cls, values: Array) -> "Velocity":
-        """Return the command with the values forward, sideways and turning, (3,)."""
-        forward, sideways, turning = values.tolist()
-        return cls(complex(forward, sideways), turning)
-
     def times(self, factor: float) -> "Velocity":
         """Return a multiple of the command."""
         return Velocity(factor * self.linear, factor * self.turning)

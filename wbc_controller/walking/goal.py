@@ -22,15 +22,10 @@ class Goal:
 
 
 def velocity_to(goal: Goal, place: complex, heading: float, limits: SpeedLimits, step_time: float) -> Velocity | None:
-    """Return the velocity towards a goal, or None at the goal.
+    """Return the velocity towards a goal from the robot's place, x + i y in m, and heading, rad; None at the goal.
 
-    An error e that decreases at v = √(a e) needs half of the acceleration a; the last steps decrease it by
-    v = e / (n T).
-
-    Args:
-        place: of the robot between its feet, x + i y in m.
-        heading: of the robot, rad.
-        step_time: duration of one step, s.
+    An error e that decreases at v = √(a e) needs half of the acceleration a; the last steps, of the duration T in s,
+    decrease it by v = e / (n T).
     """
     way = goal.place - place
     far = abs(way)

@@ -170,12 +170,9 @@ class QuadrupedWalker(Walker):
         return middle, cmath.phase((places - middle) @ nominal.conj())
 
     def _begin(self, dynamics: Dynamics, feet: Array, orientations: Mapping[str, Array], decision: Decision) -> None:
-        self._swings, self._landings, self._places[:] = {}, {}, feet[:, :3]
-        com = dynamics.com
-        self._body = complex(com[0], com[1])
-        self._height = float(com[2])
-        _, self._heading = self._stance(feet)
-        self._references = {}
+        self._swings, self._landings, self._references, self._places[:] = {}, {}, {}, feet[:, :3]
+        x, y, self._height = dynamics.com.tolist()
+        self._body, (_, self._heading) = complex(x, y), self._stance(feet)
         self.steps, self.velocity, self._sway, self._group = 0, Velocity(), (0.0, 0.0, 0.0), 0
         self._begin_tasks(orientations, decision)
 

@@ -64,11 +64,8 @@ def later_on_line(dcm: complex, a: complex, b: complex, velocity: complex, omega
 def middle_of_pair(dcm: complex, velocity: complex, omega: float, duration: float) -> complex:
     """Return the middle between the new feet for a DCM ξ at their touchdown: ξ - v T / (e^{ωT} - 1).
 
-    This is the offset of the gait that repeats the progress v T, without width (`periodic_offset`).
-
-    Args:
-        velocity: v, commanded velocity in the world during the stance, m/s.
-        duration: T, from this touchdown to the next, s.
+    This is the offset of the gait that repeats the progress v T, without width (`periodic_offset`): v is the commanded
+    velocity in the world during the stance, m/s, T the duration from this touchdown to the next, s.
     """
     return dcm - periodic_offset(velocity * duration, 0j, omega, duration, 0.0, 0.0)
 
@@ -81,8 +78,7 @@ def next_pair(
     """Return the body at touchdown, ξ - v / ω, and the middle of the new pair.
 
     Args:
-        places: of all feet, (n, 3) in m.
-        a, b: rows of the feet on the ground.
+        places, a, b: places of all feet, (n, 3) in m, and rows of those on the ground.
         velocity, following: commanded velocities in the world at touchdown, and in the middle of the next stance, m/s.
         left, stance: time until touchdown, and duration of the next stance, s.
     """

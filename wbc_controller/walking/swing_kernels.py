@@ -107,9 +107,8 @@ def moved(
 ) -> Array:
     """Return the motion of a foot, (3, 4), after one cycle; a late foot accelerates downwards. All times in s.
 
-    Args:
-        clearance: height of the foot above the ground at the apex, m.
-        elapsed, descent: time since lift-off, and time before the apex at which the plan changes to the ground.
+    `clearance` is its height above the ground at the apex, m, `elapsed` the time since lift-off, and `descent` the time
+    before the apex at which the plan changes to the ground.
     """
     out = np.empty((3, 4))
     move_foot(

@@ -37,8 +37,7 @@ class SoleTouchdown:
     ) -> bool:  # fmt: skip
         """Return whether the sole has landed at a time, s, `elapsed` since the lift-off; `touching` as of `lands`.
 
-        Args:
-            swing, clearance: motion of the reference, (3, 4) (`swing_kernels`), and its height above the ground, m.
+        `swing` is the motion of the reference, (3, 4) (`swing_kernels`), `clearance` its height above the ground, m.
         """
         late = elapsed - landing.time
         if elapsed < COUNTS * landing.time:

@@ -1,4 +1,4 @@
-"""Base class of walkers."""
+"""Base class of walkers, and prediction of their falls."""
 
 import math
 from abc import ABC, abstractmethod
@@ -11,13 +11,14 @@ from wbc_controller.errors import InputRefused
 from wbc_controller.inverse_dynamics.references.changes import Change, EnableTask, SetSetpoint
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.records import Array, Reference, freeze
-from wbc_controller.walking.fall_prediction import FallPrediction
+from wbc_controller.walking.fall_kernels import PERSISTS
 from wbc_controller.walking.footsteps import Velocity
 from wbc_controller.walking.gait import Gait, Phase, QuadrupedGait
 from wbc_controller.walking.goal import Goal, velocity_to
 from wbc_controller.walking.plan import WalkingPlan
 from wbc_controller.walking.references_kernels import body_references
 
+_PREDICTION_PERIOD = 0.012  # time between predictions of a fall, s
 STILL = freeze(np.zeros(3))  # acceleration of a reference without one
 
 
@@ -38,6 +39,37 @@ class TaskSets:
     own: tuple[str, ...]  # enabled while it walks
     orientations: tuple[str, ...]  # tasks on orientations, turned with the heading
     suspended: tuple[str, ...]  # tasks with references in the world, disabled while it walks
+
+
+class FallPrediction:
+    """Prediction of an unavoidable fall, latched after it has persisted; `sentence` describes it, or is empty."""
+
+    STATE_FIELDS = ("sentence", "_watched", "_captured")
+
+    def __init__(self) -> None:
+        self.sentence = ""
+        self._watched = -math.inf  # time of the last prediction, s
+        self._captured = math.inf  # last time at which no fall was predicted, s
+
+    def is_due(self, time: float) -> bool:
+        """Return whether a prediction is due at the time of a state, s; if so, the next one is due later."""
+        if 0.0 <= time - self._watched < _PREDICTION_PERIOD:
+            return False
+        self._watched = time
+        return True
+
+    def clear(self, time: float) -> None:
+        """Note that no fall is predicted at a time, s."""
+        self._captured = time
+
+    def compare(self, time: float, distance: float, most: float, support: str) -> None:
+        """Predict a fall if a distance of the DCM from a support exceeds the largest one, m, for some time."""
+        if not distance > most or time < self._captured:
+            self.clear(time)
+        elif time - self._captured > PERSISTS:
+            self.sentence = (
+                f"a fall is unavoidable: the capture point is {distance:.2f} m away from {support} (limit {most:.2f} m)"
+            )
 
 
 class Walker(ABC):

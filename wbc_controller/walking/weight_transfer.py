@@ -28,12 +28,8 @@ class WeightTransfer:
     ) -> "WeightTransfer":  # fmt: skip
         """Plan the transfer: it begins later after an early touchdown, and ends sooner after a late one.
 
-        Args:
-            late: time since the planned touchdown, s; negative if early.
-            dcm, goal: measured DCM, and that at the end.
-            heading: of the new stance foot, rad.
-            omega: ω, 1/s.
-            roughness: of the ground, from 0 to 1; feet are early on rough ground (`aim_below`).
+        `late` is the time since the planned touchdown, s, negative if early; feet are early on ground of a roughness
+        above 0, at most 1 (`aim_below`). The heading is that of the new stance foot.
         """
         wait = max(0.0, -late - _ON_TIME * (1.0 - roughness))
         duration = max(gait.double - max(0.0, late - _ON_TIME), _SHORTEST)
