@@ -55,6 +55,8 @@ from wbc_controller.mechanics.equations_of_motion import (
     generalized_gravity,
     inverse_dynamics,
     mass_matrix,
+    runge_kutta_step,
+    simulate,
 )
 from wbc_controller.mechanics.external import ExternalWrench, generalized_force, world_wrench
 from wbc_controller.mechanics.gauss import (
@@ -65,7 +67,6 @@ from wbc_controller.mechanics.gauss import (
     gauss_unilateral,
     udwadia_kalaba,
 )
-from wbc_controller.mechanics.integration import runge_kutta_step, simulate
 from wbc_controller.mechanics.momentum import (
     MomentumBalance,
     centroidal_momentum,

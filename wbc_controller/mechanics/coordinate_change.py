@@ -34,9 +34,8 @@ class CoordinateChange:
             moved[:7] = pin.SE3ToXYZQUAT(data.oMi[self.root])
         for name, sign in self.signs.items():
             old, new = self._joints(name)
-            moved[new.idx_q] = q[old.idx_q] if old.nq == 2 else sign * q[old.idx_q]
-            if old.nq == 2:  # cosine and sine
-                moved[new.idx_q + 1] = sign * q[old.idx_q + 1]
+            signs = [sign] if old.nq == 1 else [1.0, sign]  # of cosine and sine
+            moved[new.idx_q : new.idx_q + old.nq] = signs * q[old.idx_q : old.idx_q + old.nq]
         return moved
 
     def jacobian(self, q: Array) -> Array:

@@ -40,19 +40,6 @@ def _check(M: Array, v_dot_u: Array, A: Array, b: Array) -> tuple[Array, Array, 
     return M, v_dot_u, as_array("A", A, (k, n)), as_array("b", b, (k,))
 
 
-def _consistent(A: Array, b: Array, v_dot: Array) -> None:
-    miss = np.abs(A @ v_dot - b)
-    size = max(1.0, float(np.max(np.abs(b), initial=0.0)))
-    if not np.max(miss, initial=0.0) <= CONSISTENCY_TOLERANCE * size:
-        row = int(np.argmax(miss))
-        raise NoSolution(
-            f"inconsistent constraints A v̇ = b: row {row} requires {b[row]:.6g}, best value {A[row] @ v_dot:.6g}; "
-            f"redundant constraints must agree to {CONSISTENCY_TOLERANCE:.0e} of b",
-            "inconsistent",
-            (A, b),
-        )
-
-
 def _multipliers(U: Array, s: Array, V: Array, force: Array) -> tuple[Array, Array]:
     """Return least-norm λ with Aᵀλ = force, and Aᵀλ, computed along V for accuracy."""
     along = V.T @ force
@@ -80,7 +67,14 @@ def gauss(M: Array, v_dot_u: Array, A: Array, b: Array) -> ConstrainedMotion:
         raise InputRefused(f"M is not positive definite in the null space of A: {error}") from error
     z = np.linalg.solve(free @ N, free @ (v_dot_u - particular))
     v_dot = particular + N @ z
-    _consistent(A, b, v_dot)
+    miss, size = np.abs(A @ v_dot - b), max(1.0, float(np.max(np.abs(b), initial=0.0)))
+    if not np.max(miss, initial=0.0) <= CONSISTENCY_TOLERANCE * size:
+        row = int(np.argmax(miss))
+        sentence = (
+            f"inconsistent constraints A v̇ = b: row {row} requires {b[row]:.6g}, best value {A[row] @ v_dot:.6g}; "
+            f"redundant constraints must agree to {CONSISTENCY_TOLERANCE:.0e} of b"
+        )
+        raise NoSolution(sentence, "inconsistent", (A, b))
     multipliers, constraint_force = _multipliers(U, s, V, M @ (v_dot - v_dot_u))
     return ConstrainedMotion(
         v_dot=v_dot,
