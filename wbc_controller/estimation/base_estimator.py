@@ -116,12 +116,12 @@ class BaseEstimator:
         """Correct the estimate by absolute poses (`AbsolutePoses.correct`), after `update`."""
         if self._running is None or self._running.poses is None:
             return []
+        refused: list[str] = []
         try:
-            refused = self._running.poses.correct(samples, controlled=controlled)
+            refused, lost = self._running.poses.correct(samples, controlled=controlled), self._running.invalid_reason()
         except np.linalg.LinAlgError as error:
-            self._after_update(str(error))
-            return []
-        self._after_update(self._running.invalid_reason())
+            lost = str(error)
+        self._after_update(lost)
         return refused
 
     def _after_update(self, lost: str | None) -> None:
@@ -200,12 +200,6 @@ class BaseEstimator:
         P[12:15, :3] = P[:3, 12:15].T
         P[:3, :3] += (bias + settings.accelerometer_noise**2 / rest) * (tilting @ tilting.T)
         return InvariantFilter(
-            settings,
-            self._gravity,
-            rotation=R,
-            velocity=np.zeros(3),
-            position=np.array([level[0], level[1], -height]),
-            gyroscope_bias=turning,
-            accelerometer_bias=np.zeros(3),
-            P=P,
-        )
+            settings, self._gravity, rotation=R, velocity=np.zeros(3), position=np.array([level[0], level[1], -height]),
+            gyroscope_bias=turning, accelerometer_bias=np.zeros(3), P=P,
+        )  # fmt: skip

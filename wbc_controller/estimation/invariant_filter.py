@@ -76,14 +76,9 @@ class InvariantFilter:
     ) -> Array:  # fmt: skip
         """Correct the state by kinematics, X ← exp(K z) X, and return zᵀ S⁻¹ z of each group of points, (c,).
 
-        z = R y + p - d has the covariance S. A square above its limit, or NaN, leaves the state unchanged. Raises
-        LinAlgError if S is not positive definite.
-
-        Args:
-            positions: y, (k, 3) in m in IMU axes.
-            covariance: of y, (3 k, 3 k) in m².
-            ends: index after each group, (c,).
-            limits: largest squares, (c,).
+        z = R y + p - d has the covariance S, with y in IMU axes, (k, 3) in m, and its covariance, (3 k, 3 k) in m².
+        `ends` are the indices after each group, (c,). A square above its limit, (c,), or NaN, leaves the state
+        unchanged. Raises LinAlgError if S is not positive definite.
         """
         ends = np.array([len(names)]) if ends is None else ends
         limits = np.full(len(ends), np.inf) if limits is None else limits
@@ -101,10 +96,8 @@ class InvariantFilter:
         N Kᵀ for any K.
 
         Args:
-            H: z = -H ξ + noise, (4, 15 + 3 N).
-            z: innovation of position and heading of x, (4,) in m and rad.
-            noise: covariance N, (4, 4).
-            at: x, (3,) in m.
+            H, z: z = -H ξ + noise, innovation of position and heading of x, (4, 15 + 3 N), and (4,) in m and rad.
+            noise, at: covariance N, (4, 4), and x, (3,) in m.
         """
         seen = self.P @ H.T  # (n, 4)
         S = H @ seen + noise

@@ -121,10 +121,25 @@ class LegKinematics:
         return self._imu.actInv(self._data.oMi[joint] * placement)
 
     def contact_points(self, contacts: tuple[str, ...]) -> ContactPoints:
-        """Return the points of some contacts."""
-        if contacts not in self._cache:
-            self._cache[contacts] = self._measure(contacts)
-        return self._cache[contacts]
+        """Return the points of some contacts: y = Rᵀ (r - p) and ẏ = D v, D = Rᵀ (Δ_linear - r × Δ_angular).
+
+        Δ are the columns of joints that move the point's link, minus columns that move the IMU's link.
+        """
+        if contacts in self._cache:
+            return self._cache[contacts]
+        point_set, R, J = self._point_set(contacts), self.imu_rotation, self._data.J
+        k, r = len(point_set.names), self._points(point_set)
+        difference = J * point_set.signs  # (k, 6, nv)
+        D = (R.T @ (difference[:, :3] - hats(r) @ difference[:, 3:])).reshape(3 * k, -1)
+        found = self._cache[contacts] = ContactPoints(
+            names=point_set.names,
+            ends=point_set.ends,
+            positions=(r - self.imu_position) @ R,
+            covariance=self._noise[0] ** 2 * D @ D.T + point_set.noise,
+            link_angular_velocities=(point_set.moves * self._v) @ J[3:].T,
+            velocities=(D @ self._v).reshape(k, 3),
+        )
+        return found
 
     def positions(self, contacts: tuple[str, ...]) -> Array:
         """Return y of some contacts in IMU axes, (k, 3) in m."""
@@ -149,24 +164,6 @@ class LegKinematics:
     def _points(self, point_set: _PointSet) -> Array:
         placements, pairs = self._data.oMi, zip(point_set.links, point_set.points, strict=True)
         return np.array([placements[link].act(point) for link, point in pairs])
-
-    def _measure(self, contacts: tuple[str, ...]) -> ContactPoints:
-        """Compute y = Rᵀ (r - p) and ẏ = D v, D = Rᵀ (Δ_linear - r × Δ_angular).
-
-        Δ are the columns of joints that move the point's link, minus columns that move the IMU's link.
-        """
-        point_set, R, J = self._point_set(contacts), self.imu_rotation, self._data.J
-        k, r = len(point_set.names), self._points(point_set)
-        difference = J * point_set.signs  # (k, 6, nv)
-        D = (R.T @ (difference[:, :3] - hats(r) @ difference[:, 3:])).reshape(3 * k, -1)
-        return ContactPoints(
-            names=point_set.names,
-            ends=point_set.ends,
-            positions=(r - self.imu_position) @ R,
-            covariance=self._noise[0] ** 2 * D @ D.T + point_set.noise,
-            link_angular_velocities=(point_set.moves * self._v) @ J[3:].T,
-            velocities=(D @ self._v).reshape(k, 3),
-        )
 
 
 def hats(vectors: Array) -> Array:
