@@ -9,8 +9,7 @@ import pytest
 from wbc_controller.controller.build.estimation import make_leg_kinematics
 from wbc_controller.controller.controller import Controller
 from wbc_controller.estimation.axes_comparison import AxesComparison
-from wbc_controller.estimation.odometry_agreement import OdometryAgreement
-from wbc_controller.estimation.sensor_agreement import PERIOD, SensorAgreement, gravity_contradiction
+from wbc_controller.estimation.sensor_agreement import PERIOD, OdometryAgreement, SensorAgreement, gravity_contradiction
 
 QUARTER = pin.rpy.rpyToMatrix(0.0, 0.0, np.pi / 2.0)
 

@@ -13,7 +13,7 @@ from wbc_controller.estimation.friction import FrictionCompensation
 from wbc_controller.estimation.joint_velocity import VelocityFilter
 from wbc_controller.estimation.leg_kinematics import LegKinematics
 from wbc_controller.estimation.model_error import ModelErrorCompensation
-from wbc_controller.estimation.odometry_agreement import OdometryAgreement
+from wbc_controller.estimation.sensor_agreement import OdometryAgreement
 from wbc_controller.inverse_dynamics.contacts import (
     Contact,
     FixedContact,
