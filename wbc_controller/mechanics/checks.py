@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from wbc_controller.errors import ConfigurationError, InputRefused, require_known, valid_choices
+from wbc_controller.errors import ConfigurationError, InputRefused, require_known
 from wbc_controller.records import Array
 
 
@@ -26,8 +26,7 @@ def frame_index(model: pin.Model, name: str) -> int:
     if model.existFrame(name, pin.BODY):
         return int(model.getFrameId(name, pin.BODY))
     if not model.existFrame(name):
-        names = [frame.name for frame in model.frames if frame.type == pin.BODY]
-        raise ConfigurationError(f"unknown frame {name!r}; {valid_choices(name, names)}")
+        require_known(name, [frame.name for frame in model.frames if frame.type == pin.BODY], "unknown frame")
     return int(model.getFrameId(name))
 
 

@@ -338,14 +338,9 @@ class PlaneContact(Constraint):
         Raises:
             ConfigurationError: if the normal is zero.
         """
-        normal = _unit("normal", self.normal)
+        n = _unit("normal", self.normal)[None]  # (1, 3)
         position, velocity, jacobian, drift = kinematics.point(self.frame, self.offset)
-        return _holonomic(
-            (normal @ jacobian)[None, :],
-            np.array([normal @ drift]),
-            np.array([normal @ velocity]),
-            np.array([normal @ position - self.height]),
-        )
+        return _holonomic(n @ jacobian, n @ drift, n @ velocity, n @ position - self.height)
 
 
 @dataclass(frozen=True, slots=True)

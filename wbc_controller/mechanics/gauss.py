@@ -76,15 +76,9 @@ def gauss(M: Array, v_dot_u: Array, A: Array, b: Array) -> ConstrainedMotion:
         )
         raise NoSolution(sentence, "inconsistent", (A, b))
     multipliers, constraint_force = _multipliers(U, s, V, M @ (v_dot - v_dot_u))
-    return ConstrainedMotion(
-        v_dot=v_dot,
-        multipliers=multipliers,
-        constraint_force=constraint_force,
-        push=np.zeros(0),
-        push_force=np.zeros(len(v_dot)),
-        rank=len(s),
-        condition=float(s[0] / s[-1]) if len(s) else 1.0,
-    )
+    condition = float(s[0] / s[-1]) if len(s) else 1.0
+    none, no_force = np.zeros(0), np.zeros(len(v_dot))
+    return ConstrainedMotion(v_dot, multipliers, constraint_force, none, no_force, len(s), condition)
 
 
 def udwadia_kalaba(M: Array, v_dot_u: Array, A: Array, b: Array) -> Array:
