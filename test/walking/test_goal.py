@@ -8,9 +8,8 @@ import pytest
 from gaits import GAIT, simulated
 
 import wbc_controller as wbc
-from wbc_controller.walking.footsteps import Stance, Velocity, nominal_step
+from wbc_controller.walking.footsteps import NEAR, NEAR_ANGLE, Goal, Stance, Velocity, nominal_step, velocity_to
 from wbc_controller.walking.gait import Phase
-from wbc_controller.walking.goal import NEAR, NEAR_ANGLE, Goal, velocity_to
 
 
 def walked(goal, steps=100):

@@ -19,9 +19,8 @@ from wbc_controller.recording.json_records import from_json, to_json
 from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 from wbc_controller.walking.biped import BipedWalker
 from wbc_controller.walking.feet import Foot
-from wbc_controller.walking.footsteps import Footstep, Velocity
+from wbc_controller.walking.footsteps import Footstep, Goal, Velocity
 from wbc_controller.walking.gait import Phase
-from wbc_controller.walking.goal import Goal
 from wbc_controller.walking.touchdown import LATEST
 
 #: Command forward, sideways and turning, m/s and rad/s.

@@ -10,8 +10,7 @@ from wbc_controller.inverse_dynamics.references.changes import WalkFootsteps, Wa
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.records import RobotState, frozen
-from wbc_controller.walking.footsteps import Velocity
-from wbc_controller.walking.goal import Goal
+from wbc_controller.walking.footsteps import Goal, Velocity
 from wbc_controller.walking.walker import Walker
 
 

@@ -17,14 +17,14 @@ from wbc_controller import records
 from wbc_controller.inverse_dynamics.references.changes import Change
 from wbc_controller.inverse_dynamics.references.trajectories import Knot, Ramp, SoftRamp, Trajectory, TuningRamp
 from wbc_controller.records import Array, Mode
-from wbc_controller.walking import biped, footsteps, goal, swing_kernels, terrain, weight_transfer
+from wbc_controller.walking import biped, footsteps, swing_kernels, terrain, weight_transfer
 from wbc_controller.walking.gait import Phase
 
 #: Valid records of a recording.
 _RECORDS: Mapping[str, Callable[..., Any]] = {
     kind.__name__: kind
     for kind in (
-        *get_args(Change), records.ChangeSettings, records.Fault, footsteps.Footstep, goal.Goal, terrain.Ground,
+        *get_args(Change), records.ChangeSettings, records.Fault, footsteps.Footstep, footsteps.Goal, terrain.Ground,
         records.Infeasibility, Knot, swing_kernels.Landing, biped.LiftOff, footsteps.NominalStep, records.Prediction,
         Ramp, records.Reference, records.RobotState, SoftRamp, footsteps.Stance, biped.Step, records.Tuning, TuningRamp,
         footsteps.Velocity, weight_transfer.WeightTransfer,

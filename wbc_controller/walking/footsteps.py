@@ -1,4 +1,4 @@
-"""Nominal steps of a velocity, and planned footsteps."""
+"""Commands of velocities, goals and footsteps, and the nominal step of a velocity."""
 
 import cmath
 import math
@@ -13,6 +13,10 @@ from wbc_controller.walking.pendulum_kernels import periodic_offset, previous_of
 
 BACKWARD = 0.5  # largest backward speed, as a share of the forward speed
 MAX_TURN = 0.5  # largest angle between the feet, rad
+#: Distance and angle at which the robot stops, m and rad: the last steps, with the feet apart, keep the place.
+NEAR, NEAR_ANGLE = 0.03, 0.05
+_FAR = 1.0  # distance above which the robot walks facing the goal, m; nearer, it has the heading of the goal
+_STEPS = 2.0  # steps in which a small error would vanish at its velocity
 _AHEAD = 3  # steps that determine the next one: each later one counts by e^{-ωT}, a tenth
 _NAMES = {1: "left", -1: "right"}
 
@@ -52,6 +56,36 @@ class Velocity:
 
 def _clip(value: float, limit: float) -> float:
     return max(-limit, min(limit, value))
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """Pose on the ground: place x + i y in m, and heading in rad, in the world."""
+
+    place: complex
+    heading: float
+
+
+def velocity_to(goal: Goal, place: complex, heading: float, limits: SpeedLimits, step_time: float) -> Velocity | None:
+    """Return the velocity towards a goal from the robot's place, x + i y in m, and heading, rad; None at the goal.
+
+    An error e that decreases at v = √(a e) needs half of the acceleration a; the last steps, of the duration T in s,
+    decrease it by v = e / (n T).
+    """
+    way = goal.place - place
+    far = abs(way)
+    angle = math.remainder(goal.heading - heading, math.tau)
+    if far < NEAR and abs(angle) < NEAR_ANGLE:
+        return None
+    if far > _FAR:
+        angle = math.remainder(cmath.phase(way) - heading, math.tau)
+    linear = way * (_speed(far, limits.acceleration[0], step_time) / far) if far > 0.0 else 0j
+    turning = math.copysign(_speed(abs(angle), limits.acceleration[2], step_time), angle)
+    return Velocity(linear * cmath.rect(1.0, -heading), turning).clipped(limits)
+
+
+def _speed(error: float, acceleration: float, step_time: float) -> float:
+    return min(math.sqrt(acceleration * error), error / (_STEPS * step_time))
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,13 +135,10 @@ def planned(
     Raises:
         InputRefused: if a step is out of reach, or its foot would overlap the other one.
     """
-    x, y = poses[0, :2]
+    places = [complex(x, y) for x, y, _ in poses]
     if first is None:
-        first = min(feet, key=lambda side: abs(feet[side][0] - complex(x, y)))
-    steps = [
-        Footstep(first if i % 2 == 0 else -first, complex(x, y), float(heading))
-        for i, (x, y, heading) in enumerate(poses)
-    ]
+        first = min(feet, key=lambda side: abs(feet[side][0] - places[0]))
+    steps = [Footstep(-first if i % 2 else first, places[i], float(heading)) for i, heading in enumerate(poses[:, 2])]
     place, heading = feet[-first]
     for number, step in enumerate(steps, 1):
         local, turn = (step.place - place) * cmath.rect(1.0, -heading), math.remainder(step.heading - heading, math.tau)

@@ -38,11 +38,8 @@ class WalkingPlan:
             dcm=dcm,
             wanted_dcm=wanted_dcm,
             swings={name: swing_path(*each, clearance, elapsed) for name, each in swings.items()},
-            landings={
-                name: np.array([landing.place.real, landing.place.imag, landing.height])
-                for name, (_, landing) in swings.items()
-            },
-            remaining=min((max(0.0, landing.time - elapsed) for _, landing in swings.values()), default=math.inf),
+            landings={name: np.array([to.place.real, to.place.imag, to.height]) for name, (_, to) in swings.items()},
+            remaining=min((max(0.0, to.time - elapsed) for _, to in swings.values()), default=math.inf),
             margin=margin,
         )
 

@@ -48,8 +48,7 @@ def body_references(
 ) -> float:  # fmt: skip
     """Write the references of the body, (12 + 4 n,); return its height after one cycle, m.
 
-    They are position, velocity and acceleration of the centre of mass, angular velocity, and n quaternions (x, y, z,
-    w).
+    They are position, velocity and acceleration of the centre of mass, angular velocity, and n quaternions.
 
     Args:
         place, velocity, acceleration: horizontal, x + i y in m, m/s and m/s².

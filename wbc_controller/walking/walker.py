@@ -12,9 +12,8 @@ from wbc_controller.inverse_dynamics.references.changes import Change, EnableTas
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.records import Array, Reference, freeze
 from wbc_controller.walking.fall_kernels import PERSISTS
-from wbc_controller.walking.footsteps import Velocity
+from wbc_controller.walking.footsteps import Goal, Velocity, velocity_to
 from wbc_controller.walking.gait import Gait, Phase, QuadrupedGait
-from wbc_controller.walking.goal import Goal, velocity_to
 from wbc_controller.walking.plan import WalkingPlan
 from wbc_controller.walking.references_kernels import body_references
 
