@@ -9,41 +9,30 @@ Friction and weak motors have no effect: a contact at rest moves as predicted fo
 """
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
 
 from wbc_controller.records import Array
 
 _FILTER_TIME = 0.003  # time constant of the force filter, s
 
 
-@dataclass(frozen=True, slots=True)
-class ContactSensing:
-    """Contact force sensors, with hysteresis of the normal force."""
-
-    normals: Mapping[str, Mapping[str, Array]]  # of each contact, (3,), by the frame in which a force may be given
-    on: float  # force that activates a contact, N
-    off: float  # force that deactivates it, N; at most `on`
-    timeout: float  # age of a stale force, s
-
-
 class ContactDetector:
-    """Detector of active contacts: by fresh force, else by the last switch message, else as planned.
+    """Detector of active contacts: by fresh force, else by the last switch message, else as planned."""
 
-    Attributes:
-        silent: contacts with a stale force.
-        measured: state of each contact with a switch or a fresh force.
-    """
+    def __init__(self, normals: Mapping[str, Mapping[str, Array]], on: float, off: float, timeout: float) -> None:
+        """Start without messages.
 
-    def __init__(self, sensing: ContactSensing) -> None:
-        self.sensing = sensing
-        self.silent: tuple[str, ...] = ()
-        self.measured: Mapping[str, bool] = {}
+        `normals` are those of each contact, (3,), by the frame in which a force may be given. The normal force `on`
+        activates a contact, and `off`, at most `on`, deactivates it, N; after the time `timeout`, s, a force is stale.
+        """
+        self.normals, self._on, self._off, self._timeout = normals, on, off, timeout
+        self.silent: tuple[str, ...] = ()  # contacts with a stale force
+        self.measured: Mapping[str, bool] = {}  # state of each contact with a switch or a fresh force
         self._by_force: dict[str, bool] = {}
         self._by_switch: dict[str, bool] = {}
 
     def update_force(self, contact: str, force: float) -> None:
         """Store the normal force at a contact, N; positive if it pushes the robot."""
-        self._by_force[contact] = force > (self.sensing.off if self._by_force.get(contact) else self.sensing.on)
+        self._by_force[contact] = force > (self._off if self._by_force.get(contact) else self._on)
 
     def update_switch(self, contact: str, active: bool) -> None:
         """Store the state of a contact switch."""
@@ -57,7 +46,7 @@ class ContactDetector:
 
     def active(self, planned: Collection[str], ages: Mapping[str, float]) -> frozenset[str]:
         """Return the active contacts from the planned ones and the forces' ages, s."""
-        fresh = {name: active for name, active in self._by_force.items() if ages[name] <= self.sensing.timeout}
+        fresh = {name: active for name, active in self._by_force.items() if ages[name] <= self._timeout}
         self.silent = tuple(name for name in self._by_force if name not in fresh)
         self.measured = measured = {**self._by_switch, **fresh}
         unmeasured = [name for name in planned if name not in measured]
@@ -66,7 +55,7 @@ class ContactDetector:
     def timeout_note(self, contact: str) -> str:
         """Return a sentence on the stale force at a contact."""
         return (
-            f"no force message for more than {self.sensing.timeout:g} s (estimation.contact_timeout); "
+            f"no force message for more than {self._timeout:g} s (estimation.contact_timeout); "
             f"contact {contact!r} is active as commanded"
         )
 

@@ -14,12 +14,16 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from wbc_controller.controller.build.estimation import make_odometry_agreement, make_sensing, make_velocity_filter
+from wbc_controller.controller.build.estimation import (
+    make_contact_detector,
+    make_odometry_agreement,
+    make_velocity_filter,
+)
 from wbc_controller.controller.report import LatchedInputs
 from wbc_controller.errors import InputRefused
 from wbc_controller.estimation.absolute_pose import PoseSample
 from wbc_controller.estimation.base_estimator import BaseEstimator
-from wbc_controller.estimation.contact_detection import ContactDetector, ContactSensing
+from wbc_controller.estimation.contact_detection import ContactDetector
 from wbc_controller.estimation.running_estimate import ImuSample
 from wbc_controller.inverse_dynamics.contacts import Contact
 from wbc_controller.inverse_dynamics.references.changes import Change
@@ -48,7 +52,6 @@ _NOT_LATCHED = ("robot_description", "clock", "record", "guard_commands")  # row
 ESTIMATE = "base estimate"  # in the ages of the inputs
 _PREEMPTED = 0.005  # age of taken joint states that indicates a preemption, s
 _MIN_DELAY = 0.01  # smallest reported transit time, s
-_NO_SENSORS = ContactSensing({}, 0.0, 0.0, 0.0)
 
 
 @dataclass(slots=True)
@@ -96,7 +99,9 @@ class Inputs:
         self._imu: list[ImuSample] = []  # since the last estimate
         self._poses: list[PoseSample] = []
         self._base: tuple[Array, Array] | None = None  # pose and twist of the last cycle
-        self._detector = ContactDetector(make_sensing(settings, model, contacts) if estimated else _NO_SENSORS)
+        self._detector = ContactDetector({}, 0.0, 0.0, 0.0)  # without sensors
+        if estimated:
+            self._detector = make_contact_detector(settings, model, contacts)
         self.holding: Collection[str] = ()  # active contacts of the base estimate in the last cycle
         self._refusals: dict[str, str] = {}  # by topic with a refused newest message
         self.shared: Callable[[], Mapping[str, str]] = dict  # publishers of inputs with several, by topic name
@@ -107,7 +112,7 @@ class Inputs:
             readers["imu", ""] = ImuReader(estimator.imu_frame)
             if estimator.uses_poses:
                 readers["pose", ""] = PoseReader()
-            for name, normals in self._detector.sensing.normals.items():
+            for name, normals in self._detector.normals.items():
                 readers["measured_wrench", name] = ContactForceReader(name, normals)
         elif model.floating_base:
             readers["odom", ""] = OdometryReader(model.base_link)

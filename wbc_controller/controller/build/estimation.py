@@ -7,7 +7,7 @@ import numpy as np
 
 from wbc_controller.errors import ConfigurationError, require_known
 from wbc_controller.estimation.base_estimator import BaseEstimator
-from wbc_controller.estimation.contact_detection import ContactForces, ContactSensing
+from wbc_controller.estimation.contact_detection import ContactDetector, ContactForces
 from wbc_controller.estimation.disturbance_observer import DisturbanceLimits, DisturbanceObserver
 from wbc_controller.estimation.friction import FrictionCompensation
 from wbc_controller.estimation.joint_velocity import VelocityFilter
@@ -123,10 +123,10 @@ def make_estimator(settings: Settings, model: RobotModel, contacts: Mapping[str,
     return BaseEstimator(legs, known, np.array(model.pinocchio.gravity.linear), poses)
 
 
-def make_sensing(settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]) -> ContactSensing:
-    """Build the parameters of contact force sensors."""
+def make_contact_detector(settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]) -> ContactDetector:
+    """Build the detector of contacts by force sensors and switches."""
     on, off = force_thresholds(settings, model)
-    return ContactSensing(contact_normals(model, contacts), on, off, settings.estimation.contact_timeout)
+    return ContactDetector(contact_normals(model, contacts), on, off, settings.estimation.contact_timeout)
 
 
 def force_thresholds(settings: Settings, model: RobotModel) -> tuple[float, float]:
