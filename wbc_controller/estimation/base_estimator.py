@@ -46,14 +46,9 @@ class BaseEstimator:
         return f"the base estimate was lost: {self.lost}; {self._waits_for}" if self.lost else self._waits_for
 
     @property
-    def filter(self) -> InvariantFilter | None:
-        """Filter; None before the robot was at rest."""
-        return self._running.filter if self._running is not None else None
-
-    @property
     def slipping(self) -> tuple[str, ...]:
         """Names of the contacts excluded due to slip."""
-        return self._running.slipping if self._running is not None else ()
+        return tuple(self._running.moving) if self._running is not None else ()
 
     @property
     def base(self) -> tuple[Array, Array] | None:
@@ -61,22 +56,14 @@ class BaseEstimator:
 
         The world is the frame of `anchoring`, or the smoothed world of absolute poses.
         """
-        if self._running is None:
-            return None
-        poses = self._running.poses
-        if poses is None:
+        if self._running is None or self.poses is None:
             return self.odometry
-        return self._running.base(poses.smoothed) if poses.aligned else None
+        return self._running.base(self.poses.smoothed) if self.poses.aligned else None
 
     @property
     def odometry(self) -> tuple[Array, Array] | None:
         """Pose and twist in a world that no absolute pose moves."""
         return self._running.base(self._running.odometry) if self._running is not None else None
-
-    @property
-    def poses(self) -> AbsolutePoses | None:
-        """Correction by absolute poses, or None."""
-        return self._running.poses if self._running is not None else None
 
     @property
     def stamp(self) -> float:
@@ -95,6 +82,8 @@ class BaseEstimator:
     def restart(self) -> None:
         """Discard the estimate and wait for standstill."""
         self._running: RunningEstimate | None = None
+        self.filter: InvariantFilter | None = None  # before the robot was at rest
+        self.poses: AbsolutePoses | None = None  # correction by absolute poses
         self._still: list[ImuSample] = []
         self.lost, self._waits_for = "", "no IMU data received"
 
@@ -106,7 +95,7 @@ class BaseEstimator:
         If the robot is `walking`, larger velocities of all contacts are tolerated.
         """
         self._kinematics.update(q, v)
-        active = [name for name in self._kinematics.points if name in active]
+        active = tuple(name for name in self._kinematics.points if name in active)
         if self._running is None:
             self._wait_for_rest(samples, active)
             return
@@ -114,11 +103,11 @@ class BaseEstimator:
 
     def correct(self, samples: list[PoseSample], *, controlled: bool) -> list[str]:
         """Correct the estimate by absolute poses (`AbsolutePoses.correct`), after `update`."""
-        if self._running is None or self._running.poses is None:
+        if self._running is None or self.poses is None:
             return []
         refused: list[str] = []
         try:
-            refused, lost = self._running.poses.correct(samples, controlled=controlled), self._running.invalid_reason()
+            refused, lost = self.poses.correct(samples, controlled=controlled), self._running.invalid_reason()
         except np.linalg.LinAlgError as error:
             lost = str(error)
         self._after_update(lost)
@@ -128,10 +117,10 @@ class BaseEstimator:
         if lost is not None:
             self.restart()
             self.lost, self._waits_for = lost, f"the robot has to stand still for {self._settings.settling:g} s"
-        elif self._running is not None and self._running.poses is not None:
-            self._waits_for = self._running.poses.waits_for
+        elif self.poses is not None:
+            self._waits_for = self.poses.waits_for
 
-    def _wait_for_rest(self, samples: Sequence[ImuSample], active_contacts: Sequence[str]) -> None:
+    def _wait_for_rest(self, samples: Sequence[ImuSample], active_contacts: tuple[str, ...]) -> None:
         settings = self._settings
         if self._still and samples and not (0.0 < samples[0].stamp - self._still[-1].stamp <= GAP):
             self._still = []
@@ -171,10 +160,10 @@ class BaseEstimator:
         elif contradiction := gravity_contradiction(self._kinematics, active_contacts, force.mean(axis=0) / pull):
             self._waits_for = f"the accelerometer contradicts the legs: {contradiction}"
         else:
-            filter = self._initial_filter(turning.mean(axis=0), force.mean(axis=0), active_contacts)
-            frame = self._pose_frame
-            poses = None if frame is None else AbsolutePoses(frame, self._kinematics, filter)
-            self._running = RunningEstimate(filter, self._still[-1], self._kinematics, poses)
+            self.filter = self._initial_filter(turning.mean(axis=0), force.mean(axis=0), active_contacts)
+            if self._pose_frame is not None:
+                self.poses = AbsolutePoses(self._pose_frame, self._kinematics, self.filter)
+            self._running = RunningEstimate(self.filter, self._still[-1], self._kinematics, self.poses)
             self._still, self.lost, self._waits_for = [], "", ""
             self._after_update(self._running.update([], active_contacts))
 

@@ -45,7 +45,7 @@ class RunningEstimate:
         self, filter: InvariantFilter, last: ImuSample, kinematics: LegKinematics, poses: AbsolutePoses | None
     ) -> None:
         self.filter, self.poses = filter, poses
-        self._moving: dict[str, tuple[float, Array]] = {}  # slipping contacts: stamp and points, (k, 3) in m
+        self.moving: dict[str, tuple[float, Array]] = {}  # slipping contacts: stamp and points, (k, 3) in m
         self._landed = -np.inf  # last touchdown beside another contact, s
         self._last, self._interval = last, np.inf  # last sample, and time between the last two, s
         self._kinematics, self._anchoring = kinematics, Anchoring()
@@ -63,15 +63,8 @@ class RunningEstimate:
         """Stamp of the last sample, s."""
         return self._last.stamp
 
-    @property
-    def slipping(self) -> tuple[str, ...]:
-        """Names of slipping contacts."""
-        return tuple(self._moving)
-
-    def update(
-        self, samples: Sequence[ImuSample], active_contacts: Sequence[str], *, walking: bool = False
-    ) -> str | None:
-        """Process measurements; return the reason for a loss of the estimate, or None."""
+    def update(self, samples: Sequence[ImuSample], contacts: tuple[str, ...], *, walking: bool = False) -> str | None:
+        """Process measurements and active contacts; return the reason for a loss of the estimate, or None."""
         before = self.stamp
         for sample in samples:
             dt = sample.stamp - self._last.stamp
@@ -80,13 +73,13 @@ class RunningEstimate:
             if dt > 0.0:
                 self._propagate(sample, dt)
         try:
-            self._correct_by_contacts(active_contacts)
+            self._correct_by_contacts(contacts)
         except np.linalg.LinAlgError as error:
             return str(error)
         limit = WALKING_LIMIT if walking else LIMIT
-        lost = self.invalid_reason() or self._check_contacts(tuple(active_contacts), self.stamp - before, limit)
+        lost = self.invalid_reason() or self._check_contacts(contacts, self.stamp - before, limit)
         if lost is None and self.stamp - self._compared >= PERIOD:
-            lost = self._compare_turns(tuple(active_contacts))
+            lost = self._compare_turns(contacts)
         if lost is None and self.poses is not None:
             self.poses.update(self.stamp)
         elif lost is None and self.stamp >= self._anchoring.due:
@@ -191,7 +184,7 @@ class RunningEstimate:
             creep.append(max(noise, least) + _TIPPING * excess)
         return np.concatenate([np.empty(0), *creep])
 
-    def _correct_by_contacts(self, active_contacts: Sequence[str]) -> None:
+    def _correct_by_contacts(self, active_contacts: tuple[str, ...]) -> None:
         found, legs = self.filter, self._kinematics
         held = [name for name, points in legs.points.items() if points[0] in found.names]
         for name in held:
@@ -208,17 +201,17 @@ class RunningEstimate:
                     self._try_correction(rest)
         for name in slipping:
             self._remove_contact(name)
-        if len(known) == len(active_contacts) and not (slipping or self._moving):
+        if len(known) == len(active_contacts) and not (slipping or self.moving):
             return
         alone = not found.names  # the IMU alone drifts
-        self._moving = {name: seen for name, seen in self._moving.items() if name in active_contacts and not alone}
+        self.moving = {name: seen for name, seen in self.moving.items() if name in active_contacts and not alone}
         for name in active_contacts:
             if name in slipping or name not in known:
                 contact_points = legs.contact_points((name,))
                 if name in slipping and not alone:
-                    self._moving[name] = (self.stamp, self._points_of(contact_points))
+                    self.moving[name] = (self.stamp, self._points_of(contact_points))
                     continue
-                steps = name not in self._moving and not alone
+                steps = name not in self.moving and not alone
                 if self._is_at_rest(name, contact_points):
                     covariance = contact_points.covariance
                     for i, point in enumerate(contact_points.names):
@@ -242,15 +235,15 @@ class RunningEstimate:
         return np.asarray(contact_points.positions @ self.filter.rotation.T + self.filter.position)
 
     def _is_at_rest(self, name: str, contact_points: ContactPoints) -> bool:
-        if name not in self._moving:
+        if name not in self.moving:
             return True
-        since, there = self._moving[name]
+        since, there = self.moving[name]
         here = self._points_of(contact_points)
         if np.abs(here - there).max() > _MOVED:
-            self._moving[name] = (self.stamp, here)
+            self.moving[name] = (self.stamp, here)
         elif self.stamp - since >= _RESTED:
-            del self._moving[name]
-        return name not in self._moving
+            del self.moving[name]
+        return name not in self.moving
 
     def _remove_contact(self, name: str) -> None:
         for point in self._kinematics.points[name]:

@@ -95,21 +95,19 @@ class SensorAgreement:
         self._contacts = active_contacts
         if changed or self._settling > 0.0:
             self._moved, self._measured = np.zeros_like(self._places), np.zeros_like(self._measured)
-            return self._sentence(self.comparison.explanation(world, known_wrong=True)) if known_wrong else None
-        keep = math.exp(-elapsed / _HIGH_PASS)
-        self._moved = keep * (self._moved + self._places - before)
-        self._measured = keep * (self._measured + steps)
-        by_legs = _motion(self._places, self._moved)
-        if by_legs is None:
-            return None
-        lever = float(np.linalg.norm(self._places.mean(axis=0))) if len(steps) > 1 else 0.0
-        found = self.comparison.update(
-            elapsed, by_legs[: len(steps)], self._measured, world, known_wrong=known_wrong, lever=lever
-        )
-        return self._sentence(found)
-
-    def _sentence(self, found: str | None) -> str | None:
-        return found and f"{self._sensor} contradicts the legs ({', '.join(self._contacts)}): {found}"
+            found = self.comparison.explanation(world, known_wrong=True) if known_wrong else None
+        else:
+            keep = math.exp(-elapsed / _HIGH_PASS)
+            self._moved = keep * (self._moved + self._places - before)
+            self._measured = keep * (self._measured + steps)
+            by_legs = _motion(self._places, self._moved)
+            if by_legs is None:
+                return None
+            lever = float(np.linalg.norm(self._places.mean(axis=0))) if len(steps) > 1 else 0.0
+            found = self.comparison.update(
+                elapsed, by_legs[: len(steps)], self._measured, world, known_wrong=known_wrong, lever=lever
+            )
+        return found and f"{self._sensor} contradicts the legs ({', '.join(active_contacts)}): {found}"
 
 
 class OdometryAgreement:
