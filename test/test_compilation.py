@@ -173,7 +173,7 @@ def folder(tmp_path, monkeypatch):
 @contextlib.contextmanager
 def locked(folder, name):
     """Hold the lock of `total` as another process does; yield a thread that loads the module `name`."""
-    compilation._log_wait.cache_clear()
+    compilation._warn_once.cache_clear()
     with (folder / "total.lock").open("w") as lock:
         compilation.fcntl.flock(lock, compilation.fcntl.LOCK_EX | compilation.fcntl.LOCK_NB)
         waiting = threading.Thread(target=load, args=(folder,), kwargs={"name": name})

@@ -116,8 +116,7 @@ class Struct(_Proxy):
     """Immutable record of numbers, arrays and structs for kernels. Kernels may write into arrays of `Out…` types."""
 
     NumbaType: ClassVar[Any]
-    numba_type: ClassVar[Any]
-    _numba_type_: ClassVar[Any]
+    _numba_type_: ClassVar[Any]  # read by Numba
     _fields: ClassVar[dict[str, Any]]
     _allocate: ClassVar[Any] = None
 
@@ -128,7 +127,7 @@ class Struct(_Proxy):
         # The cache on disk finds the type by its qualified name.
         names = {"__module__": cls.__module__, "__qualname__": f"{cls.__qualname__}.NumbaType"}
         cls.NumbaType = structref.register(type(cls.__name__, (types.StructRef,), names))
-        cls.numba_type = cls._numba_type_ = cls.NumbaType(list(cls._fields.items()))
+        cls._numba_type_ = cls.NumbaType(list(cls._fields.items()))
         if not numba.config.DISABLE_JIT:
             structref.define_boxing(cls.NumbaType, cls)
 
@@ -159,7 +158,7 @@ class Struct(_Proxy):
             name, fields = f"allocate_{cls.__name__}", ", ".join(cls._fields)
             lines = [f"def {name}({fields}):", "    struct = new(kind)"]
             lines += [f"    struct.{field} = {field}" for field in cls._fields] + ["    return struct"]
-            scope = {"__name__": cls.__module__, "new": structref.new, "kind": cls.numba_type}
+            scope = {"__name__": cls.__module__, "new": structref.new, "kind": cls._numba_type_}
             # Numba derives the cache path from the file name: that of the struct's module.
             exec(compile("\n".join(lines), inspect.getfile(cls), "exec"), scope)  # noqa: S102 - no input from outside
             cls._allocate = _compile(scope[name], list(cls._fields.values()))
@@ -168,7 +167,7 @@ class Struct(_Proxy):
 
 def _numba_type(annotation: Any) -> Any:
     if isinstance(annotation, type) and issubclass(annotation, Struct):
-        return annotation.numba_type
+        return annotation._numba_type_
     return annotation.__metadata__[0] if hasattr(annotation, "__metadata__") else _SCALARS.get(annotation, annotation)
 
 
@@ -202,7 +201,7 @@ def _compile(function: Any, signature: list[Any]) -> Any:
             numba.config.CACHE_DIR = former
     _compiled_names.append(function.__name__)
     if folder is None or sum(dispatcher.stats.cache_misses.values()):
-        _log_compilation()
+        _warn_once("compiling the kernels for this processor (once, 15 to 60 s of processor time)")
         seconds = time.monotonic() - started
         level = logging.WARNING if seconds >= _SLOW else logging.INFO
         _log.log(
@@ -223,7 +222,7 @@ def _compilation_lock(folder: Path | None, name: str) -> Iterator[None]:
                     fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 except BlockingIOError:
                     # A process that loads a compiled function holds the lock for milliseconds only.
-                    note = threading.Timer(_SLOW, _log_wait)
+                    note = threading.Timer(_SLOW, _warn_once, ["waiting for another process that compiles the kernels"])
                     note.daemon = True
                     note.start()
                     fcntl.flock(file, fcntl.LOCK_EX)
@@ -242,28 +241,17 @@ def _cache_folder() -> Path | None:
     given = numba.config.CACHE_DIR
     candidates = [Path(given)] if given else [_PACKAGE / "__pycache__", Path.home() / ".cache" / "wbc_controller"]
     for folder in candidates:
-        if _is_writable(folder):
-            return folder / name
+        with contextlib.suppress(OSError):
+            folder.mkdir(parents=True, exist_ok=True)
+            if os.access(folder, os.W_OK):
+                return folder / name
     _log.warning("%s is not writable: kernels are compiled at every start; set NUMBA_CACHE_DIR", candidates[-1])
     return None
 
 
-def _is_writable(folder: Path) -> bool:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return False
-    return os.access(folder, os.W_OK)
-
-
 @cache
-def _log_compilation() -> None:
-    _log.warning("compiling the kernels for this processor (once, 15 to 60 s of processor time)")
-
-
-@cache
-def _log_wait() -> None:
-    _log.warning("waiting for another process that compiles the kernels")
+def _warn_once(message: str) -> None:
+    _log.warning(message)
 
 
 @cache
