@@ -7,7 +7,7 @@ from wbc_controller.controller.build.contacts import make_contact, make_loop_clo
 from wbc_controller.controller.build.limits import make_self_collision, make_torque_speed
 from wbc_controller.controller.build.references import make_tuning
 from wbc_controller.controller.build.tasks import make_task
-from wbc_controller.controller.build.user_objects import check_attributes, evaluate_methods, make_user_objects
+from wbc_controller.controller.build.user_objects import evaluate_methods, make_user_objects
 from wbc_controller.controller.build.walking import make_walking_tasks
 from wbc_controller.inverse_dynamics.contacts import Contact
 from wbc_controller.inverse_dynamics.formulation.formulation import Formulation
@@ -43,7 +43,6 @@ def make_qp(
     row_limits: list[RowLimit] = [make_self_collision(settings, model)] if own.self_collision.enabled else []
     own_limits = make_user_objects(limits, model, RowLimit, "limits", [])
     row_limits += own_limits
-    check_attributes(own_tasks, own_contacts, own_limits)
     tuning = make_tuning(settings, all_tasks)
     formulation = Formulation(
         model,

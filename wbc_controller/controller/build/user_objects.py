@@ -24,7 +24,8 @@ _Made = TypeVar("_Made", Task, Contact, RowLimit)
 def make_user_objects(
     makers: Iterable[Callable[[RobotModel], _Made]], model: RobotModel, kind: Any, key: str, taken: Sequence[str]
 ) -> list[_Made]:
-    """Create user objects, and check their classes and names; `taken` are names in use."""
+    """Create user objects, and check their classes, names and attributes; `taken` are names in use."""
+    check: Any = {Task: _check_task, Contact: _check_contact, RowLimit: _check_limit}[kind]
     made: list[_Made] = []
     expected = f"{key} = {makers!r}: must be a list of classes or functions that take the robot's model"
     try:
@@ -49,69 +50,55 @@ def make_user_objects(
             raise ConfigurationError(f"{key}: {type(one).__name__}.name is {name!r}, expected a string")
         if name is not None and name in (*taken, *(other.name for other in made if not isinstance(other, RowLimit))):
             raise ConfigurationError(f"{key}: duplicate name {name!r}; use different names")
+        check(one)
         made.append(one)
     return made
 
 
-def check_attributes(tasks: Sequence[Task], contacts: Sequence[Contact], limits: Sequence[RowLimit]) -> None:
-    """Check the attributes of user objects."""
-    for task in tasks:
-        _check_task(task)
-    for contact in contacts:
-        _check_contact(contact)
-    for limit in limits:
-        _check_limit(limit)
-
-
 def _check_task(task: Task) -> None:
     size = _attribute(task, "size")
-    _require(task, "size", size, "an integer above 0", isinstance(size, int) and size > 0)
+    _require(task, "size", "an integer above 0", isinstance(size, int) and size > 0)
     rows = _attribute(task, "rows")
     fits = isinstance(rows, np.ndarray) and rows.ndim == 1 and rows.dtype.kind == "i"
     fits = fits and len(rows) > 0 and bool((rows >= 0).all() and (rows < size).all())
-    _require(task, "rows", rows, f"indices below size = {size}, from a mask that selects at least one axis", fits)
-    _require(task, "weight", task.weight, "a finite number of at least 0", _is_number(task.weight, 0.0))
-    _require(task, "level", task.level, "an integer of at least 0", isinstance(task.level, int) and task.level >= 0)
-    _require(task, "enabled", task.enabled, "True or False", isinstance(task.enabled, bool | np.bool_))
-    duration = task.setpoint_duration
-    _require(task, "setpoint_duration", duration, "a finite time of at least 0 s", _is_number(duration, 0.0))
+    _require(task, "rows", f"indices below size = {size}, from a mask that selects at least one axis", fits)
+    _require(task, "weight", "a finite number of at least 0", _is_number(task.weight))
+    _require(task, "level", "an integer of at least 0", isinstance(task.level, int) and task.level >= 0)
+    _require(task, "enabled", "True or False", isinstance(task.enabled, bool | np.bool_))
+    _require(task, "setpoint_duration", "a finite time of at least 0 s", _is_number(task.setpoint_duration))
     for name in task.gain_names:
-        _require(task, name, getattr(task, name), f"finite numbers of shape () or ({size},)", _fits(task, name))
+        _require(task, name, f"finite numbers of shape () or ({size},)", _fits(task, name))
     if task.tolerance is not None:
         fits = _fits(task, "tolerance") and bool((np.asarray(task.tolerance) >= 0.0).all())
-        _require(task, "tolerance", task.tolerance, f"finite numbers of at least 0, shape () or ({size},)", fits)
+        _require(task, "tolerance", f"finite numbers of at least 0, shape () or ({size},)", fits)
     if isinstance(task, EffortTask):
         method_calls.checked(task, "__init__", task.target, (task.form.size,))
 
 
 def _check_contact(contact: Contact) -> None:
     size = contact.size
-    _require(contact, "size", size, "an integer above 0", isinstance(size, int) and size > 0)
-    _require(contact, "enabled", contact.enabled, "True or False", isinstance(contact.enabled, bool | np.bool_))
+    _require(contact, "size", "an integer above 0", isinstance(size, int) and size > 0)
+    _require(contact, "enabled", "True or False", isinstance(contact.enabled, bool | np.bool_))
     basis, cone, metric = (_attribute(contact, name) for name in ("basis", "cone", "metric"))
-    _require(contact, "basis", basis, f"finite numbers of shape (6, {size})", _is_matrix(basis, (6, size)))
+    _require(contact, "basis", f"finite numbers of shape (6, {size})", _is_matrix(basis, (6, size)))
     rows = len(cone) if isinstance(cone, np.ndarray) and cone.ndim == 2 else 0
-    _require(contact, "cone", cone, f"finite numbers of shape (rows, {size})", _is_matrix(cone, (rows, size)))
-    _require(contact, "metric", metric, f"finite numbers of shape ({size},)", _is_matrix(metric, (size,)))
-    names = ("damping", "ramp", *(("stiffness",) if isinstance(contact, AnchoredContact) else ()))
-    for name in names:
-        value = getattr(contact, name)
-        _require(contact, name, value, "a finite number of at least 0", _is_number(value, 0.0))
-    groups = contact.bound_groups
-    _require(contact, "bound_groups", groups, "a tuple of groups", isinstance(groups, tuple | list))
-    for group in groups:
+    _require(contact, "cone", f"finite numbers of shape (rows, {size})", _is_matrix(cone, (rows, size)))
+    _require(contact, "metric", f"finite numbers of shape ({size},)", _is_matrix(metric, (size,)))
+    for name in ("damping", "ramp", "stiffness") if isinstance(contact, AnchoredContact) else ("damping", "ramp"):
+        _require(contact, name, "a finite number of at least 0", _is_number(getattr(contact, name)))
+    _require(contact, "bound_groups", "a tuple of groups", isinstance(contact.bound_groups, tuple | list))
+    for group in contact.bound_groups:
         fits = isinstance(group, tuple | list) and len(group) == 3 and isinstance(group[0], str)
         fits = fits and all(isinstance(index, int) for index in group[1:]) and 0 <= group[1] < group[2] <= size
-        _require(contact, "bound_groups", group, f"a name and two indices from 0 to {size}, in rising order", fits)
+        _require(contact, "bound_groups", f"a name and two indices from 0 to {size}, in rising order", fits, group)
 
 
 def _check_limit(limit: RowLimit) -> None:
     for name in ("kind", "unit"):
-        value = _attribute(limit, name)
-        _require(limit, name, value, "a string", isinstance(value, str))
+        _require(limit, name, "a string", isinstance(_attribute(limit, name), str))
     names = _attribute(limit, "names")
     fits = isinstance(names, tuple | list) and len(names) > 0 and all(isinstance(name, str) for name in names)
-    _require(limit, "names", names, "a tuple with one string per row", fits)
+    _require(limit, "names", "a tuple with one string per row", fits)
 
 
 def _attribute(owner: Task | Contact | RowLimit, name: str) -> Any:
@@ -121,13 +108,15 @@ def _attribute(owner: Task | Contact | RowLimit, name: str) -> Any:
         raise ConfigurationError(f"{type(owner).__name__}: missing attribute {name!r}; set it in the class") from error
 
 
-def _require(owner: Task | Contact | RowLimit, name: str, value: Any, expected: str, fits: bool) -> None:
+def _require(owner: Task | Contact | RowLimit, name: str, expected: str, fits: bool, *part: Any) -> None:
+    """Raise an error unless an attribute, or a part of it, fits."""
     if not fits:
+        value = part[0] if part else getattr(owner, name)
         raise ConfigurationError(f"{owner.full_name}: {type(owner).__name__}.{name} is {value!r}, expected {expected}")
 
 
-def _is_number(value: Any, least: float) -> bool:
-    return isinstance(value, int | float | np.floating | np.integer) and bool(least <= value < np.inf)
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float | np.floating | np.integer) and bool(0.0 <= value < np.inf)
 
 
 def _fits(task: Task, name: str) -> bool:
@@ -159,20 +148,15 @@ def evaluate_methods(
             layout = formulation.layout(tuple(formulation.contacts))
             equation_of(task, layout, reference, layout.problem.n)
     for contact in contacts:
-        _evaluate_contact(contact, dynamics)
+        evaluate_contact(contact, dynamics)
+        for activation in (0.5, 1.0):
+            method_calls.bounds_of(contact, "bounds", method_calls.call(contact, "bounds", activation), contact.size)
+        points_of(contact, dynamics)
+        method_calls.array_from(contact, "wrench_in_world", (6,), dynamics, np.zeros(contact.size))
+        if isinstance(contact, AnchoredContact) and contact.stiffness > 0.0:
+            method_calls.array_from(contact, "displacement", (contact.size,), dynamics, anchor_of(contact, dynamics))
     for limit in limits:
         _evaluate_limit(limit, dynamics, formulation.period)
-
-
-def _evaluate_contact(contact: Contact, dynamics: Dynamics) -> None:
-    size = contact.size
-    evaluate_contact(contact, dynamics)
-    for activation in (0.5, 1.0):
-        method_calls.bounds_of(contact, "bounds", method_calls.call(contact, "bounds", activation), size)
-    points_of(contact, dynamics)
-    method_calls.array_from(contact, "wrench_in_world", (6,), dynamics, np.zeros(size))
-    if isinstance(contact, AnchoredContact) and contact.stiffness > 0.0:
-        method_calls.array_from(contact, "displacement", (size,), dynamics, anchor_of(contact, dynamics))
 
 
 def _evaluate_limit(limit: RowLimit, dynamics: Dynamics, period: float) -> None:
