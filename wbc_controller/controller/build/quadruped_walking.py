@@ -7,7 +7,7 @@ import numpy as np
 
 from wbc_controller.controller.build.gait_limits import QuadrupedLimits, feasible_defaults
 from wbc_controller.controller.build.leg import Leg
-from wbc_controller.controller.build.walking_tasks import COM, HEIGHT, POSTURE, enabled_tasks, make_disabled, value_or
+from wbc_controller.controller.build.walking_tasks import COM, HEIGHT, POSTURE, make_disabled, make_task_sets, value_or
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.instruction import placement_on_link
@@ -20,18 +20,13 @@ from wbc_controller.settings.walking import WalkingSettings
 from wbc_controller.walking.gait import QuadrupedGait
 from wbc_controller.walking.quadruped import PointFoot, QuadrupedWalker
 from wbc_controller.walking.terrain import Ground
-from wbc_controller.walking.walker import TaskSets
 
 #: Keys of the section `walking` that only bipeds have.
 _BIPED_KEYS = ("left", "right", "width", "least_width", "max_step_width")
 
 
 def is_quadruped(settings: Settings, walking: WalkingSettings) -> bool:
-    """Return whether the contacts are four points.
-
-    Raises:
-        ConfigurationError: if a key of the section `walking` belongs to another kind of robot.
-    """
+    """Return whether the contacts are four points; `ConfigurationError` if a key of `walking` is for other robots."""
     contacts = settings.contacts
     points = [name for name, contact in contacts.items() if isinstance(contact, PointContact)]
     quadruped = len(points) == 4 and not any(isinstance(contact, SurfaceContact) for contact in contacts.values())
@@ -63,9 +58,7 @@ def make_quadruped_tasks(settings: Settings, model: RobotModel) -> list[Task]:
 def make_quadruped_walker(settings: Settings, walking: WalkingSettings, qp: WholeBodyQP) -> QuadrupedWalker:
     """Build the walker with the tasks of `make_quadruped_tasks`, in the nominal posture."""
     feet = _feet(settings, qp.model)
-    orientations, suspended = enabled_tasks(settings, qp)
-    tasks = TaskSets(COM, HEIGHT, (COM, HEIGHT, POSTURE, *(foot.task for foot in feet)), orientations, suspended)
-    gait = make_quadruped_gait(settings, walking, qp).gait
+    gait, tasks = make_quadruped_gait(settings, walking, qp).gait, make_task_sets(settings, qp, [f.task for f in feet])
     return QuadrupedWalker(gait, feet, tasks, qp.model.gravity, qp.model.mass)
 
 

@@ -10,7 +10,7 @@ from wbc_controller.controller.build.estimation import torque_filter
 from wbc_controller.controller.build.gait_limits import BipedLeg, BipedLimits, feasible_defaults
 from wbc_controller.controller.build.leg import Leg
 from wbc_controller.controller.build.quadruped_walking import is_quadruped, make_quadruped_tasks, make_quadruped_walker
-from wbc_controller.controller.build.walking_tasks import COM, HEIGHT, POSTURE, enabled_tasks, make_disabled, value_or
+from wbc_controller.controller.build.walking_tasks import COM, HEIGHT, POSTURE, make_disabled, make_task_sets, value_or
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts.mount import placement_of
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics, support_matrix
@@ -25,7 +25,7 @@ from wbc_controller.settings.walking import WalkingSettings
 from wbc_controller.walking.biped import BipedWalker
 from wbc_controller.walking.feet import Foot, swing_reaction
 from wbc_controller.walking.gait import Gait
-from wbc_controller.walking.walker import TaskSets, Walker
+from wbc_controller.walking.walker import Walker
 
 LEFT, RIGHT = "walking_left_foot", "walking_right_foot"  # names of the tasks on the feet
 _HIGHEST_LIFT = 0.25  # highest lift of a sole in the search, as a share of the height of the centre of mass
@@ -34,8 +34,7 @@ _HIGHEST_LIFT = 0.25  # highest lift of a sole in the search, as a share of the 
 def make_walking_tasks(settings: Settings, model: RobotModel) -> list[Task]:
     """Build the tasks of the walker, which are off without a gait; none without the section `walking`.
 
-    Raises:
-        ConfigurationError: if the feet are not two surface contacts, or a task has the name of one of these.
+    `ConfigurationError` if the feet are not two surface contacts, or a task has the name of one of these.
     """
     if settings.walking is None:
         return []
@@ -60,18 +59,12 @@ def make_walker(settings: Settings, qp: WholeBodyQP) -> Walker | None:
     if is_quadruped(settings, settings.walking):
         return make_quadruped_walker(settings, settings.walking, qp)
     left, right = find_feet(settings, qp.model)
-    orientations, suspended = enabled_tasks(settings, qp)
-    tasks = TaskSets(COM, HEIGHT, (COM, HEIGHT, POSTURE, LEFT, RIGHT), orientations, suspended)
-    gait, lag = make_gait(settings, left, right, qp).gait, torque_filter(settings)
-    return BipedWalker(gait, left, right, tasks, qp.model.gravity, lag)
+    gait, tasks = make_gait(settings, left, right, qp).gait, make_task_sets(settings, qp, (LEFT, RIGHT))
+    return BipedWalker(gait, left, right, tasks, qp.model.gravity, torque_filter(settings))
 
 
 def find_feet(settings: Settings, model: RobotModel) -> tuple[Foot, Foot]:
-    """Build the left and the right foot.
-
-    Raises:
-        ConfigurationError: if they are not two surface contacts.
-    """
+    """Build the left and the right foot, or raise `ConfigurationError` if they are not two surface contacts."""
     walking, dynamics = settings.walking or WalkingSettings(), Dynamics(model)
     surfaces = {name: c for name, c in settings.contacts.items() if isinstance(c, SurfaceContact)}
     valid = ", ".join(surfaces) or "none"
@@ -114,8 +107,7 @@ def _foot(name: str, task: str, contact: SurfaceContact, dynamics: Dynamics) -> 
 def make_gait(settings: Settings, left: Foot, right: Foot, qp: WholeBodyQP) -> BipedLimits:
     """Make the gait with its limits; its defaults follow from the robot in its nominal posture.
 
-    The lowering and the clearances are smaller if the flat feet cannot be raised as far, and the speeds if they are not
-    feasible.
+    Lowering and clearances are smaller if the flat feet cannot be raised as far, and speeds if they are not feasible.
     """
     walking, limits = settings.walking or WalkingSettings(), settings.limits
     dynamics, model, gravity = qp.dynamics, qp.model, qp.model.gravity
