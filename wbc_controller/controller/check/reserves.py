@@ -8,7 +8,7 @@ import pinocchio as pin
 from scipy.linalg import block_diag
 from scipy.optimize import linprog
 
-from wbc_controller.controller.check.finding import Finding
+from wbc_controller.controller.check import Finding
 from wbc_controller.inverse_dynamics.contacts import AnchoredContact, Contact
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.records import Array
@@ -37,26 +37,21 @@ def reserves(
 ) -> list[Finding]:
     """Return the reserves of a standing robot with a floating base; its dynamics end at q.
 
-    A push is a steady horizontal force at the height of the centre of mass; a sway moves the centre of mass.
-
-    Args:
-        hanging: indices of unsupported passive joints.
-        level: True if a task controls the orientation of the base.
-        margin: distance to the position limits, rad.
+    A push is a steady horizontal force at the height of the centre of mass; a sway moves the centre of mass. `hanging`
+    are indices of unsupported passive joints, `level` is True if a task controls the orientation of the base, `margin`
+    is the distance to the position limits, rad.
     """
     model, dynamics = qp.model, qp.dynamics
     bearing = bearing_contacts(qp, active)
     arm = dynamics.com - dynamics.placement(model.frame_id(model.base_link, "base")).translation
     pushes, shifts = {}, static_sways(qp, active, hanging)
     weights = np.repeat([1.0, _FREE, 1.0 if level else _FREE], [2, 1, 3])
-    anchored = [contact for contact in bearing if isinstance(contact, AnchoredContact)]
-    all_anchored = len(anchored) == len(bearing)  # a loop has no displacement
+    motion = _motion_with_contacts(qp, active, q, hanging, margin)
     for name, direction in _DIRECTIONS.items():
         way = np.array(direction)
         pushes[name] = _largest_multiple(qp, bearing, hanging, np.concatenate([way, np.cross(arm, way)]))
-        if all_anchored and np.isfinite(shifts[name].most):
-            motion, step = _MotionWithContacts(qp, anchored, margin), shifts[name].most / _STEPS
-            shifts[name] = _largest_motion(motion, hanging, q, way, shifts[name], weights, step, _HALVINGS)
+        if motion is not None and np.isfinite(shifts[name].most):
+            shifts[name] = motion.largest(way, shifts[name], weights, shifts[name].most / _STEPS, _HALVINGS)
     found = [
         Finding("push", "steady, at the centre of mass: " + _format_directions(pushes, 1.0, "N")),
         Finding("sway", "of the centre of mass: " + _format_directions(shifts, 1e3, "mm")),
@@ -128,25 +123,41 @@ def _largest_multiple(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequ
 
 
 class _MotionWithContacts:
-    def __init__(self, qp: WholeBodyQP, bearing: Sequence[AnchoredContact], margin: float) -> None:
-        self.qp, self.bearing, self._margin = qp, bearing, margin
+    """Slow motion of the centre of mass from the configuration q of the dynamics, without slip of the contacts."""
+
+    def __init__(
+        self, qp: WholeBodyQP, bearing: Sequence[AnchoredContact], q: Array, hanging: Sequence[int], margin: float
+    ) -> None:
+        self._qp, self._bearing, self._start, self._hanging, self._margin = qp, bearing, q, hanging, margin
         dynamics = qp.dynamics
         self._base = qp.model.frame_id(qp.model.base_link, "base")
-        self.com = dynamics.com.copy()
+        self._com = dynamics.com.copy()
         self._upright = dynamics.placement(self._base).rotation.copy()
         self._held = [(contact, contact.anchor(dynamics)) for contact in bearing]
 
-    def reach(self, goal: Array, start: Array, weights: Array) -> tuple[Array, str]:
+    def largest(self, direction: Array, limit: Reserve, weights: Array, step: float, halvings: int = 0) -> Reserve:
+        """Search up to a limit in steps, m, and halve the last one; `weights` as in `_reach`."""
+        done, far, at, cause = 0.0, np.inf, np.array(self._start), limit.cause
+        while done < limit.most and halvings >= 0:
+            tried = min(limit.most, done + step, 0.5 * (done + far))
+            there, reason = self._reach(self._com + tried * direction, at, weights)
+            if not reason and not _largest_multiple(self._qp, self._bearing, self._hanging, np.zeros(6)).most > 0.0:
+                reason = "torques or contacts"
+            if reason:
+                far, cause = tried, reason
+            else:
+                done, at = tried, there
+            halvings -= far < np.inf
+        self._qp.dynamics.update(self._start, np.zeros(self._qp.model.nv))
+        return Reserve(done, cause)
+
+    def _reach(self, goal: Array, start: Array, weights: Array) -> tuple[Array, str]:
         """Move the centre of mass to a goal, (3,) in m, by Newton's method.
 
-        Args:
-            weights: of centre of mass and base orientation, (6,); 1 if required.
-
-        Returns:
-            The configuration, also of the dynamics, and the limiting cause, or "" if the goal is reached.
+        Returns the configuration, also of the dynamics, and the limiting cause, or "" if the goal is reached. `weights`
+        of centre of mass and base orientation, (6,), are 1 if required.
         """
-        qp, at = self.qp, start
-        model, dynamics = qp.model, qp.dynamics
+        model, dynamics, at = self._qp.model, self._qp.dynamics, start
         C, least = model.actuation.C, _LEAST_MOTION * np.eye(model.nv)
         for last in [False] * _ITERATIONS + [True]:
             dynamics.update(at, np.zeros(model.nv))
@@ -167,24 +178,14 @@ class _MotionWithContacts:
         return at, f"position of {beyond}" if beyond else ""
 
 
-def _largest_motion(
-    motion: _MotionWithContacts, hanging: Sequence[int], q: Array, direction: Array, limit: Reserve, weights: Array,
-    step: float, halvings: int = 0,
-) -> Reserve:  # fmt: skip
-    """Search up to a limit in steps, m, and halve the last one."""
-    done, far, at, cause = 0.0, np.inf, np.array(q), limit.cause
-    while done < limit.most and halvings >= 0:
-        tried = min(limit.most, done + step, 0.5 * (done + far))
-        there, reason = motion.reach(motion.com + tried * direction, at, weights)
-        if not reason and not _can_stand(motion.qp, motion.bearing, hanging):
-            reason = "torques or contacts"
-        if reason:
-            far, cause = tried, reason
-        else:
-            done, at = tried, there
-        halvings -= far < np.inf
-    motion.qp.dynamics.update(q, np.zeros(motion.qp.model.nv))
-    return Reserve(done, cause)
+def _motion_with_contacts(
+    qp: WholeBodyQP, active: Sequence[str], q: Array, hanging: Sequence[int], margin: float
+) -> _MotionWithContacts | None:
+    bearing = bearing_contacts(qp, active)
+    anchored = [contact for contact in bearing if isinstance(contact, AnchoredContact)]
+    if len(anchored) < len(bearing):  # a loop has no displacement
+        return None
+    return _MotionWithContacts(qp, anchored, q, hanging, margin)
 
 
 def com_distance(
@@ -200,13 +201,7 @@ def com_distance(
 
     Base level, contacts fixed. None for robots with closed loops. Other arguments as in `reserves`.
     """
-    bearing = bearing_contacts(qp, active)
-    anchored = [contact for contact in bearing if isinstance(contact, AnchoredContact)]
-    if len(anchored) < len(bearing):
+    motion = _motion_with_contacts(qp, active, q, hanging, margin)
+    if motion is None:
         return None
-    motion = _MotionWithContacts(qp, anchored, margin)
-    return _largest_motion(motion, hanging, q, direction, Reserve(most, "limit of the search"), np.ones(6), _STEP)
-
-
-def _can_stand(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequence[int]) -> bool:
-    return _largest_multiple(qp, bearing, hanging, np.zeros(6)).most > 0.0
+    return motion.largest(direction, Reserve(most, "limit of the search"), np.ones(6), _STEP)
