@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from wbc_controller.extras import optional_libraries
 
 if TYPE_CHECKING:
-    from wbc_controller.controller.check.finding import Finding
+    from wbc_controller.controller.check import Finding
     from wbc_controller.controller.check.preflight import check
     from wbc_controller.controller.controller import Controller
     from wbc_controller.controller.result import CycleResult, plot
@@ -36,7 +36,7 @@ __version__ = "0.1.0"  # version of the package, its wheel and its recordings; p
 
 #: Public names by module, imported on first use: MuJoCo is optional.
 _NAMES = {
-    "controller.check.finding": "Finding",
+    "controller.check": "Finding",
     "controller.check.preflight": "check",
     "controller.controller": "Controller",
     "controller.result": "CycleResult plot",

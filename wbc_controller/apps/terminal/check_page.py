@@ -9,8 +9,8 @@ import numpy as np
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.references import make_board
 from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.check import Finding
 from wbc_controller.controller.check.contact_shapes import undersides
-from wbc_controller.controller.check.finding import Finding
 from wbc_controller.controller.check.preflight import stance
 from wbc_controller.controller.visualization.page_report import Drawing, PageReport, ResultTable, write_page
 from wbc_controller.errors import NoSolution

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from wbc_controller.apps.terminal import command_options as common
-from wbc_controller.controller.check.finding import Finding
+from wbc_controller.controller.check import Finding
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.settings.files import find_configuration
 

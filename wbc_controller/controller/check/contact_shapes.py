@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from wbc_controller.controller.build.collision_elements import read_shapes
 from wbc_controller.controller.build.footprint import LAYER, Footprint, footprint
-from wbc_controller.controller.check.finding import Finding
+from wbc_controller.controller.check import Finding
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts import PointContact, SurfaceContact, UnilateralContact
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
@@ -48,10 +48,7 @@ def upside_down_message(name: str) -> str:
 
 
 def compare_with_shapes(settings: Settings, qp: WholeBodyQP, normal: Array) -> list[Finding]:
-    """Compare soles, and enabled balls and wheels, with collision shapes in the nominal posture.
-
-    Large differences raise `ConfigurationError`.
-    """
+    """Compare soles, enabled balls and wheels with shapes in robot.posture; `ConfigurationError` if they differ."""
     contacts = {
         name: contact
         for name, spec in settings.contacts.items()
@@ -80,10 +77,7 @@ def compare_with_shapes(settings: Settings, qp: WholeBodyQP, normal: Array) -> l
 
 
 def undersides(settings: Settings, qp: WholeBodyQP) -> dict[str, Array]:
-    """Return the corners of the URDF's shapes on the plane of each contact, (n, 3) in m, in the world.
-
-    Contacts without readable shapes are omitted.
-    """
+    """Return the corners of the URDF's shapes, if readable, on the plane of each contact, (n, 3) in m, in the world."""
     found: dict[str, Array] = {}
     try:
         elements = read_shapes(settings, qp.model)

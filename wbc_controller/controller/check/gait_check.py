@@ -9,7 +9,7 @@ from wbc_controller.controller.build.footprint import outline
 from wbc_controller.controller.build.gait_limits import WAYS, BipedLeg, BipedLimits, QuadrupedLimits
 from wbc_controller.controller.build.quadruped_walking import is_quadruped, make_quadruped_gait
 from wbc_controller.controller.build.walking import find_feet, make_gait
-from wbc_controller.controller.check.finding import Finding
+from wbc_controller.controller.check import Finding
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.settings import Settings

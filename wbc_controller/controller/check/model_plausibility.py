@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.controller.build.robot_description import are_possible_moments, inertia_tensor
-from wbc_controller.controller.check.finding import Finding
+from wbc_controller.controller.check import Finding
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.urdf import UNLIMITED
@@ -48,10 +48,7 @@ def _links(urdf: str) -> Iterator[_Link]:
 
 
 def require_inertia(model: RobotModel) -> None:
-    """Refuse bodies without mass or inertia except `massless_links`, and implausible distances between joints.
-
-    Raises: ConfigurationError: with the bodies or joints.
-    """
+    """Raise `ConfigurationError` for bodies without mass or inertia, except `massless_links`, and distant joints."""
     links = {link.name: link for link in _links(model.urdf)}
     bodies: dict[int, list[_Link]] = {joint: [] for joint in range(1, model.pinocchio.njoints)}
     for frame in model.pinocchio.frames:
@@ -129,21 +126,18 @@ def limits(settings: Settings, model: RobotModel, placements: Array) -> list[Fin
         if not (limit <= _FASTEST)
     ]
     endless = [name for name, upper in zip(model.joints, model.position_upper, strict=True) if upper >= UNLIMITED]
-    findings = []
-    if strong:
-        text = f"effort limits of {_first_names(strong)}: weight times size of the robot is {reach:.3g} N·m; {_REMEDY}"
-        findings.append(Finding("implausible", text))
-    if fast:
-        findings.append(Finding("implausible", f"velocity limits of {_first_names(fast)}: {_REMEDY}"))
-    if endless:
-        findings.append(Finding("no position limits", _first_names(endless)))
-    own = []
-    for name, given in settings.robot.joint_limits.items():
-        values = [f"{key} {value:g}" for key, value in given.model_dump().items() if value is not None]
-        own.append(f"{name} {', '.join(values)}")
-    if own:
-        findings.append(Finding("joint limits", f"of the configuration: {'; '.join(own)}"))
-    return findings
+    own = [
+        f"{name} " + ", ".join(f"{key} {value:g}" for key, value in given.model_dump(exclude_none=True).items())
+        for name, given in settings.robot.joint_limits.items()
+    ]
+    scale = f"weight times size of the robot is {reach:.3g} N·m"
+    rows = [
+        (strong, "implausible", f"effort limits of {_first_names(strong)}: {scale}; {_REMEDY}"),
+        (fast, "implausible", f"velocity limits of {_first_names(fast)}: {_REMEDY}"),
+        (endless, "no position limits", _first_names(endless)),
+        (own, "joint limits", f"of the configuration: {'; '.join(own)}"),
+    ]
+    return [Finding(subject, text) for names, subject, text in rows if names]
 
 
 def motors_without_effort(settings: Settings, urdf: str) -> list[Finding]:

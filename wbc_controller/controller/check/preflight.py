@@ -15,8 +15,7 @@ from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.references import make_board
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.build.robot_description import read_urdf
-from wbc_controller.controller.check import contact_shapes, model_plausibility
-from wbc_controller.controller.check.finding import Finding
+from wbc_controller.controller.check import Finding, contact_shapes, model_plausibility
 from wbc_controller.controller.check.gait_check import check_walking
 from wbc_controller.controller.check.reserves import bearing_contacts, reserves, static_sways
 from wbc_controller.errors import ConfigurationError
@@ -77,10 +76,7 @@ def floor_contacts(qp: WholeBodyQP, active: Iterable[str], normal: Array) -> dic
 
 
 def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str | None = None) -> list[Finding]:
-    """Build all objects, compare them with URDF and meshes, and check that the robot can stand.
-
-    Raises: ConfigurationError: if one of these fails.
-    """
+    """Build all objects, compare them with URDF and meshes, and check standing; `ConfigurationError` on failure."""
     config = load(config, urdf=urdf)
     settings = config.settings
     try:
