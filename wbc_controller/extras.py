@@ -22,11 +22,7 @@ EXTRAS = {
 
 
 def require_libraries(*names: str) -> None:
-    """Check that libraries are installed, without importing them.
-
-    Raises:
-        ConfigurationError: if some are missing, with the command that installs them.
-    """
+    """Require libraries, without importing them; `ConfigurationError` names the command that installs missing ones."""
     missing = [name for name in names if importlib.util.find_spec(name) is None]
     if missing:
         raise ConfigurationError(_installation(missing))
@@ -34,11 +30,7 @@ def require_libraries(*names: str) -> None:
 
 @contextmanager
 def optional_libraries() -> Iterator[None]:
-    """Replace the error of a missing optional library.
-
-    Raises:
-        ConfigurationError: with the command that installs it.
-    """
+    """Replace the error of a missing optional library by `ConfigurationError` with the command that installs it."""
     try:
         yield
     except ModuleNotFoundError as error:

@@ -131,9 +131,8 @@ def compare(memory: StateMemory, q: StridedVector, v: StridedVector, dt: float) 
     The mismatch x is the difference of Δq and Δt (v₁ + v₂) / 2. The stuck motion u is the sum of Δt (v₁ + v₂) / 2 at a
     constant position. Both decay with T; a jump resets u.
 
-    Returns:
-        Bits: ``OUT_OF_RANGE`` (nothing else is compared); ``JUMPED`` and ``STUCK`` (x and u beyond their limits);
-        ``JOINTS_REPEAT`` and ``BASE_REPEATS`` (bit for bit, with non-zero velocities).
+    Returns bits: ``OUT_OF_RANGE`` (nothing else is compared); ``JUMPED`` and ``STUCK`` (x and u beyond their limits);
+    ``JOINTS_REPEAT`` and ``BASE_REPEATS`` (bit for bit, with non-zero velocities).
     """
     if not (len(q) == len(memory.before) and len(v) == len(memory.v_before)):
         raise ValueError("compare: the sizes of state and memory do not match")
@@ -183,10 +182,8 @@ def compare_sample(memory: SampleMemory, position: StridedVector, velocity: Stri
 
     The position changes by Δt (v₁ + v₂) / 2 within the tolerance, or by at most Δt times the largest velocity if v is
     not measured. A velocity changes by an impact, plus Δt `VELOCITY_RATE` times the largest one. Samples more than
-    `SAMPLE_GAP` apart are not compared.
-
-    Returns:
-        -1 for a plausible sample; otherwise 1000 times the finding plus the index of the value.
+    `SAMPLE_GAP` apart are not compared. Returns -1 for a plausible sample; otherwise 1000 times the finding plus the
+    index of the value.
     """
     n = len(memory.fastest)
     sizes = len(velocity) == n or (len(velocity) == 0 and not memory.measured)

@@ -68,8 +68,7 @@ def _resolve_path(value: Any, keys: Sequence[str], folder: Path) -> Any:
 def read_yaml(text: str, source: str, loader: Any = yaml.SafeLoader) -> Any:
     """Read a YAML document as plain values, without constructing too large ones; `source` names it in messages.
 
-    Raises:
-        ConfigurationError: if the text is not valid YAML, too large, or has a duplicate key or recursive alias.
+    `ConfigurationError` if the text is not valid YAML, too large, or has a duplicate key or recursive alias.
     """
     try:
         reader = loader(text)
@@ -99,11 +98,7 @@ def yaml_line(value: Any) -> str:
 
 
 def parse_settings(parameters: Mapping[str, Any], source: str) -> Settings:
-    """Validate a nested dictionary of ``ros__parameters``; `source` names it in messages.
-
-    Raises:
-        ConfigurationError: with one line per mistake: source, key, value, valid choices.
-    """
+    """Validate ``ros__parameters``; `ConfigurationError` has a line per mistake: source, key, value, valid choices."""
     try:
         return Settings.model_validate(parameters)
     except ValidationError as error:

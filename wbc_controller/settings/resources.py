@@ -15,9 +15,7 @@ def locate(uri: str, key: str = "robot.urdf") -> Path:
     """Find a file by path, or by ``package://<package>/<path in its share folder>``.
 
     The package is a ROS 2 package on ``AMENT_PREFIX_PATH``, or a Python distribution such as ``example-robot-data``.
-
-    Raises:
-        ConfigurationError: if the file does not exist; the message begins with the configuration key.
+    `ConfigurationError` begins with the configuration key.
     """
     package, _, rest = uri.removeprefix(PACKAGE_SCHEME).partition("/")
     try:

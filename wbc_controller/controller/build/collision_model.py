@@ -52,11 +52,8 @@ def build_collision_model(
 ) -> CollisionModel:
     """Build the collision model of a robot; docs/limits.md describes the shapes and the default pairs.
 
-    Args:
-        margin: smallest distance, m.
-        pairs: pairs ``<link>/<link>``; empty for the default.
-        visual: links with visual as collision elements.
-        folder: of relative mesh paths.
+    `margin` is the smallest distance, m; `pairs` are ``<link>/<link>``, empty for the default; `visual` names links
+    with visual as collision elements; `folder` is that of relative mesh paths.
     """
     elements = read_collision_elements(model, with_visuals(model.urdf, visual), "limits.self_collision", folder)
     frames = model.pinocchio.frames

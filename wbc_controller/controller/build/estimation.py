@@ -14,13 +14,7 @@ from wbc_controller.estimation.joint_velocity import VelocityFilter
 from wbc_controller.estimation.leg_kinematics import LegKinematics
 from wbc_controller.estimation.model_error import ModelErrorCompensation
 from wbc_controller.estimation.sensor_agreement import OdometryAgreement
-from wbc_controller.inverse_dynamics.contacts import (
-    Contact,
-    FixedContact,
-    PointContact,
-    SurfaceContact,
-    UnilateralContact,
-)
+from wbc_controller.inverse_dynamics import contacts as kinds
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
@@ -62,7 +56,9 @@ def disturbance_limits(settings: Settings) -> DisturbanceLimits:
     return DisturbanceLimits(known.disturbance_time, known.disturbance_share, enabled)
 
 
-def make_model_error(settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]) -> ModelErrorCompensation:
+def make_model_error(
+    settings: Settings, model: RobotModel, contacts: Mapping[str, kinds.Contact]
+) -> ModelErrorCompensation:
     """Build the compensation of friction and disturbance."""
     friction = settings.robot.friction
     require_known(friction, model.joints, "robot.friction: unknown joint")
@@ -72,7 +68,7 @@ def make_model_error(settings: Settings, model: RobotModel, contacts: Mapping[st
     observer = DisturbanceObserver(model, disturbance_limits(settings))
     contact_forces = None
     if estimates_base(settings, model):
-        normals = {name: each.normal for name, each in contacts.items() if isinstance(each, UnilateralContact)}
+        normals = {name: each.normal for name, each in contacts.items() if isinstance(each, kinds.UnilateralContact)}
         contact_forces = ContactForces(normals, *force_thresholds(settings, model))
     return ModelErrorCompensation(observer, known, contact_forces, 1.0 / settings.control.rate)
 
@@ -89,7 +85,7 @@ def estimates_base(settings: Settings, model: RobotModel) -> bool:
 
 
 def make_leg_kinematics(
-    settings: Settings, model: RobotModel, contacts: Mapping[str, Contact], frame: str
+    settings: Settings, model: RobotModel, contacts: Mapping[str, kinds.Contact], frame: str
 ) -> LegKinematics:
     """Build the kinematics from a sensor frame to the contacts."""
     known, frames = settings.estimation, {name: contact.frame for name, contact in settings.contacts.items()}
@@ -99,7 +95,7 @@ def make_leg_kinematics(
 
 
 def make_odometry_agreement(
-    settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]
+    settings: Settings, model: RobotModel, contacts: Mapping[str, kinds.Contact]
 ) -> OdometryAgreement | None:
     """Build the comparison of odometry and leg kinematics; None without odometry or contacts."""
     if not model.floating_base or estimates_base(settings, model):
@@ -108,7 +104,7 @@ def make_odometry_agreement(
     return OdometryAgreement(legs) if legs.points else None
 
 
-def make_estimator(settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]) -> BaseEstimator:
+def make_estimator(settings: Settings, model: RobotModel, contacts: Mapping[str, kinds.Contact]) -> BaseEstimator:
     """Build the estimator of a floating base."""
     known = settings.estimation
     if not model.floating_base:
@@ -123,7 +119,9 @@ def make_estimator(settings: Settings, model: RobotModel, contacts: Mapping[str,
     return BaseEstimator(legs, known, np.array(model.pinocchio.gravity.linear), poses)
 
 
-def make_contact_detector(settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]) -> ContactDetector:
+def make_contact_detector(
+    settings: Settings, model: RobotModel, contacts: Mapping[str, kinds.Contact]
+) -> ContactDetector:
     """Build the detector of contacts by force sensors and switches."""
     on, off = force_thresholds(settings, model)
     return ContactDetector(contact_normals(model, contacts), on, off, settings.estimation.contact_timeout)
@@ -135,7 +133,7 @@ def force_thresholds(settings: Settings, model: RobotModel) -> tuple[float, floa
     return known.contact_force_on * weight, known.contact_force_off * weight
 
 
-def contact_normals(model: RobotModel, contacts: Mapping[str, Contact]) -> dict[str, dict[str, Array]]:
+def contact_normals(model: RobotModel, contacts: Mapping[str, kinds.Contact]) -> dict[str, dict[str, Array]]:
     """Return the normal of each contact, (3,), in each frame in which its force may be measured.
 
     Frames: the contact's own (its name, or unnamed); for surface and fixed contacts all frames of the link; for points
@@ -145,12 +143,12 @@ def contact_normals(model: RobotModel, contacts: Mapping[str, Contact]) -> dict[
     normals: dict[str, dict[str, Array]] = {}
     for name, contact in contacts.items():
         own = {"": np.array([0.0, 0.0, 1.0]), name: np.array([0.0, 0.0, 1.0])}
-        if isinstance(contact, SurfaceContact | FixedContact):
+        if isinstance(contact, kinds.SurfaceContact | kinds.FixedContact):
             normal = contact.placement(dynamics).rotation[:, 2]
             link = frames[model.frame_id(contact.wrench_frame, f"contacts.{name}.frame")].parentJoint
             fixed = {f.name: i for i, f in enumerate(frames) if f.parentJoint == link}
             own = {frame: dynamics.placement(i).rotation.T @ normal for frame, i in fixed.items()} | own
-        elif isinstance(contact, PointContact) and not contact.internal:
+        elif isinstance(contact, kinds.PointContact) and not contact.internal:
             own["world"] = contact.axes(dynamics)[:, 2]
         normals[name] = own
     return normals

@@ -50,9 +50,7 @@ class Footprint:
 def footprint(elements: Sequence[pin.GeometryObject], plane: pin.SE3, layer: float = LAYER) -> Footprint | None:
     """Return the footprint on a plane of elements moved by one joint; None without elements.
 
-    Args:
-        plane: placement in the joint's frame; z is the normal towards the body.
-        layer: thickness above the lowest point, m.
+    `plane` is in the joint's frame, its z axis points to the body; `layer` is the thickness above the lowest point, m.
     """
     if not elements:
         return None

@@ -43,13 +43,10 @@ class Leg:
     def __init__(
         self, model: RobotModel, frame: int, others: Sequence[int], margin: float, sole: pin.SE3 | None = None
     ) -> None:
-        """Prepare the leg that moves a frame.
+        """Prepare the leg that moves the frame of a foot; `others` are those of the other feet.
 
-        Args:
-            frame: index of the frame of the foot.
-            others: frames of the other feet.
-            margin: distance from the position limits, rad.
-            sole: placement of the flat sole in the frame; None for a point foot, which may have any orientation.
+        `margin` is the distance from the position limits, rad. `sole` is the placement of the flat sole in the frame;
+        None for a point foot, which may have any orientation.
         """
         own = _chain(model, frame).difference(*(_chain(model, other) for other in others))
         #: Indices in `model.joints` of the joints that move this foot alone.
@@ -133,18 +130,11 @@ class Leg:
 def swing_of(
     velocity: Velocity, cycle: float, duration: float, clearance: float, lowering: float = 0.0, beside: float = 0.0
 ) -> Iterator[tuple[Array, Array]]:
-    """Yield offsets of a swing foot, (4,), and their rates, (4,).
+    """Yield offsets of a swing foot, (4,), and their rates, (4,), in a swing of `duration`, s.
 
-    The base moves at the velocity v, and in the middle of the swing the foot passes its nominal place. In each cycle,
-    the foot moves by v T_c, from -v T_c / 2 to v T_c / 2.
-
-    Args:
-        velocity: v.
-        cycle: T_c, time between two touchdowns of the foot, s.
-        duration: of the swing, s.
-        clearance: height of the foot above the ground, m.
-        lowering: of the base, m.
-        beside: distance to the left of the nominal place, m.
+    The base moves at the velocity v, lowered by `lowering`, m. In the middle of the swing the foot is at `clearance`
+    above the ground and `beside` to the left of its nominal place, m. In each `cycle` T_c between two touchdowns, s, it
+    moves by v T_c, from -v T_c / 2 to v T_c / 2.
     """
     way, turn = 0.5 * cycle * velocity.linear, 0.5 * cycle * velocity.turning
     foot = at_rest(1j * beside - way, lowering, -turn)

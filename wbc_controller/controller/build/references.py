@@ -32,10 +32,7 @@ def make_board(settings: Settings, qp: WholeBodyQP) -> ReferenceBoard:
 
 
 def make_board_plan(settings: Settings, qp: WholeBodyQP) -> BoardPlan:
-    """Return initial values and ramp times.
-
-    Values are from the (live) settings; for user objects from their attributes.
-    """
+    """Return initial values and ramp times from the (live) settings; those of user objects from their attributes."""
     limits, model = settings.limits, qp.model
     own_tasks = [task for name, task in qp.tasks.items() if name not in settings.tasks]
     configured = [make_task(name, task, model, qp.contacts) for name, task in settings.tasks.items()]

@@ -41,8 +41,7 @@ class Part:
 def read_visuals(model: RobotModel) -> tuple[list[pin.GeometryObject], tuple[int, ...]]:
     """Return the visuals of a robot, placed in the joint's frame, and joints of links with missing meshes (logged).
 
-    Raises:
-        ConfigurationError: if the visual geometry is invalid.
+    `ConfigurationError` if the visual geometry is invalid.
     """
     folders = []
     for package in mesh_packages(model.urdf):
@@ -86,11 +85,7 @@ def hull_of(visual: pin.GeometryObject) -> Part:
 
 
 def convex_hull(points: Array, triangles: int = TRIANGLES) -> tuple[Array, npt.NDArray[np.intp]]:
-    """Approximate the convex hull of points, (n, 3) in m.
-
-    Returns:
-        Corners, (c, 3), and corner indices of each triangle, counter-clockwise seen from outside.
-    """
+    """Approximate the convex hull of points, (n, 3) in m, by corners, (c, 3), and triangles as in `Part`."""
     try:
         candidates = points[ConvexHull(points).vertices]
     except QhullError:

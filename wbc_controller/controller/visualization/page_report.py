@@ -62,11 +62,7 @@ class PageReport:
 
 
 def write_page(report: PageReport, path: Path) -> None:
-    """Write a report as one HTML file.
-
-    Raises:
-        ConfigurationError: if the file cannot be written, or plotly is missing for plots.
-    """
+    """Write a report as one HTML file; `ConfigurationError` if that fails, or plotly is missing for plots."""
     page = render(report)
     try:
         path.write_text(page, encoding="utf-8")

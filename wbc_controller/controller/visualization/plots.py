@@ -62,12 +62,7 @@ def line_panels(
     shaded: Sequence[tuple[float, float]] = (),
     title: str = "",
 ) -> Any:
-    """Return a figure of panels below each other, with thinned lines.
-
-    Args:
-        marks: times by name, s.
-        shaded: shaded intervals, s.
-    """
+    """Return a figure of panels with thinned lines, below each other; `marks` (times by name) and `shaded` are in s."""
     _, make_subplots = _plotly()
     rows = len(panels) + bool(marks)
     headings = [panel.heading for panel in panels]
