@@ -11,31 +11,19 @@ from wbc_controller.errors import WbcError
 from wbc_controller.extras import optional_libraries
 from wbc_controller.pinocchio_libraries import two_installations
 
-#: Module of each command.
-COMMANDS = {
-    "accuracy": "validation.accuracy.accuracy_commands",
-    "bench": "validation.latency.latency_commands",
-    "check": "apps.terminal.configuration_commands",
-    "demo": "apps.page.page_commands",
-    "drive": "apps.terminal.terminal_commands",
-    "echo": "apps.terminal.terminal_commands",
-    "estimate": "apps.terminal.node_commands",
-    "faults": "validation.campaign.faults_command",
-    "fuzz": "validation.fuzz.fuzz_commands",
-    "guard": "apps.terminal.node_commands",
-    "identify": "apps.terminal.configuration_commands",
-    "mock": "apps.terminal.node_commands",
-    "new": "apps.terminal.configuration_commands",
-    "play": "apps.page.page_commands",
-    "replay": "recording.replay.replay_commands",
-    "report": "recording.replay.replay_commands",
-    "run": "apps.terminal.node_commands",
-    "security-policy": "apps.terminal.configuration_commands",
-    "send": "apps.terminal.terminal_commands",
-    "status": "apps.terminal.terminal_commands",
-    "topics": "apps.terminal.terminal_commands",
-    "view": "apps.page.page_commands",
+#: Commands by module.
+_MODULES = {
+    "apps.page.page_commands": "demo play view",
+    "apps.terminal.configuration_commands": "check identify new security-policy",
+    "apps.terminal.node_commands": "estimate guard mock run",
+    "apps.terminal.terminal_commands": "drive echo send status topics",
+    "recording.replay.replay_commands": "replay report",
+    "validation.accuracy.accuracy_commands": "accuracy",
+    "validation.campaign.faults_command": "faults",
+    "validation.fuzz.fuzz_commands": "fuzz",
+    "validation.latency.latency_commands": "bench",
 }
+COMMANDS = dict(sorted((name, module) for module, names in _MODULES.items() for name in names.split()))
 
 
 class _Commands(click.Group):
