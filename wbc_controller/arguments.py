@@ -3,7 +3,6 @@
 import math
 import numbers
 import reprlib
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -61,11 +60,6 @@ def number(value: Any, subject: str, lower: float = -math.inf, upper: float = ma
 def str_of(value: Any) -> str:
     """Return a string unchanged, and a short `repr` of any other value."""
     return value if isinstance(value, str) else reprlib.repr(value)
-
-
-def is_mapping_of_names(value: Any) -> bool:
-    """Return True for a mapping with strings as keys."""
-    return isinstance(value, Mapping) and all(isinstance(key, str) for key in value)
 
 
 def shortened(array: Array) -> str:

@@ -5,7 +5,7 @@ import logging
 import os
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 _log = logging.getLogger(__name__)
@@ -37,7 +37,9 @@ def two_installations() -> str:
     loaded = _prefixes(_loaded())
     if len(loaded) > 1:
         return f"libraries of two Pinocchio installations are loaded: from {' and '.join(loaded)}. {_REMEDY}"
-    found = _prefixes([*_importable(), *_libraries_on_path()])
+    folders = filter(None, os.environ.get("LD_LIBRARY_PATH", "").split(os.pathsep))
+    libraries = [path for folder in folders for path in sorted(Path(folder).glob("libpinocchio*.so"))]
+    found = _prefixes([*_importable(), *libraries])
     if len(found) > 1:
         return f"there are two Pinocchio installations: in {' and '.join(found)}; the first is used. {_REMEDY}"
     return ""
@@ -55,11 +57,6 @@ def _importable() -> Iterator[Path]:
     return filter(Path.exists, (Path(folder, "pinocchio", "__init__.py") for folder in sys.path))
 
 
-def _libraries_on_path() -> Iterator[Path]:
-    for folder in filter(None, os.environ.get("LD_LIBRARY_PATH", "").split(os.pathsep)):
-        yield from sorted(Path(folder).glob("libpinocchio*.so"))
-
-
-def _prefixes(paths: Iterator[Path] | list[Path]) -> list[str]:
+def _prefixes(paths: Iterable[Path]) -> list[str]:
     """Return the installation prefix of each library or module, ``<prefix>/lib/…``, without duplicates."""
     return list(dict.fromkeys(str(path.resolve()).rpartition("/lib/")[0] for path in paths))

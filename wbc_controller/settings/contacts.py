@@ -70,9 +70,9 @@ class SurfaceContact(_PushingContact):
 
     @model_validator(mode="after")
     def _one_shape(self) -> "SurfaceContact":
-        given = {name: getattr(self, name) for name in ("half_length", "half_width", "vertices")}
         wanted = {"half_length", "half_width"} if self.vertices is None else {"vertices"}
-        for name, value in given.items():
+        for name in ("half_length", "half_width", "vertices"):
+            value = getattr(self, name)
             if (value is not None) != (name in wanted):
                 raise ValueError(
                     f"{name} = {reprlib.repr(value)}: a surface requires either half_length and half_width, or vertices"

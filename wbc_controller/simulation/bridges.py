@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from wbc_controller.arguments import finite, is_mapping_of_names, number, sized
+from wbc_controller.arguments import finite, number, sized
 from wbc_controller.errors import ConfigurationError, InputRefused, require_known, valid_choices
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
@@ -110,7 +110,7 @@ class MujocoInterface:
 
 
 def _by_name(model: RobotModel, values: Mapping[str, float], what: str) -> Array:
-    if not is_mapping_of_names(values):
+    if not isinstance(values, Mapping) or not all(isinstance(name, str) for name in values):
         raise InputRefused(f"{what} is {reprlib.repr(values)}; it must be a dictionary of numbers by joint")
     missing = [name for name in model.joints if name not in values]
     if missing:
