@@ -1,6 +1,5 @@
 """Actuators and inertias, without Pinocchio."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +8,7 @@ from wbc_controller.errors import ConfigurationError, require_known
 from wbc_controller.inverse_dynamics.robot.transmission import Drive, make_drive
 from wbc_controller.inverse_dynamics.robot.urdf import LARGEST_URDF, read_robot
 from wbc_controller.inverse_dynamics.robot.urdf import inertia_tensor as inertia_tensor
+from wbc_controller.inverse_dynamics.robot.urdf_structure import vector_of
 from wbc_controller.records import Array, frozen
 from wbc_controller.settings.resources import locate, read_text
 from wbc_controller.settings.robot import RobotSettings
@@ -37,14 +37,7 @@ def describe(urdf: str, robot: RobotSettings) -> Description:
     tree, _ = read_robot(urdf, robot.joint_limits)
     limits = {str(joint.get("name")): joint.find("limit") for joint in tree.findall("joint")}
     require_known(robot.joints, limits, "robot.joints:", " is not a joint of the URDF")
-    efforts = []
-    for name in robot.joints:
-        limit = limits[name]
-        try:
-            efforts.append(float("" if limit is None else limit.get("effort", "")))
-        except ValueError:
-            efforts.append(math.nan)
-    drive = make_drive(robot, np.array(efforts))
+    drive = make_drive(robot, np.array([vector_of(limits[name], "effort", "nan")[0] for name in robot.joints]))
     return Description(tree.get("name", ""), drive, frozen(robot.effort_limit_scale * drive.effort_limits))
 
 
