@@ -1,7 +1,7 @@
 """Configuration of a robot for Python users."""
 
 import reprlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -45,11 +45,8 @@ class Config:
         _require_text(urdf)
         values = self.to_dict()
         tree = nested(changes)
-        robot = tree.get("robot")
-        posture = robot.get("posture") if isinstance(robot, Mapping) else None
-        if isinstance(posture, Mapping):
-            present = zip(self.settings.robot.joints, self.settings.robot.posture, strict=True)
-            tree["robot"]["posture"] = _ordered({**dict(present), **posture}, self.settings.robot.joints)
+        joints = self.settings.robot.joints
+        _order_posture(tree, joints, dict(zip(joints, self.settings.robot.posture, strict=True)))
         result = merged(values, tree)
         for section in _SECTIONS_BY_NAME:
             entries = result.get(section)
@@ -115,10 +112,7 @@ def load(source: str | Path | Mapping[str, Any] | Settings | Config, *, urdf: st
     if isinstance(source, Mapping):
         tree = nested(source)
         robot = tree.get("robot")
-        if isinstance(robot, dict) and isinstance(robot.get("posture"), Mapping):
-            joints = robot.get("joints")
-            order = joints if isinstance(joints, list) else list(robot["posture"])
-            robot["posture"] = _ordered(robot["posture"], order)
+        _order_posture(tree, robot.get("joints") if isinstance(robot, dict) else None, {})
         return Config(parse_settings(tree, "a dictionary"), urdf=urdf)
     if not isinstance(source, str | Path):
         raise ConfigurationError(
@@ -133,9 +127,15 @@ def _require_text(urdf: Any) -> None:
         raise ConfigurationError(f"urdf = {reprlib.repr(urdf)}: must be the text of a URDF")
 
 
-def _ordered(posture: Mapping[str, Any], joints: Sequence[str]) -> list[Any]:
-    require_known(posture, joints, "robot.posture:", " is not in robot.joints")
-    missing = [name for name in joints if name not in posture]
-    if missing:
-        raise ConfigurationError(f"robot.posture: missing joint {missing[0]!r}; required: {', '.join(joints)}")
-    return [posture[name] for name in joints]
+def _order_posture(tree: Mapping[str, Any], joints: Any, present: Mapping[str, float]) -> None:
+    """Replace a posture by joint, over the present values, by a list in the order of the joints."""
+    robot = tree.get("robot")
+    posture = robot.get("posture") if isinstance(robot, dict) else None
+    if isinstance(posture, Mapping):
+        order = joints if isinstance(joints, list) else list(posture)
+        values = {**present, **posture}
+        require_known(values, order, "robot.posture:", " is not in robot.joints")
+        missing = [name for name in order if name not in values]
+        if missing:
+            raise ConfigurationError(f"robot.posture: missing joint {missing[0]!r}; required: {', '.join(order)}")
+        robot["posture"] = [values[name] for name in order]
