@@ -3,7 +3,7 @@
 import reprlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, get_args, get_origin
+from typing import Annotated, Any, get_args, get_origin
 
 import yaml
 from pydantic import BaseModel, ValidationError
@@ -163,14 +163,8 @@ def read_parameters(text: str, source: str) -> Mapping[str, Any]:
     return parameters
 
 
-class _Place(NamedTuple):
-    keys: list[Any]  # of the file, without pydantic's tags
-    fields: Mapping[str, FieldInfo]  # of the section above the last key, or empty
-    field: FieldInfo | None  # of the last key
-    kind: Any  # annotation of the value, or None
-
-
-def _locate(location: Sequence[Any]) -> _Place:
+def _locate(location: Sequence[Any]) -> tuple[list[Any], Mapping[str, FieldInfo], FieldInfo | None, Any]:
+    """Return the keys of the file, the fields of the last key's section, and the key's field and annotation."""
     keys: list[Any] = []
     fields: Mapping[str, FieldInfo] = {}
     field: FieldInfo | None = None
@@ -184,11 +178,12 @@ def _locate(location: Sequence[Any]) -> _Place:
             continue
         keys.append(part)
         if not isinstance(part, int):  # a list has the description of its key
-            section = next((each for each in (kind, *get_args(kind)) if _is_section(each)), None)
+            candidates = (each for each in (kind, *get_args(kind)) if isinstance(each, type))
+            section = next((each for each in candidates if issubclass(each, BaseModel)), None)
             fields = section.model_fields if section is not None and get_origin(kind) is not dict else {}
             field = fields.get(str(part))
             kind = get_args(kind)[1] if get_origin(kind) is dict else field and field.annotation
-    return _Place(keys, fields, field, kind)
+    return keys, fields, field, kind
 
 
 def types_of(kind: Any) -> dict[str, type[BaseModel]]:
@@ -197,25 +192,21 @@ def types_of(kind: Any) -> dict[str, type[BaseModel]]:
     return {str(get_args(each.model_fields["type"].annotation)[0]): each for each in members}
 
 
-def _is_section(kind: Any) -> bool:
-    return isinstance(kind, type) and issubclass(kind, BaseModel)
-
-
 def _explain(problem: Any, source: str) -> str:
     location, value = problem["loc"], problem["input"]
     reason = problem["msg"].removeprefix("Value error, ")
     if location[-1:] == ("[key]",):
         return f"{source}: {'.'.join(map(str, location[:-2]))}: {reason}"
-    place = _locate(location)
-    key = ".".join(text if (text := str(part)).isprintable() else repr(text) for part in place.keys)
-    about = place.field.description if place.field is not None else None
+    keys, fields, field, annotation = _locate(location)
+    key = ".".join(text if (text := str(part)).isprintable() else repr(text) for part in keys)
+    about = field.description if field is not None else None
     about = f" ({about.rstrip('.')})" if about else ""
     if problem["type"] == "extra_forbidden":
-        return f"{source}: {key}: unknown key; {valid_choices(str(location[-1]), place.fields)}"
+        return f"{source}: {key}: unknown key; {valid_choices(str(location[-1]), fields)}"
     if problem["type"] == "missing":
         return f"{source}: {key}: missing key{about}"
     if problem["type"] in ("union_tag_invalid", "union_tag_not_found"):
-        kind, types = value.get("type") if isinstance(value, dict) else value, types_of(place.kind)
+        kind, types = value.get("type") if isinstance(value, dict) else value, types_of(annotation)
         if kind is None:
             return f"{source}: {key}.type: missing key; {valid_choices('', types)}"
         return f"{source}: {key}.type: unknown type {kind!r}; {valid_choices(str(kind), types)}"
