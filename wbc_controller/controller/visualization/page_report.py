@@ -1,11 +1,11 @@
 """Reports as self-contained HTML pages."""
 
-import html
 import importlib.resources
 import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -79,12 +79,12 @@ def render(report: PageReport) -> str:
         scripts += [_data("plot-data", {plot.key: _figure_data(plot) for plot in report.plots}), plotly_script()]
     scripts += [resource("replay.js"), resource("page.js")]
     pieces = {
-        "title": html.escape(f"{report.title}: {report.kind}"),
+        "title": escape(f"{report.title}: {report.kind}"),
         "style": resource("report.css"),
         "header": _header(report),
         "top": _top(report),
         "plots": "\n".join(_figure(plot) for plot in report.plots),
-        "footer": html.escape(report.footer),
+        "footer": escape(report.footer),
         "scripts": "\n".join(part if part.startswith("<script") else f"<script>{part}</script>" for part in scripts),
     }
     # One pass: placeholders within pieces are not replaced.
@@ -94,20 +94,18 @@ def render(report: PageReport) -> str:
 def _header(report: PageReport) -> str:
     state = {True: " pass", False: " fail", None: ""}[report.passed]
     mark = '<span class="mark"></span>' if report.passed is not None else ""
-    note = f"<p>{html.escape(report.note)}</p>" if report.note else ""
-    facts = "".join(
-        f"<div><dt>{html.escape(name)}</dt><dd>{html.escape(value)}</dd></div>" for name, value in report.facts.items()
-    )
+    note = f"<p>{escape(report.note)}</p>" if report.note else ""
+    facts = "".join(f"<div><dt>{escape(key)}</dt><dd>{escape(value)}</dd></div>" for key, value in report.facts.items())
     return (
-        f'<div><p class="eyebrow">{html.escape(report.kind)}</p><h1>{html.escape(report.title)}</h1>'
-        f'<p class="verdict{state}">{mark}{html.escape(report.verdict)}</p>{note}</div><dl class="facts">{facts}</dl>'
+        f'<div><p class="eyebrow">{escape(report.kind)}</p><h1>{escape(report.title)}</h1>'
+        f'<p class="verdict{state}">{mark}{escape(report.verdict)}</p>{note}</div><dl class="facts">{facts}</dl>'
     )
 
 
 def _top(report: PageReport) -> str:
     left = resource("motion.html") if report.motion is not None else ""
     if (drawing := report.drawing) is not None:
-        left += f'<div class="card plan"><h2>{html.escape(drawing.title)}</h2><p>{drawing.caption}</p>'
+        left += f'<div class="card plan"><h2>{escape(drawing.title)}</h2><p>{drawing.caption}</p>'
         left += f"{drawing.content}</div>"
     right = _table(report.table) if report.table is not None else ""
     columns = "two" if left and right else "one"
@@ -117,12 +115,12 @@ def _top(report: PageReport) -> str:
 def _table(table: ResultTable) -> str:
     states = {True: ("pass", table.words[0]), False: ("fail", table.words[1])}
     columns = [*table.columns, ""] if any(passed is not None for _, passed in table.rows) else [*table.columns]
-    head = "".join(f'<th scope="col">{html.escape(column)}</th>' for column in columns)
+    head = "".join(f'<th scope="col">{escape(column)}</th>' for column in columns)
     rows = []
     for (name, *cells), passed in table.rows:
-        row = f'<th scope="row">{html.escape(name)}</th>'
+        row = f'<th scope="row">{escape(name)}</th>'
         row += "".join(
-            f'<td data-label="{html.escape(column)}">{html.escape(cell)}</td>'
+            f'<td data-label="{escape(column)}">{escape(cell)}</td>'
             for column, cell in zip(table.columns[1:] or [""] * len(cells), cells, strict=True)
         )
         if passed is not None:
@@ -130,7 +128,7 @@ def _table(table: ResultTable) -> str:
             row += f'<td><span class="pill {state}">{word}</span></td>'
         rows.append(f"<tr>{row}</tr>")
     return (
-        f'<div class="card results"><h2>{html.escape(table.title)}</h2><table>'
+        f'<div class="card results"><h2>{escape(table.title)}</h2><table>'
         + (f"<thead><tr>{head}</tr></thead>" if table.columns else "")
         + f"<tbody>{''.join(rows)}</tbody></table></div>"
     )
@@ -140,7 +138,7 @@ def _figure(plot: Plot) -> str:
     width = "wide" if plot.over_time else "half"
     return (
         f'<figure class="card plot {width}" data-plot="{plot.key}" data-over-time="{str(plot.over_time).lower()}">'
-        f"<figcaption><h2>{html.escape(plot.title)}</h2><p>{html.escape(plot.caption)}</p></figcaption>"
+        f"<figcaption><h2>{escape(plot.title)}</h2><p>{escape(plot.caption)}</p></figcaption>"
         '<div class="legend"></div><div class="phases" aria-hidden="true"></div>'
         f'<div class="chart" style="height:{plot.figure.layout.height}px"></div></figure>'
     )

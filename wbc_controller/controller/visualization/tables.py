@@ -1,9 +1,9 @@
 """Tables for terminals and notebooks."""
 
-import html
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
+from html import escape
 
 from rich import box
 from rich.console import Console
@@ -37,12 +37,12 @@ def as_text(heading: str, tables: Sequence[Table]) -> str:
 
 def as_html(heading: str, tables: Sequence[Table]) -> str:
     """Format a heading and non-empty tables as HTML for a notebook."""
-    parts = [f"<p>{html.escape(heading)}</p>"]
+    parts = [f"<p>{escape(heading)}</p>"]
     for table in tables:
         if table.rows:
-            head = "".join(f"<th{_side(i)}>{html.escape(column)}</th>" for i, column in enumerate(table.columns))
+            head = "".join(f"<th{_side(i)}>{escape(column)}</th>" for i, column in enumerate(table.columns))
             body = "".join(
-                "<tr>" + "".join(f"<td{_side(i)}>{html.escape(cell)}</td>" for i, cell in enumerate(row)) + "</tr>"
+                "<tr>" + "".join(f"<td{_side(i)}>{escape(cell)}</td>" for i, cell in enumerate(row)) + "</tr>"
                 for row in table.rows
             )
             parts.append(f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>")
