@@ -1,7 +1,7 @@
 """Settings of the tasks."""
 
 import reprlib
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
@@ -9,8 +9,6 @@ from wbc_controller.settings.values import Finite, Gains, NonNegative, Section, 
 
 
 class _Task(Section):
-    axes: ClassVar[int] = 3  # number of axes before masking; 0 if it depends on the robot
-
     live = ("weight", "enabled", "setpoint_duration", "stiffness", "damping", "gain")
 
     weight: NonNegative = key(1.0, "Weight in the cost.", le=1.0e6)
@@ -21,11 +19,12 @@ class _Task(Section):
 
     @model_validator(mode="after")
     def _one_gain_for_each_axis(self) -> "_Task":
+        axes = 2 if isinstance(self, _AlignmentTask) else len(getattr(self, "mask", ()))  # 0: as many as joints
         for name in ("stiffness", "damping", "gain", "tolerance"):
             value = getattr(self, name, None)
-            if isinstance(value, list) and self.axes and len(value) != self.axes:
+            if isinstance(value, list) and axes and len(value) != axes:
                 raise ValueError(
-                    f"{name} = {reprlib.repr(value)}: {len(value)} values; expected one number, or {self.axes} values "
+                    f"{name} = {reprlib.repr(value)}: {len(value)} values; expected one number, or {axes} values "
                     "(one per axis)"
                 )
         return self
@@ -38,8 +37,6 @@ class _MotionTask(_Task):
 
 class PostureTask(_MotionTask):
     """Joint positions."""
-
-    axes: ClassVar[int] = 0  # as many as joints
 
     type: Literal["posture"]
     joints: list[str] = key([], "Joints of the task; empty for all driven ones.")
@@ -58,8 +55,6 @@ class _FrameTask(_MotionTask):
 
 class FramePoseTask(_FrameTask):
     """Position and orientation of a frame, world frame."""
-
-    axes: ClassVar[int] = 6
 
     type: Literal["frame_pose"]
     mask: list[bool] = axes_mask(6, "World axes of the task: position, then orientation.")
@@ -82,16 +77,12 @@ class FrameOrientationTask(_FrameTask):
 class RelativePoseTask(_FrameTask):
     """Position and orientation of a frame relative to a second frame of the robot, in the axes of the second frame."""
 
-    axes: ClassVar[int] = 6
-
     type: Literal["relative_pose"]
     reference_frame: str = Field(description="URDF frame that `frame` is relative to.")
     mask: list[bool] = axes_mask(6, "Axes of `reference_frame` in the task: position, then orientation.")
 
 
 class _AlignmentTask(_FrameTask):
-    axes: ClassVar[int] = 2
-
     axis: Vector3 = Field(description="Axis in `frame`; any length.")
 
 
@@ -127,8 +118,6 @@ class AngularMomentumTask(_MomentumTask):
 class CapturePointTask(_Task):
     """Capture point (divergent component of motion), m, x and y in the world; the error in the cost is in m/s."""
 
-    axes: ClassVar[int] = 2
-
     type: Literal["capture_point"]
     gain: Gains = key(4.0, "Decay rate of the error, 1/s; per axis.")
     support_height: Finite = key(0.0, "Height of the supporting surface in the world, m.")
@@ -138,8 +127,6 @@ class CapturePointTask(_Task):
 class ContactWrenchTask(_Task):
     """Wrench of an active contact in its axes, N and N·m."""
 
-    axes: ClassVar[int] = 6
-
     type: Literal["contact_wrench"]
     contact: str = Field(description="Name of the contact in `contacts`.")
     target: list[Finite] = key([0.0] * 6, "Initial setpoint: force, then moment.", min_length=6, max_length=6)
@@ -148,8 +135,6 @@ class ContactWrenchTask(_Task):
 
 class TorqueTask(_Task):
     """Joint torques, N·m; by default zero, for small torques."""
-
-    axes: ClassVar[int] = 0  # as many as joints
 
     type: Literal["torque"]
     joints: list[str] = key([], "Joints of the task; empty for all driven ones.")
