@@ -29,18 +29,13 @@ _SIDE_OFFSET = 0.03  # largest horizontal distance of a point contact from the f
 _UPSIDE_DOWN = -0.5  # cosine of the smallest angle of an upside-down contact, 120°
 
 
-def upside_down(qp: WholeBodyQP, active: Sequence[str], normal: Array) -> list[str]:
-    """Return the active surface contacts with normals against the floor's, (3,) in the world."""
-    surfaces = {name: contact for name in active if isinstance(contact := qp.contacts[name], SurfaceContact)}
-    return [
-        name
-        for name, contact in surfaces.items()
-        if not contact.internal and contact.placement(qp.dynamics).rotation[:, 2] @ normal < _UPSIDE_DOWN
-    ]
-
-
-def upside_down_message(name: str) -> str:
-    """Return the error message for an upside-down contact."""
+def upside_down(qp: WholeBodyQP, name: str, normal: Array) -> str:
+    """Return the error message for a surface contact against the floor's normal, (3,) in the world; else ""."""
+    contact = qp.contacts[name]
+    if not isinstance(contact, SurfaceContact) or contact.internal:
+        return ""
+    if not contact.placement(qp.dynamics).rotation[:, 2] @ normal < _UPSIDE_DOWN:
+        return ""
     return (
         f"contacts.{name}.rpy: the sole is upside down: its z axis points down in robot.posture, but must point away "
         "from the floor; turn it by 3.14159 about x or y"
@@ -120,10 +115,10 @@ def _compare_contact(
         region = on(plane)
         if region is None:
             return None
-        if name in upside_down(qp, [name], normal):
+        if problem := upside_down(qp, name, normal):
             turned = on(plane * pin.SE3(np.diag([1.0, -1.0, -1.0]), np.zeros(3)))
             if turned is not None and abs(turned.height) <= _HEIGHT:
-                raise ConfigurationError(upside_down_message(name))
+                raise ConfigurationError(problem)
         up = pin.rpy.rpyToMatrix(np.array(spec.rpy))[:, 2]
         _require_height(name, "sole", region.height, np.array(spec.translation) + region.height * up)
         tilt = region.tilt or 0.0

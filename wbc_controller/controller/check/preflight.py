@@ -278,8 +278,9 @@ def _static(
     if x is None:
         why = explain(layout, model, qp.formulation.effort_bounds(references), held=("motion",))
         because = f"; {why.sentence}" if why is not None else ""
-        if turned := contact_shapes.upside_down(qp, active, normal):
-            raise ConfigurationError(contact_shapes.upside_down_message(turned[0]))
+        problems = [contact_shapes.upside_down(qp, name, normal) for name in active]
+        if any(problems):
+            raise ConfigurationError(next(filter(None, problems)))
         raise ConfigurationError(_standing_failure(qp, tuple(active), normal) + because)
     if model.floating_base:
         sways = static_sways(qp, active, hanging)
