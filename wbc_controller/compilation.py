@@ -174,19 +174,14 @@ def _numba_type(annotation: Any) -> Any:
 def _require_array(name: str, array: Any, kind: Any) -> None:
     found = isinstance(array, np.ndarray) and array.ndim == kind.ndim and array.dtype == str(kind.dtype)
     if not (found and (kind.layout == "A" or array.flags.c_contiguous) and (array.flags.writeable or not kind.mutable)):
-        layout = "strided" if kind.layout == "A" else "contiguous"
+        layout, got = "strided" if kind.layout == "A" else "contiguous", repr(array)
+        if isinstance(array, np.ndarray):
+            flags = [name for name in ("c_contiguous", "writeable") if not getattr(array.flags, name)]
+            got = f"{array.dtype} of shape {array.shape}" + (f", not {' and not '.join(flags)}" if flags else "")
         raise TypeError(
             f"{name} must be a {layout} {'writable ' if kind.mutable else ''}{kind.dtype} array with {kind.ndim} axes, "
-            f"got {describe(array)}"
+            f"got {got}"
         )
-
-
-def describe(array: Any) -> str:
-    """Describe type, shape and flags of an array, for messages."""
-    if not isinstance(array, np.ndarray):
-        return repr(array)
-    flags = [name for name in ("c_contiguous", "writeable") if not getattr(array.flags, name)]
-    return f"{array.dtype} of shape {array.shape}" + (f", not {' and not '.join(flags)}" if flags else "")
 
 
 def _compile(function: Any, signature: list[Any]) -> Any:

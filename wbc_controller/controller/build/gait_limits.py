@@ -99,10 +99,11 @@ class BipedLimits:
             )
             rates[base[:2]] = np.linalg.solve(by_base[3:5, 1:3], -by_base[3:5, 0])
             f = by_base[:, 0] + by_base[:, 1:3] @ rates[base[:2]]
-            found += [
-                self._torque_load(M @ rates + dynamics.h - J.T @ f),
-                self._friction_load(contact.name, contact.cone, f),
-            ]
+            found.append(self._torque_load(M @ rates + dynamics.h - J.T @ f))
+            # Rows C f ≤ 0 with an allowance -C_z f_z: sliding, turning, centre of pressure.
+            allowed = -contact.cone[:, 2] * f[2]
+            share = (contact.cone @ f + allowed)[allowed > 0.0] / allowed[allowed > 0.0]
+            found.append(Load(float(share.max()), f"friction and size of {contact.name}"))
         return found
 
     def _lowered(self, leg: BipedLeg, x: float) -> tuple[Array, str]:
@@ -120,12 +121,6 @@ class BipedLimits:
         worst = int(np.argmax(tau / limits))
         text = f"torque of {model.actuators[worst]}: {tau[worst]:.1f} of {limits[worst]:g} N·m"
         return Load(float(tau[worst] / limits[worst]), text)
-
-    def _friction_load(self, name: str, cone: Array, f: Array) -> Load:
-        """Return the load of the rows C f ≤ 0 with an allowance -C_z f_z: sliding, turning, centre of pressure."""
-        allowed = -cone[:, 2] * f[2]
-        share = (cone @ f + allowed)[allowed > 0.0] / allowed[allowed > 0.0]
-        return Load(float(share.max()), f"friction and size of {name}")
 
 
 class QuadrupedLimits:

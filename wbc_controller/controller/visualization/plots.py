@@ -114,11 +114,8 @@ def line_panels(
         figure.add_vrect(x0=start, x1=end, fillcolor="rgba(127, 140, 160, 0.10)", line_width=0, layer="below")
     figure.update_yaxes(title_standoff=8, nticks=6)
     figure.update_xaxes(title_text=axis, title_standoff=8, row=rows)
-    if title:
-        figure.update_layout(title=title)
-    else:
-        figure.update_layout(margin=_MARGIN, hovermode="x unified")
-    figure.update_layout(template="plotly_white", height=height)
+    style = {"title": title} if title else {"margin": _MARGIN, "hovermode": "x unified"}
+    figure.update_layout(style, template="plotly_white", height=height)
     return figure
 
 
@@ -162,10 +159,9 @@ def by_category(
         if each.symbol == "bar":
             figure.add_bar(**common, orientation="h", marker={"color": each.color})
         else:
-            line = {"width": 2.5, "color": each.color}
-            marker = {"color": each.color, "symbol": each.symbol, "size": 9, "opacity": 0.7, "line": line}
-            if each.symbol == "circle":
-                marker.pop("line")
+            marker = {"color": each.color, "symbol": each.symbol, "size": 9, "opacity": 0.7}
+            if each.symbol != "circle":
+                marker["line"] = {"width": 2.5, "color": each.color}
             figure.add_scatter(**common, mode="markers", marker=marker)
     if limit is not None:
         figure.add_vline(x=limit, line={"color": RED, "dash": "dash"})
