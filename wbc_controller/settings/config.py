@@ -129,7 +129,7 @@ def _require_text(urdf: Any) -> None:
 
 def _order_posture(tree: Mapping[str, Any], joints: Any, present: Mapping[str, float]) -> None:
     """Replace a posture by joint, over the present values, by a list in the order of the joints."""
-    robot = tree.get("robot")
+    robot: Any = tree.get("robot")
     posture = robot.get("posture") if isinstance(robot, dict) else None
     if isinstance(posture, Mapping):
         order = joints if isinstance(joints, list) else list(posture)
