@@ -45,12 +45,5 @@ def make_self_collision(settings: Settings, model: RobotModel) -> SelfCollisionL
         model, margin=own.margin, srdf=srdf, pairs=own.pairs, visual=own.visual, folder=folder_of(settings.robot.urdf)
     )
     _log.info("self-collision: %s", collision.summary)
-    return SelfCollisionLimit(
-        model,
-        collision.geometry,
-        margin=own.margin,
-        acceleration=own.acceleration,
-        horizon=own.horizon,
-        max_pairs=own.max_pairs,
-        summary=collision.summary,
-    )
+    values = own.model_dump(include={"margin", "acceleration", "horizon", "max_pairs"})
+    return SelfCollisionLimit(model, collision.geometry, summary=collision.summary, **values)

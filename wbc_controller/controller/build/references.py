@@ -15,15 +15,8 @@ from wbc_controller.settings import Settings
 
 def make_tuning(settings: Settings, tasks: Iterable[Task]) -> Tuning:
     """Return the live gains and limits."""
-    limits = settings.limits
-    return Tuning(
-        gains={task.name: task.gains for task in tasks},
-        position_margin=limits.position_margin,
-        position_horizon=limits.position_horizon,
-        velocity_scale=limits.velocity_scale,
-        acceleration=limits.acceleration,
-        torque_rate=solution_torque_rate(settings),
-    )
+    limits = settings.limits.model_dump(include=set(settings.limits.live))
+    return Tuning(gains={task.name: task.gains for task in tasks}, torque_rate=solution_torque_rate(settings), **limits)
 
 
 def make_board(settings: Settings, qp: WholeBodyQP) -> ReferenceBoard:
