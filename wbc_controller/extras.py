@@ -6,19 +6,16 @@ from contextlib import contextmanager
 
 from wbc_controller.errors import ConfigurationError
 
-#: The extra of each optional library, by the library's import name.
-EXTRAS = {
-    "cyclonedds": "dds",
-    "mujoco": "mock",
-    "plotly": "plots",
-    "joblib": "campaign",
-    "hypothesis": "fuzz",
-    "viser": "view",
-    "msgspec": "view",
-    "websockets": "view",
-    "trimesh": "view",
-    "fast_simplification": "view",
+#: Optional libraries, by their import names, of each extra.
+_LIBRARIES = {
+    "dds": "cyclonedds",
+    "mock": "mujoco",
+    "plots": "plotly",
+    "campaign": "joblib",
+    "fuzz": "hypothesis",
+    "view": "viser msgspec websockets trimesh fast_simplification",
 }
+EXTRAS = {library: extra for extra, libraries in _LIBRARIES.items() for library in libraries.split()}
 
 
 def require_libraries(*names: str) -> None:
