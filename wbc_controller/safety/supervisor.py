@@ -33,6 +33,7 @@ from wbc_controller.settings.service import SafetySettings
 _AHEAD = 0.05  # look-ahead to position limits during holding, s
 #: Largest rate of filtered torques, as a share of the limit: faster ones shake the legs at touchdowns.
 FILTERED_RATE = 0.33
+Answer = Solution | NoSolution | Fault | None  # of the quadratic program
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,12 +178,7 @@ class Supervisor:
         self.mode, self.fault, self._since = mode, fault, now
 
     def step(
-        self,
-        now: float,
-        state: RobotState | None,
-        joint_velocity: Array | None,
-        problem: Fault | None,
-        outcome: Solution | NoSolution | Fault | None,
+        self, now: float, state: RobotState | None, joint_velocity: Array | None, problem: Fault | None, outcome: Answer
     ) -> JointCommand | None:
         """Return the command of this cycle, or None; `joint_velocity` must be fresh, (nj,) in rad/s, or None."""
         self._update_time(now)

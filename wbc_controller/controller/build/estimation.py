@@ -21,6 +21,8 @@ from wbc_controller.records import Array
 from wbc_controller.safety.supervisor import FILTERED_RATE
 from wbc_controller.settings import Settings
 
+Contacts = Mapping[str, kinds.Contact]
+
 
 def imu_frame(settings: Settings, model: RobotModel) -> str:
     """Return the IMU frame."""
@@ -56,9 +58,7 @@ def disturbance_limits(settings: Settings) -> DisturbanceLimits:
     return DisturbanceLimits(known.disturbance_time, known.disturbance_share, enabled)
 
 
-def make_model_error(
-    settings: Settings, model: RobotModel, contacts: Mapping[str, kinds.Contact]
-) -> ModelErrorCompensation:
+def make_model_error(settings: Settings, model: RobotModel, contacts: Contacts) -> ModelErrorCompensation:
     """Build the compensation of friction and disturbance."""
     friction = settings.robot.friction
     require_known(friction, model.joints, "robot.friction: unknown joint")
@@ -84,9 +84,7 @@ def estimates_base(settings: Settings, model: RobotModel) -> bool:
     return settings.estimation.base_state == "imu" and model.floating_base
 
 
-def make_leg_kinematics(
-    settings: Settings, model: RobotModel, contacts: Mapping[str, kinds.Contact], frame: str
-) -> LegKinematics:
+def make_leg_kinematics(settings: Settings, model: RobotModel, contacts: Contacts, frame: str) -> LegKinematics:
     """Build the kinematics from a sensor frame to the contacts."""
     known, frames = settings.estimation, {name: contact.frame for name, contact in settings.contacts.items()}
     return LegKinematics(
@@ -94,9 +92,7 @@ def make_leg_kinematics(
     )
 
 
-def make_odometry_agreement(
-    settings: Settings, model: RobotModel, contacts: Mapping[str, kinds.Contact]
-) -> OdometryAgreement | None:
+def make_odometry_agreement(settings: Settings, model: RobotModel, contacts: Contacts) -> OdometryAgreement | None:
     """Build the comparison of odometry and leg kinematics; None without odometry or contacts."""
     if not model.floating_base or estimates_base(settings, model):
         return None
@@ -104,7 +100,7 @@ def make_odometry_agreement(
     return OdometryAgreement(legs) if legs.points else None
 
 
-def make_estimator(settings: Settings, model: RobotModel, contacts: Mapping[str, kinds.Contact]) -> BaseEstimator:
+def make_estimator(settings: Settings, model: RobotModel, contacts: Contacts) -> BaseEstimator:
     """Build the estimator of a floating base."""
     known = settings.estimation
     if not model.floating_base:
@@ -119,9 +115,7 @@ def make_estimator(settings: Settings, model: RobotModel, contacts: Mapping[str,
     return BaseEstimator(legs, known, np.array(model.pinocchio.gravity.linear), poses)
 
 
-def make_contact_detector(
-    settings: Settings, model: RobotModel, contacts: Mapping[str, kinds.Contact]
-) -> ContactDetector:
+def make_contact_detector(settings: Settings, model: RobotModel, contacts: Contacts) -> ContactDetector:
     """Build the detector of contacts by force sensors and switches."""
     on, off = force_thresholds(settings, model)
     return ContactDetector(contact_normals(model, contacts), on, off, settings.estimation.contact_timeout)
@@ -133,7 +127,7 @@ def force_thresholds(settings: Settings, model: RobotModel) -> tuple[float, floa
     return known.contact_force_on * weight, known.contact_force_off * weight
 
 
-def contact_normals(model: RobotModel, contacts: Mapping[str, kinds.Contact]) -> dict[str, dict[str, Array]]:
+def contact_normals(model: RobotModel, contacts: Contacts) -> dict[str, dict[str, Array]]:
     """Return the normal of each contact, (3,), in each frame in which its force may be measured.
 
     Frames: the contact's own (its name, or unnamed); for surface and fixed contacts all frames of the link; for points

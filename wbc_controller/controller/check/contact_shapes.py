@@ -102,14 +102,10 @@ def _footprint_of_link(
 
 
 def _compare_contact(
-    qp: WholeBodyQP,
-    elements: Sequence[pin.GeometryObject],
-    contact: UnilateralContact,
-    spec: ContactSettings,
-    normal: Array,
+    qp: WholeBodyQP, shapes: list[pin.GeometryObject], contact: UnilateralContact, spec: ContactSettings, normal: Array
 ) -> str | None:
     name, index = contact.name, qp.model.frame_id(spec.frame, f"contacts.{contact.name}.frame")
-    on = partial(_footprint_of_link, qp, elements, index)
+    on = partial(_footprint_of_link, qp, shapes, index)
     if isinstance(contact, SurfaceContact) and isinstance(spec, SurfaceSettings):
         plane = contact.placement(qp.dynamics)
         region = on(plane)

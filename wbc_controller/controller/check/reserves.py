@@ -33,7 +33,7 @@ class Reserve:
 
 
 def reserves(
-    qp: WholeBodyQP, active: Sequence[str], q: Array, hanging: Sequence[int], *, level: bool, margin: float = 0.0
+    qp: WholeBodyQP, active: Sequence[str], q: Array, hanging: list[int], *, level: bool, margin: float = 0.0
 ) -> list[Finding]:
     """Return the reserves of a standing robot with a floating base; its dynamics end at q.
 
@@ -67,7 +67,7 @@ def bearing_contacts(qp: WholeBodyQP, active: Sequence[str]) -> list[Contact]:
     return [contact for name, contact in qp.contacts.items() if name in active or contact.permanent]
 
 
-def static_sways(qp: WholeBodyQP, active: Sequence[str], hanging: Sequence[int]) -> dict[str, Reserve]:
+def static_sways(qp: WholeBodyQP, active: Sequence[str], hanging: list[int]) -> dict[str, Reserve]:
     """Return the displacements of the weight by direction that torques and contacts balance without motion."""
     bearing, weight = bearing_contacts(qp, active), qp.model.mass * np.array(qp.model.pinocchio.gravity.linear)
     moments = {name: np.cross(direction, weight) for name, direction in _DIRECTIONS.items()}
@@ -85,7 +85,7 @@ def _format_directions(found: dict[str, Reserve], scale: float, unit: str) -> st
     return ", ".join(parts)
 
 
-def _largest_multiple(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequence[int], wrench: Array) -> Reserve:
+def _largest_multiple(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: list[int], wrench: Array) -> Reserve:
     """Return the largest multiple of a wrench on the base, (6,) about its origin in world axes, possible at rest.
 
     With S and C of `Actuation`, contact forces f, torques τ, forces of followers λ and the multiple s:
@@ -96,7 +96,7 @@ def _largest_multiple(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequ
     base = dynamics.jacobian(model.frame_id(model.base_link, "base"), pin.LOCAL_WORLD_ALIGNED)
     J = np.vstack([np.zeros((0, model.nv)), *(contact.jacobian(dynamics) for contact in bearing)])
     blocks = [J.T, model.actuation.S.T, model.actuation.C.T, (base.T @ wrench)[:, None]]
-    rows = np.delete(np.arange(model.nv), model.v_index[list(hanging)])
+    rows = np.delete(np.arange(model.nv), model.v_index[hanging])
     cone = block_diag(*(contact.cone for contact in bearing))
     width = sum(block.shape[1] for block in blocks)
     bounds = [pair for contact in bearing for pair in zip(*contact.bounds(1.0), strict=True)]
@@ -126,7 +126,7 @@ class _MotionWithContacts:
     """Slow motion of the centre of mass from the configuration q of the dynamics, without slip of the contacts."""
 
     def __init__(
-        self, qp: WholeBodyQP, bearing: Sequence[AnchoredContact], q: Array, hanging: Sequence[int], margin: float
+        self, qp: WholeBodyQP, bearing: Sequence[AnchoredContact], q: Array, hanging: list[int], margin: float
     ) -> None:
         self._qp, self._bearing, self._start, self._hanging, self._margin = qp, bearing, q, hanging, margin
         dynamics = qp.dynamics
@@ -179,7 +179,7 @@ class _MotionWithContacts:
 
 
 def _motion_with_contacts(
-    qp: WholeBodyQP, active: Sequence[str], q: Array, hanging: Sequence[int], margin: float
+    qp: WholeBodyQP, active: Sequence[str], q: Array, hanging: list[int], margin: float
 ) -> _MotionWithContacts | None:
     bearing = bearing_contacts(qp, active)
     anchored = [contact for contact in bearing if isinstance(contact, AnchoredContact)]
@@ -189,13 +189,7 @@ def _motion_with_contacts(
 
 
 def com_distance(
-    qp: WholeBodyQP,
-    active: Sequence[str],
-    q: Array,
-    hanging: Sequence[int],
-    direction: Array,
-    most: float,
-    margin: float = 0.0,
+    qp: WholeBodyQP, active: Sequence[str], q: Array, hanging: list[int], direction: Array, most: float, margin: float
 ) -> Reserve | None:
     """Return the distance, at most `most` in m, that the centre of mass can move along a unit vector at rest.
 
