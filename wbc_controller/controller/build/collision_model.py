@@ -167,11 +167,8 @@ def _remove_near_pairs(model: RobotModel, geometry: pin.GeometryModel, margin: f
     data, placements = model.pinocchio.createData(), geometry.createData()
     pin.updateGeometryPlacements(model.pinocchio, data, geometry, placements, model.configuration(model.posture))
     every = [(pair.first, pair.second) for pair in geometry.collisionPairs]  # the pairs are views
-    near = [
-        pair
-        for i, pair in enumerate(every)
-        if not (pin.computeDistance(geometry, placements, i).min_distance >= margin)
-    ]
+    distances = [pin.computeDistance(geometry, placements, i).min_distance for i in range(len(every))]
+    near = [pair for pair, distance in zip(every, distances, strict=True) if not (distance >= margin)]
     for first, second in near:
         geometry.removeCollisionPair(pin.CollisionPair(first, second))
     return tuple((geometry.geometryObjects[i].name, geometry.geometryObjects[j].name) for i, j in near)

@@ -72,10 +72,8 @@ def build_parts(model: RobotModel) -> tuple[Part, ...]:
     visuals, bare = read_visuals(model)
     parts = [hull_of(visual) for visual in visuals]
     parts = [part for part in parts if not any(_embedded(part, other) for other in parts)]
-    drawn = {part.joint for part in parts}
-    for joint in bare:
-        if joint not in drawn:
-            parts.extend(bones(model, joint))
+    for joint in sorted(set(bare) - {part.joint for part in parts}):
+        parts += bones(model, joint)
     return tuple(parts)
 
 
