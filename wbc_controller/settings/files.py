@@ -1,5 +1,6 @@
 """Configuration files: reading and validation."""
 
+import os
 import reprlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,7 +12,7 @@ from pydantic.fields import FieldInfo
 
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.settings import NODE_NAME, Settings
-from wbc_controller.settings.resources import PACKAGE_SCHEME, is_file, read_text, share_folder, shown
+from wbc_controller.settings.resources import PACKAGE_SCHEME, read_text, share_folder, shown
 from wbc_controller.settings.values import LIST, NUMBER
 
 _LARGEST_FILE = 1_000_000  # largest configuration file, characters
@@ -25,7 +26,7 @@ def find_configuration(name: str) -> Path:
     """Return the path of a shipped configuration or an existing path; else `ConfigurationError`."""
     path = Path(name)
     is_path = path.suffix in (".yaml", ".yml") or len(path.parts) > 1
-    if is_path and is_file(path):
+    if is_path and os.path.isfile(path):
         return path
     shipped = shipped_configurations()
     if not is_path and name in shipped:

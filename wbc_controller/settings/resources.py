@@ -22,7 +22,7 @@ def locate(uri: str, key: str = "robot.urdf") -> Path:
         path = share_folder(package) / rest if uri.startswith(PACKAGE_SCHEME) else Path(uri).expanduser()
     except (ConfigurationError, RuntimeError) as error:  # RuntimeError: unknown user
         raise ConfigurationError(f"{key} = {shown(uri)}: {error}") from error
-    if not is_file(path):
+    if not os.path.isfile(path):  # False also for invalid names
         raise ConfigurationError(f"{key} = {shown(uri)}: file {shown(path)} does not exist")
     return path
 
@@ -44,14 +44,6 @@ def read_text(path: Path, subject: str, largest: int) -> str:
     return text
 
 
-def is_file(path: Path) -> bool:
-    """Return True if a file exists; False for invalid names."""
-    try:
-        return path.is_file()
-    except OSError:
-        return False
-
-
 def shown(name: str | Path) -> str:
     """Quote a name for a message, shortened in the middle."""
     text = repr(name) if isinstance(name, str) else str(name)
@@ -62,11 +54,8 @@ def share_folder(package: str) -> Path:
     """Find the share folder of an installed ROS 2 package or Python distribution, or raise `ConfigurationError`."""
     for prefix in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
         folder = Path(prefix) / "share" / package
-        try:
-            if folder.is_dir():
-                return folder
-        except OSError:  # the name is too long
-            break
+        if os.path.isdir(folder):  # False also if the name is too long
+            return folder
     return _folder_of_distribution(package)
 
 
