@@ -9,13 +9,15 @@ from wbc_controller.inverse_dynamics.robot.instruction import placement_on_link
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.settings import contacts as schema
 
+#: Settings with the same name and value in the classes of contacts.
+_PASSED = {"against", "damping", "stiffness", "max_force", "friction", "min_normal_force", "max_normal_force"}
+
 
 def make_contact(name: str, contact: schema.ContactSettings, model: RobotModel) -> contacts.Contact:
     """Build one contact."""
     base, translation = (name, model, contact.frame), np.array(contact.translation)
-    keys = ["against", "damping", "stiffness"]
+    given = contact.model_dump(include=_PASSED)
     if isinstance(contact, schema.FixedContact):
-        given = {key: getattr(contact, key) for key in [*keys, "max_force"]}
         placement = contacts.placement_of(contact.translation, contact.rpy)
         return contacts.FixedContact(*base, placement, contact.mask, max_moment=contact.max_moment or 0.0, **given)
     if contact.min_normal_force > contact.max_normal_force:
@@ -23,8 +25,6 @@ def make_contact(name: str, contact: schema.ContactSettings, model: RobotModel) 
             f"contacts.{name}: min_normal_force = {contact.min_normal_force} is larger than "
             f"max_normal_force = {contact.max_normal_force}"
         )
-    keys += ["friction", "min_normal_force", "max_normal_force"]
-    given = {key: getattr(contact, key) for key in keys}
     if isinstance(contact, schema.SurfaceContact):
         support = (
             contacts.Rectangle(contact.half_length or 0.0, contact.half_width or 0.0)
