@@ -57,13 +57,12 @@ def compare_with_shapes(settings: Settings, qp: WholeBodyQP, normal: Array) -> l
         elements = read_shapes(settings, qp.model)
     except ConfigurationError as error:  # the controller needs no meshes
         return [Finding("not compared", f"contacts with the URDF: {error}")]
-    found, without = [], []
-    for name, contact in contacts.items():
-        text = _compare_contact(qp, elements, contact, settings.contacts[name], normal)
-        if text is None:
-            without.append(name)
-        else:
-            found.append(f"{name} {text}")
+    texts = {
+        name: _compare_contact(qp, elements, contact, settings.contacts[name], normal)
+        for name, contact in contacts.items()
+    }
+    found = [f"{name} {text}" for name, text in texts.items() if text is not None]
+    without = [name for name, text in texts.items() if text is None]
     findings = [Finding("contact shapes", "; ".join(found))] if found else []
     if without:
         reason = "no readable <collision> on their links"

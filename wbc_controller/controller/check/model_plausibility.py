@@ -56,13 +56,12 @@ def require_inertia(model: RobotModel) -> None:
             bodies[frame.parentJoint].append(links[frame.name])
     bare = massless_links(model)
     for joint, own in bodies.items():
-        if own[:1] and own[0].name in bare:
+        if not own or own[0].name in bare:
             continue
-        if own and not any(link.mass >= _SMALLEST and link.smallest_moment >= _SMALLEST for link in own):
-            heaviest = max(own, key=lambda link: link.mass)
-            moved_by = (
-                "the floating base" if model.floating_base and joint == 1 else f"joint {model.pinocchio.names[joint]!r}"
-            )
+        if not any(link.mass >= _SMALLEST and link.smallest_moment >= _SMALLEST for link in own):
+            heaviest, moved_by = max(own, key=lambda link: link.mass), f"joint {model.pinocchio.names[joint]!r}"
+            if model.floating_base and joint == 1:
+                moved_by = "the floating base"
             raise ConfigurationError(
                 f"robot.urdf: link {heaviest.name!r}, moved by {moved_by}, has {heaviest.mass:g} kg "
                 f"and moments of inertia {np.array2string(heaviest.moments, precision=3)} kg·m²; a moving body "

@@ -70,11 +70,8 @@ def bearing_contacts(qp: WholeBodyQP, active: Sequence[str]) -> list[Contact]:
 def static_sways(qp: WholeBodyQP, active: Sequence[str], hanging: list[int]) -> dict[str, Reserve]:
     """Return the displacements of the weight by direction that torques and contacts balance without motion."""
     bearing, weight = bearing_contacts(qp, active), qp.model.mass * np.array(qp.model.pinocchio.gravity.linear)
-    moments = {name: np.cross(direction, weight) for name, direction in _DIRECTIONS.items()}
-    return {
-        name: _largest_multiple(qp, bearing, hanging, np.concatenate([np.zeros(3), moment]))
-        for name, moment in moments.items()
-    }
+    wrenches = {name: np.concatenate([np.zeros(3), np.cross(way, weight)]) for name, way in _DIRECTIONS.items()}
+    return {name: _largest_multiple(qp, bearing, hanging, wrench) for name, wrench in wrenches.items()}
 
 
 def _format_directions(found: dict[str, Reserve], scale: float, unit: str) -> str:
