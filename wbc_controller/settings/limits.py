@@ -1,18 +1,8 @@
 """Settings of the limits."""
 
-from typing import TypeVar
+from pydantic import Field
 
-from pydantic import Field, model_validator
-
-from wbc_controller.settings.values import NonNegative, Positive, Section, key
-
-_Curve = TypeVar("_Curve", bound="ActuatorTorqueSpeed | TorqueSpeedSettings")
-
-
-def _require_falling(curve: _Curve) -> _Curve:
-    if not (curve.corner < curve.no_load):
-        raise ValueError(f"no_load = {curve.no_load}: must be above corner = {curve.corner}")
-    return curve
+from wbc_controller.settings.values import NonNegative, Positive, Section, key, ordered
 
 
 class ActuatorTorqueSpeed(Section):
@@ -21,7 +11,7 @@ class ActuatorTorqueSpeed(Section):
     corner: Positive = Field(le=1.0e4, description="Highest speed with the full effort limit, rad/s.")
     no_load: Positive = Field(le=1.0e4, description="Speed of zero torque, rad/s.")
 
-    _ordered_speeds = model_validator(mode="after")(_require_falling)
+    _ordered_speeds = ordered("corner", "no_load")
 
 
 class TorqueSpeedSettings(Section):
@@ -36,7 +26,7 @@ class TorqueSpeedSettings(Section):
         {}, "Curves of single actuators; required for actuators in `robot.transmission`."
     )
 
-    _ordered_speeds = model_validator(mode="after")(_require_falling)
+    _ordered_speeds = ordered("corner", "no_load")
 
 
 class SelfCollisionSettings(Section):

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from wbc_controller.settings.contacts import Direction
-from wbc_controller.settings.values import Name, NonNegative, Positive, Section, Vector3, key
+from wbc_controller.settings.values import Name, NonNegative, Positive, Section, Vector3, key, ordered
 
 MOST_CELLS = 2000  # largest number of cells of a block of ground
 Damping = Annotated[NonNegative, Field(le=100.0)]  # joint damping, N·m·s/rad
@@ -133,11 +133,7 @@ class SafetySettings(Section):
         ["guard"], "Other nodes that may publish torques: names in the controller's namespace, or absolute names."
     )
 
-    @model_validator(mode="after")
-    def _ordered_windows(self) -> "SafetySettings":
-        if not (self.relax_time < self.relax_window):
-            raise ValueError(f"relax_window = {self.relax_window}: must be above relax_time = {self.relax_time}")
-        return self
+    _ordered_windows = ordered("relax_time", "relax_window")
 
 
 class RecorderSettings(Section):

@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, Tag
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, Tag, model_validator
 
 
 def _name(value: str) -> str:
@@ -40,6 +40,18 @@ def key(default: Any, description: str, **constraints: Any) -> Any:
 def axes_mask(count: int, description: str) -> Any:
     """Define a list of booleans, one per axis, True by default."""
     return key([True] * count, description, min_length=count, max_length=count)
+
+
+def ordered(lower: str, upper: str) -> Any:
+    """Return a validator of sections in which one key must be below another one."""
+
+    def check(section: "Section") -> "Section":
+        low, high = getattr(section, lower), getattr(section, upper)
+        if not (low < high):
+            raise ValueError(f"{upper} = {high}: must be above {lower} = {low}")
+        return section
+
+    return model_validator(mode="after")(check)
 
 
 class Section(BaseModel):
