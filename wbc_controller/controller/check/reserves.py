@@ -99,15 +99,9 @@ def _largest_multiple(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: list
     bounds = [pair for contact in bearing for pair in zip(*contact.bounds(1.0), strict=True)]
     bounds += [(-limit, limit) for limit in model.effort_limits]
     bounds += [(-np.inf, np.inf)] * len(model.actuation.C) + [(0.0, np.inf)]
-    result = linprog(
-        -np.eye(width)[-1],
-        A_ub=np.hstack([cone, np.zeros((len(cone), width - cone.shape[1]))]),
-        b_ub=np.zeros(len(cone)),
-        A_eq=np.hstack(blocks)[rows],
-        b_eq=dynamics.h[rows],
-        bounds=bounds,
-        method="highs",
-    )
+    inequalities = np.hstack([cone, np.zeros((len(cone), width - cone.shape[1]))]), np.zeros(len(cone))
+    equations = np.hstack(blocks)[rows], dynamics.h[rows]
+    result = linprog(-np.eye(width)[-1], *inequalities, *equations, bounds, method="highs")
     if result.status == 3:
         return Reserve(np.inf, None)
     if result.x is None:
