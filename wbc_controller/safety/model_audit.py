@@ -168,7 +168,5 @@ def joint_efforts(model: RobotModel) -> Array:
 
 
 def _powers(solution: Solution, dynamics: Dynamics) -> list[float]:
-    return [
-        float(dynamics.external_force(frame, wrench) @ dynamics.v)
-        for frame, wrench in solution.external_wrenches.items()
-    ]
+    wrenches = solution.external_wrenches
+    return [float(dynamics.external_force(frame, wrench) @ dynamics.v) for frame, wrench in wrenches.items()]

@@ -36,12 +36,10 @@ def make_board_plan(settings: Settings, qp: WholeBodyQP) -> BoardPlan:
     contacts: Mapping[str, Any] = changeable | settings.contacts
     return BoardPlan(
         tasks={
-            name: TaskPlan(qp.tasks[name], values.weight, values.enabled, values.setpoint_duration)
-            for name, values in tasks.items()
+            name: TaskPlan(qp.tasks[name], each.weight, each.enabled, each.setpoint_duration)
+            for name, each in tasks.items()
         },
-        contacts={
-            name: ContactPlan(values.enabled, values.ramp, qp.contacts[name]) for name, values in contacts.items()
-        },
+        contacts={name: ContactPlan(each.enabled, each.ramp, qp.contacts[name]) for name, each in contacts.items()},
         weight_ramp=settings.control.weight_ramp,
         tuning=tuning,
         robot_weight=model.mass * model.gravity if model.floating_base else 0.0,

@@ -57,10 +57,8 @@ def compare_with_shapes(settings: Settings, qp: WholeBodyQP, normal: Array) -> l
         elements = read_shapes(settings, qp.model)
     except ConfigurationError as error:  # the controller needs no meshes
         return [Finding("not compared", f"contacts with the URDF: {error}")]
-    texts = {
-        name: _compare_contact(qp, elements, contact, settings.contacts[name], normal)
-        for name, contact in contacts.items()
-    }
+    specs = settings.contacts
+    texts = {name: _compare_contact(qp, elements, each, specs[name], normal) for name, each in contacts.items()}
     found = [f"{name} {text}" for name, text in texts.items() if text is not None]
     without = [name for name, text in texts.items() if text is None]
     findings = [Finding("contact shapes", "; ".join(found))] if found else []

@@ -279,9 +279,8 @@ def _arrow(points: Array) -> Array:
 
 def plotly_script() -> str:
     """Return the JavaScript of plotly."""
-    _plotly()
-    from plotly.offline import get_plotlyjs
-
+    with optional_libraries():
+        from plotly.offline import get_plotlyjs
     return str(get_plotlyjs())
 
 

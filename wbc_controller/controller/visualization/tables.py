@@ -41,10 +41,8 @@ def as_html(heading: str, tables: Sequence[Table]) -> str:
     for table in tables:
         if table.rows:
             head = "".join(f"<th{_side(i)}>{escape(column)}</th>" for i, column in enumerate(table.columns))
-            body = "".join(
-                "<tr>" + "".join(f"<td{_side(i)}>{escape(cell)}</td>" for i, cell in enumerate(row)) + "</tr>"
-                for row in table.rows
-            )
+            rows = ("".join(f"<td{_side(i)}>{escape(cell)}</td>" for i, cell in enumerate(row)) for row in table.rows)
+            body = "".join(f"<tr>{row}</tr>" for row in rows)
             parts.append(f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>")
     return "".join(parts)
 
