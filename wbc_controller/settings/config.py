@@ -31,16 +31,13 @@ class Config:
     urdf: str | None = None  # URDF text, if ``robot.urdf`` is not used
 
     def replace(self, changes: Mapping[str, Any], *, urdf: str | None = None) -> "Config":
-        """Return a configuration with changed values.
+        """Return a configuration with changed values, or raise `ConfigurationError` with one line per problem.
 
         Args:
             changes: values by dotted key, such as ``{"tasks.com.weight": 20.0}``, or nested as in a file. None removes
                 a task, contact or loop: ``{"tasks.torso": None}``. A single joint of the posture, in rad:
                 ``{"robot.posture.left_knee_joint": 0.6}``.
             urdf: URDF text.
-
-        Raises:
-            ConfigurationError: with one line per problem.
         """
         _require_text(urdf)
         values = self.to_dict()
@@ -58,8 +55,7 @@ class Config:
                     problem = f"{section}.{name} = None: unknown entry, cannot be removed; {choices}"
                     raise ConfigurationError(self.with_source(problem))
                 del result[section][name]
-        settings = parse_settings(result, self.source)
-        return replace(self, settings=settings, urdf=self.urdf if urdf is None else urdf)
+        return replace(self, settings=parse_settings(result, self.source), urdf=self.urdf if urdf is None else urdf)
 
     def with_source(self, error: str) -> str:
         """Prefix an error message with the source."""
@@ -94,15 +90,12 @@ class Config:
 
 
 def load(source: str | Path | Mapping[str, Any] | Settings | Config, *, urdf: str | None = None) -> Config:
-    """Load a robot's configuration.
+    """Load a robot's configuration; `ConfigurationError` if it does not exist or is invalid, with one line per problem.
 
     Args:
         source: name of a shipped robot (``"g1"``, ``"talos"``, ``"go2"``), path of a .yaml file, or a dictionary,
             nested or with dotted keys, in which ``robot.posture`` may be a dictionary by joint.
         urdf: URDF text, in place of ``robot.urdf``.
-
-    Raises:
-        ConfigurationError: if the file does not exist or values are invalid, with one line per problem.
     """
     _require_text(urdf)
     if isinstance(source, Config):

@@ -12,13 +12,14 @@ from pydantic.fields import FieldInfo
 
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.settings import NODE_NAME, Settings
+from wbc_controller.settings.nesting import merged, nested
 from wbc_controller.settings.resources import PACKAGE_SCHEME, read_text, share_folder, shown
 from wbc_controller.settings.values import LIST, NUMBER
 
 _LARGEST_FILE = 1_000_000  # largest configuration file, characters
 _MOST_VALUES = 20_000  # largest number of values of a YAML text, with aliases expanded
 _LONGEST_VALUE, _LONGEST_INTEGER = 4096, 32  # longest value and longest integer of a YAML text, characters
-_PATHS = (("robot", "urdf"), ("limits", "self_collision", "srdf"))  # keys with paths
+_PATHS = ("robot.urdf", "limits.self_collision.srdf")  # keys with paths
 _INTEGER = "tag:yaml.org,2002:int"
 
 
@@ -52,18 +53,13 @@ def load_settings(path: Path) -> Settings:
 
 def resolve_paths(path: Path, parameters: Mapping[str, Any]) -> dict[str, Any]:
     """Return ``ros__parameters`` with relative paths resolved against the folder of their file."""
-    for keys in _PATHS:
-        parameters = _resolve_path(parameters, keys, path.absolute().parent)
+    for key in _PATHS:
+        value: Any = parameters
+        for name in key.split("."):
+            value = value.get(name) if isinstance(value, Mapping) else None
+        if isinstance(value, str) and value and not value.startswith((PACKAGE_SCHEME, "~", "/")):
+            parameters = merged(parameters, nested({key: str(path.absolute().parent / value)}))
     return dict(parameters)
-
-
-def _resolve_path(value: Any, keys: Sequence[str], folder: Path) -> Any:
-    if keys:
-        if not isinstance(value, Mapping) or keys[0] not in value:
-            return value
-        return {**value, keys[0]: _resolve_path(value[keys[0]], keys[1:], folder)}
-    relative = isinstance(value, str) and value and not value.startswith((PACKAGE_SCHEME, "~", "/"))
-    return str(folder / value) if relative else value
 
 
 def read_yaml(text: str, source: str, loader: Any = yaml.SafeLoader) -> Any:
@@ -103,8 +99,7 @@ def parse_settings(parameters: Mapping[str, Any], source: str) -> Settings:
     try:
         return Settings.model_validate(parameters)
     except ValidationError as error:
-        lines = [_explain(problem, source) for problem in error.errors()]
-        raise ConfigurationError("\n".join(lines)) from error
+        raise ConfigurationError("\n".join(_explain(problem, source) for problem in error.errors())) from error
 
 
 def _count(node: yaml.Node, source: str, keys: tuple[str, ...], counts: dict[int, int]) -> int:
