@@ -102,8 +102,7 @@ class Guard:
         return inputs.velocity is None or not fresh or not np.isfinite(inputs.velocity).all()
 
     def _take_over(self, now: float, inputs: GuardInputs) -> None:
-        silence = now - inputs.command_at
-        self.reason = f"COMMANDS_STOPPED: the last command came {1e3 * silence:.0f} ms ago"
+        self.reason = f"COMMANDS_STOPPED: the last command came {1e3 * (now - inputs.command_at):.0f} ms ago"
         if inputs.mode is not None:
             self.reason += f", in mode {inputs.mode.value}"
         self.takeovers += 1

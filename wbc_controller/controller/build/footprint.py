@@ -36,8 +36,7 @@ class Footprint:
 
     def outside(self, points: Array) -> Array:
         """Return the distance of points, (k, 2) in m, from the polygon, (k,) in m; 0 inside."""
-        ends = np.roll(self.polygon, -1, axis=0)
-        edges = ends - self.polygon  # (n, 2)
+        edges = np.roll(self.polygon, -1, axis=0) - self.polygon  # (n, 2)
         lengths = np.maximum((edges**2).sum(axis=1), 1.0e-18)
         apart = points[:, None, :] - self.polygon  # (k, n, 2)
         along = np.clip((apart * edges).sum(axis=2) / lengths, 0.0, 1.0)

@@ -43,13 +43,12 @@ def is_quadruped(settings: Settings, walking: WalkingSettings) -> bool:
 
 def make_quadruped_tasks(settings: Settings, model: RobotModel) -> list[Task]:
     """Build the tasks of the walker, which are off without a gait."""
-    feet = _feet(settings, model)
     tasks: dict[str, tuple[float, Task]] = {
         COM: (5.0, ComTask(COM, [True, True, False], stiffness=30.0, damping=11.0)),
         HEIGHT: (50.0, ComTask(HEIGHT, [False, False, True], stiffness=100.0, damping=20.0)),
         POSTURE: (0.01, PostureTask(POSTURE, model, [], stiffness=50.0)),
     }
-    for foot in feet:
+    for foot in _feet(settings, model):
         frame = settings.contacts[foot.contact].frame
         tasks[foot.task] = 5.0, FramePositionTask(foot.task, model, frame, stiffness=400.0)
     return make_disabled(tasks, settings)

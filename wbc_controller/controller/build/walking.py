@@ -114,7 +114,6 @@ def make_gait(settings: Settings, left: Foot, right: Foot, qp: WholeBodyQP) -> B
     soles = [foot.sole(dynamics) for foot in (left, right)]
     z = float(dynamics.com[2]) - 0.5 * (soles[0].height + soles[1].height)
     apart = abs(soles[0].place - soles[1].place)
-    sole = left.half[1] + right.half[1]
     legs = [
         BipedLeg(side, foot, Leg(model, foot.frame, [other.frame], limits.margin, foot.placement))
         for side, foot, other in ((1, left, right), (-1, right, left))
@@ -132,7 +131,7 @@ def make_gait(settings: Settings, left: Foot, right: Foot, qp: WholeBodyQP) -> B
         clearance=clearance,
         rough_clearance=max(clearance, min(2.0 * clearance, 0.9 * lift - lowering)),
         width=value_or(walking.width, 0.85 * apart),
-        least_width=value_or(walking.least_width, max(0.4 * apart, sole + 0.03)),
+        least_width=value_or(walking.least_width, max(0.4 * apart, left.half[1] + right.half[1] + 0.03)),
         length=value_or(walking.max_step_length, 0.65 * z),
         greatest_width=value_or(walking.max_step_width, 0.9 * z),
         sole_length=2.0 * max(left.half[0], right.half[0]),

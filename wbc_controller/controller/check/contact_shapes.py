@@ -133,8 +133,7 @@ def _compare_contact(
         )
     if not isinstance(contact, PointContact) or contact.wrench_in_world(qp.dynamics, np.eye(3)[2])[:3] @ normal < 0.5:
         return "not on the floor, not compared"
-    point = contact.points(qp.dynamics)[0]
-    region = on(pin.SE3(contact.axes(qp.dynamics), point))
+    region = on(pin.SE3(contact.axes(qp.dynamics), contact.points(qp.dynamics)[0]))
     if region is None:
         return None
     radius = f"radius = {contact.radius:g}"

@@ -112,8 +112,7 @@ def require_friction(settings: Settings) -> None:
 
 def limits(settings: Settings, model: RobotModel, placements: Array) -> list[Finding]:
     """Report implausible, configured and missing limits; `placements` are positions of all frames, (n, 3) in m."""
-    size = float(np.linalg.norm(np.ptp(placements, axis=0)))
-    reach = model.mass * model.gravity * size
+    reach = model.mass * model.gravity * float(np.linalg.norm(np.ptp(placements, axis=0)))
     strong = [
         f"{name} {limit:g} N·m"
         for name, limit in zip(model.actuators, model.effort_limits, strict=True)
@@ -158,12 +157,10 @@ def _first_names(names: list[str]) -> str:
 
 def locked_joints(model: RobotModel) -> list[Finding]:
     """Report locked joints with their positions; a floating joint at the root of a floating base is not reported."""
-    tree = ElementTree.fromstring(model.urdf)  # noqa: S314 - checked
-    moving = set(model.moving_joints)
     texts, zero = [], False
-    for joint in tree.findall("joint"):
+    for joint in ElementTree.fromstring(model.urdf).findall("joint"):  # noqa: S314 - checked
         name, parent = str(joint.get("name")), joint.find("parent")
-        if joint.get("type") == "fixed" or name in moving:
+        if joint.get("type") == "fixed" or name in model.moving_joints:
             continue
         if joint.get("type") == "floating":
             if not (model.floating_base and parent is not None and parent.get("link") == model.base_link):

@@ -148,10 +148,9 @@ def _posture(qp: WholeBodyQP, active: Sequence[str], normal: Array) -> list[Find
     base_at, com_at = map(contact_shapes.point_text, (base, dynamics.com))
     places = f"base link {link} at {base_at} m, centre of mass at {com_at} m"
     findings = [Finding("posture", f"in the world: {places}")]
-    standing = floor_contacts(qp, active, normal)
     tilts = {
         name: acos(float(np.clip(contact.placement(dynamics).rotation[:, 2] @ normal, -1.0, 1.0)))
-        for name in standing
+        for name in floor_contacts(qp, active, normal)
         if isinstance(contact := qp.contacts[name], SurfaceContact)
     }
     steep = [f"{name} {degrees(tilt):.0f}°" for name, tilt in tilts.items() if not (tilt <= _STEEP)]
@@ -273,8 +272,7 @@ def _static(
     still = np.delete(np.arange(model.nv), model.v_index[hanging])
     problem.x_lower[still] = problem.x_upper[still] = 0.0
     problem.b[: layout.mechanism.start] = 0.0  # ignores small position errors of loops
-    solver = make_solver("daqp", problem)
-    x = solver.solve(problem).x
+    x = make_solver("daqp", problem).solve(problem).x
     if x is None:
         why = explain(layout, model, qp.formulation.effort_bounds(references), held=("motion",))
         because = f"; {why.sentence}" if why is not None else ""
@@ -294,9 +292,8 @@ def _static(
     tau = model.actuation.torques(qp.dynamics.h - FORCE_UNIT * layout.J.T @ x[model.nv :])
     share = np.abs(tau) / model.effort_limits
     worst = int(np.argmax(share))
-    names = ", ".join(active) or "no contact"
     largest = f"{abs(tau[worst]):.1f} N·m at {model.actuators[worst]}, {100 * share[worst]:.0f} % of its limit"
-    return [Finding("standing", f"possible on {names}; the largest torque is {largest}")]
+    return [Finding("standing", f"possible on {', '.join(active) or 'no contact'}; the largest torque is {largest}")]
 
 
 def _standing_failure(qp: WholeBodyQP, active: tuple[str, ...], normal: Array) -> str:

@@ -100,14 +100,13 @@ def convex_hull(points: Array, triangles: int = TRIANGLES) -> tuple[Array, npt.N
             break
         chosen.append(farthest)
     hull = ConvexHull(candidates[chosen])
-    corners = candidates[chosen][hull.vertices]
     index = np.empty(len(chosen), dtype=np.intp)
     index[hull.vertices] = np.arange(len(hull.vertices))
     faces = hull.simplices.astype(np.intp)
     a, b, c = (candidates[chosen][faces[:, i]] for i in range(3))
     inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
     faces[inward] = faces[inward][:, ::-1]
-    return frozen(corners), index[faces]
+    return frozen(candidates[chosen][hull.vertices]), index[faces]
 
 
 def _embedded(part: Part, other: Part) -> bool:

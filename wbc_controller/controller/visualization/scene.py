@@ -170,8 +170,7 @@ def _point_and_reference(task: kinds.Task, dynamics: Dynamics, reference: Refere
         at = dynamics.placement(model.frame_id(task.frame, task.name))
         if isinstance(task, kinds.GazeTask):
             return [at.translation, wanted[:3]]
-        observer = dynamics.placement(model.frame_id(task.reference_frame, task.name))
-        return [at.translation, observer.act(wanted[:3])]
+        return [at.translation, dynamics.placement(model.frame_id(task.reference_frame, task.name)).act(wanted[:3])]
     return []
 
 
