@@ -332,6 +332,5 @@ class Supervisor:
         limited = np.minimum(np.maximum(tau, self.torques_sent - step), self.torques_sent + step)
         lower, upper = self._available(joint_velocity)
         self.torques_sent = freeze(np.minimum(np.maximum(limited, lower), upper))
-        return JointCommand(
-            state.stamp if state is not None else 0, self.torques_sent, self._no_motion, self._no_motion
-        )
+        stamp = 0 if state is None else state.stamp
+        return JointCommand(stamp, self.torques_sent, self._no_motion, self._no_motion)

@@ -36,11 +36,8 @@ def make_torque_speed(settings: Settings, model: RobotModel) -> TorqueSpeedCurve
 
 def make_self_collision(settings: Settings, model: RobotModel) -> SelfCollisionLimit:
     """Build the self-collision limit, and log the excluded pairs of links."""
-    own = settings.limits.self_collision
-    srdf = None
-    if own.srdf:
-        key = "limits.self_collision.srdf"
-        srdf = read_text(locate(own.srdf, key), f"{key} = {own.srdf!r}", LARGEST_URDF)
+    own, key = settings.limits.self_collision, "limits.self_collision.srdf"
+    srdf = read_text(locate(own.srdf, key), f"{key} = {own.srdf!r}", LARGEST_URDF) if own.srdf else None
     collision = build_collision_model(
         model, margin=own.margin, srdf=srdf, pairs=own.pairs, visual=own.visual, folder=folder_of(settings.robot.urdf)
     )

@@ -93,8 +93,7 @@ def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str 
         shapes = contact_shapes.compare_with_shapes(settings, qp, normal)
         findings = [*check_qp(settings, qp, make_board(settings, qp)), *shapes]
         qp.dynamics.update(q, np.zeros(model.nv))
-        findings += _posture(qp, active, normal)
-        findings += model_plausibility.locked_joints(model)
+        findings += [*_posture(qp, active, normal), *model_plausibility.locked_joints(model)]
         findings += [*_uncontrolled_joints(settings, qp, active), *_redundant(qp, active)]
         frames = [qp.dynamics.placement(i).translation for i in range(1, len(model.pinocchio.frames))]
         findings += model_plausibility.limits(settings, model, np.array(frames))
