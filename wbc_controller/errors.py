@@ -33,13 +33,7 @@ class InputRefused(WbcError):
 
 
 class NoSolution(WbcError):
-    """No usable solution of the quadratic program.
-
-    Attributes:
-        status: status of the solver.
-        problem: the solver's input (`formulation.problem.QuadraticProgram`).
-        infeasibility: conflicting constraints (`records.Infeasibility`); None before the search, or without a conflict.
-    """
+    """No usable solution of the quadratic program."""
 
     def __init__(
         self,
@@ -51,9 +45,9 @@ class NoSolution(WbcError):
     ) -> None:
         """Create the exception; `search` finds the conflicting constraints."""
         super().__init__(message)
-        self.status = status
-        self.problem = problem
-        self.infeasibility = infeasibility
+        self.status = status  # of the solver
+        self.problem = problem  # the solver's input (`formulation.problem.QuadraticProgram`)
+        self.infeasibility = infeasibility  # conflict (`records.Infeasibility`); None before the search or without one
         self._search = search
 
     def explained(self) -> "NoSolution":
