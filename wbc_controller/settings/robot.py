@@ -1,6 +1,6 @@
 """Settings of the robot."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
@@ -8,26 +8,22 @@ from pydantic import BeforeValidator, Field, model_validator
 from wbc_controller.settings.values import Finite, NonNegative, Positive, Section, key
 
 
-def _joined(values: Any, is_value: Callable[[Any], bool], above: str = "") -> Any:
-    """Join nested keys to joint names with dots: ``{a: {b: 1}}`` to ``{a.b: 1}``."""
+def _joined(values: Any, keys: Sequence[str], above: str = "") -> Any:
+    """Join nested keys, except sections with these keys, to joint names with dots: ``{a: {b: 1}}`` to ``{a.b: 1}``."""
     if not isinstance(values, Mapping):
         return values
     joined: dict[str, Any] = {}
     for name, value in values.items():
-        if is_value(value) or not isinstance(value, Mapping) or not value:
+        if not isinstance(value, Mapping) or not value or not value.keys().isdisjoint(keys):
             joined[f"{above}{name}"] = value
         else:
-            joined |= _joined(value, is_value, f"{above}{name}.")
+            joined |= _joined(value, keys, f"{above}{name}.")
     return joined
 
 
 def _by_joint(*keys: str) -> BeforeValidator:
     """Return a validator that joins the names of a dictionary by joint, with values or with sections of these keys."""
-
-    def is_section(value: Any) -> bool:
-        return isinstance(value, Mapping) and not value.keys().isdisjoint(keys)
-
-    return BeforeValidator(lambda values: _joined(values, is_section))
+    return BeforeValidator(lambda values: _joined(values, keys))
 
 
 class PassiveJointSettings(Section):
