@@ -205,9 +205,8 @@ def thin_out(time: Array, values: Array) -> tuple[Array, Array]:
     for start, end in pairwise(np.linspace(0, len(time), POINTS // 2 + 1).astype(np.intp)):
         stretch = values[start:end]
         gap = np.isnan(stretch)
-        keep += [start, start + int(np.argmax(gap))] if gap.any() else [
-            start + int(np.argmin(stretch)), start + int(np.argmax(stretch))
-        ]  # fmt: skip
+        offsets = [0, np.argmax(gap)] if gap.any() else [np.argmin(stretch), np.argmax(stretch)]
+        keep += [start + offset for offset in offsets]
     chosen = np.unique(keep)
     return time[chosen].astype(np.float32), values[chosen].astype(np.float32)
 
@@ -240,9 +239,7 @@ def plot_cycle(shapes: Sequence[Shape], shares: Mapping[str, float], title: str,
         template="plotly_white",
         scene={
             "aspectmode": "data",
-            "xaxis_title": "x, m",
-            "yaxis_title": "y, m",
-            "zaxis_title": "z, m",
+            **{f"{axis}axis_title": f"{axis}, m" for axis in "xyz"},
             "camera": {"eye": {"x": 2.6, "y": 1.6, "z": 1.0}},
         },
         legend={"orientation": "h", "y": -0.15},

@@ -59,10 +59,8 @@ def draw(
 ) -> Iterator[Shape]:
     """Yield the non-empty shapes of one state; `references` and `forces` (`Solution.forces`) may be empty."""
     corners = {name: points_of(contact, dynamics) for name, contact in contacts.items()}
-    ground_contacts = {
-        name for name, each in contacts.items() if isinstance(each, UnilateralContact) and not each.internal
-    }
-    feet = [name for name in (forces or corners) if name in ground_contacts]
+    outer = {name for name, each in contacts.items() if isinstance(each, UnilateralContact) and not each.internal}
+    feet = [name for name in (forces or corners) if name in outer]  # not between two links
     standing = np.array([point for name in feet for point in corners[name]]).reshape(-1, 3)
     ground = float(np.mean(standing[:, 2])) if len(standing) else 0.0
     outlines = [edge for points in corners.values() if len(points) > 2 for edge in _edges(points)]
