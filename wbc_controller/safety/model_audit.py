@@ -41,8 +41,7 @@ class ModelAudit:
 
     def __init__(self, model: RobotModel, settings: AuditSettings, period: float) -> None:
         """Start with the thresholds of the settings and a control period, s."""
-        self._model = model
-        self._settings = settings
+        self._model, self._settings = model, settings
         self._mass = model.mass  # kg
         self._gravity = self._mass * np.array(model.pinocchio.gravity.linear)  # N
         self._weight = self._mass * model.gravity

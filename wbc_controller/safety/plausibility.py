@@ -99,19 +99,15 @@ class StateWatch:
         magnitudes, limits = np.abs(state.q), self._memory
         if not (largest(magnitudes) <= limits.magnitude):
             i = int(magnitudes.argmax())
-            return _fault(
-                f"the configuration's value {i} is {state.q[i]:.3g} (limit {limits.magnitude:g} rad or m, "
-                "safety.max_magnitude)"
-            )
+            limit = f"limit {limits.magnitude:g} rad or m, safety.max_magnitude"
+            return _fault(f"the configuration's value {i} is {state.q[i]:.3g} ({limit})")
         good = np.abs(state.v) <= limits.fastest
         if all_true(good):
             return None
         i = int((~good).argmax())
         key = "max_joint_speed" if i in self._joints else "max_base_speed" if i < 3 else "max_base_turn"
-        return _fault(
-            f"{self._names[i]} has the velocity {state.v[i]:.3g} {'m/s' if key == 'max_base_speed' else 'rad/s'} "
-            f"(limit {limits.fastest[i]:.3g}, safety.{key})"
-        )
+        unit, limit = "m/s" if key == "max_base_speed" else "rad/s", f"limit {limits.fastest[i]:.3g}, safety.{key}"
+        return _fault(f"{self._names[i]} has the velocity {state.v[i]:.3g} {unit} ({limit})")
 
     def _to_fault(self, found: int, state: RobotState) -> Fault | None:
         fault = None
@@ -146,10 +142,7 @@ class _ValueGroup:
     STATE_FIELDS = ("since",)
 
     def __init__(self, what: str, v_places: np.ndarray | slice, limit: float) -> None:
-        self.since = 0
-        self._what = what
-        self._v_places = v_places
-        self._limit = limit
+        self.since, self._what, self._v_places, self._limit = 0, what, v_places, limit
 
     def frozen_fault(self, state: RobotState) -> Fault | None:
         """Return a fault if values repeat bit for bit in motion, as of dead sensors with fresh stamps."""
@@ -159,10 +152,8 @@ class _ValueGroup:
         lasted = 1.0e-9 * (state.stamp - self.since)
         if lasted <= self._limit or not (largest(np.abs(state.v[self._v_places])) * lasted > REST):
             return None
-        return _fault(
-            f"{self._what} have repeated for {1e3 * lasted:.0f} ms with non-zero velocities "
-            f"(limit {1e3 * self._limit:.0f} ms, safety.frozen_time)"
-        )
+        limit = f"limit {1e3 * self._limit:.0f} ms, safety.frozen_time"
+        return _fault(f"{self._what} have repeated for {1e3 * lasted:.0f} ms with non-zero velocities ({limit})")
 
 
 _JUMP = "{name}: the position differs by {value:.3g} {unit} from the integrated velocity"
@@ -208,7 +199,6 @@ class FallWatch:
         """Compare a plausible state with the activation; return the fault, or None."""
         if not self.floating:
             return None
-        least = self._settings.min_height
         if not self._begun:
             self.upward, self._height, self._last_check = upward(state.q), self._height_of(state), now
             self._begun = True
@@ -216,21 +206,16 @@ class FallWatch:
         (a, b, c), (x, y, z) = self.upward, upward(state.q)
         cosine = a * x + b * y + c * z
         if not (cosine >= self._least_cosine):
-            tilted = math.acos(max(-1.0, min(1.0, cosine)))
-            return Fault(
-                "FALLEN",
-                f"the base has tilted by {tilted:.2f} rad since the activation (limit {self._settings.max_tilt:.2f} "
-                "rad, safety.max_tilt)",
-            )
+            tilted, limit = math.acos(max(-1.0, min(1.0, cosine))), f"limit {self._settings.max_tilt:.2f} rad"
+            sentence = f"the base has tilted by {tilted:.2f} rad since the activation ({limit}, safety.max_tilt)"
+            return Fault("FALLEN", sentence)
+        least = self._settings.min_height
         if least > 0.0 and self._height >= LEAST_HEIGHT and not (0.0 <= now - self._last_check < HEIGHT_PERIOD):
             self._last_check = now
             high = self._height_of(state)
             if not (high >= least * self._height):
-                return Fault(
-                    "FALLEN",
-                    f"the base is {high:.3f} m above the lowest limb (limit {least:g} of the "
-                    f"{self._height:.3f} m at the activation, safety.min_height)",
-                )
+                limit = f"limit {least:g} of the {self._height:.3f} m at the activation, safety.min_height"
+                return Fault("FALLEN", f"the base is {high:.3f} m above the lowest limb ({limit})")
         return None
 
     def _height_of(self, state: RobotState) -> float:

@@ -263,11 +263,9 @@ class Supervisor:
         self._was_relaxed = True
         if spent <= limits.relax_time:
             return None
-        return Fault(
-            "RELAXED",
-            f"{', '.join(self._relaxed)}: relaxed for {1e3 * spent:.0f} ms within {limits.relax_window:g} s "
-            f"(limit {1e3 * limits.relax_time:.0f} ms, safety.relax_time)",
-        )
+        names, limit = ", ".join(self._relaxed), f"limit {1e3 * limits.relax_time:.0f} ms, safety.relax_time"
+        text = f"{names}: relaxed for {1e3 * spent:.0f} ms within {limits.relax_window:g} s ({limit})"
+        return Fault("RELAXED", text)
 
     def _hold(self, now: float, reason: Fault) -> None:
         if self.mode is Mode.ACTIVE:
@@ -278,11 +276,9 @@ class Supervisor:
         if lasted <= limits.hold_time and held <= limits.hold_time:
             return
         if lasted <= limits.hold_time:
-            sentence = (
-                f"held the last torques for {1e3 * held:.0f} ms within {limits.hold_window:g} s (limit "
-                f"{1e3 * limits.hold_time:.0f} ms, safety.hold_time): {reason.sentence}"
-            )
-            reason = replace(reason, sentence=sentence)
+            limit = f"limit {1e3 * limits.hold_time:.0f} ms, safety.hold_time"
+            text = f"held the last torques for {1e3 * held:.0f} ms within {limits.hold_window:g} s ({limit})"
+            reason = replace(reason, sentence=f"{text}: {reason.sentence}")
         # Keep the explanation of the first failure.
         explained = self.fault is not None and self.fault.infeasibility is not None
         self._enter(Mode.DAMPING, now, self.fault if explained else reason)

@@ -68,12 +68,11 @@ def require_inertia(model: RobotModel) -> None:
                 "requires a mass and three positive moments"
             )
     for joint, placement in enumerate(model.pinocchio.jointPlacements):
-        if not (float(np.linalg.norm(placement.translation)) <= _LARGEST_LINK):
-            raise ConfigurationError(
-                f"robot.urdf: joint {model.pinocchio.names[joint]!r} is "
-                f"{np.linalg.norm(placement.translation):.4g} m from its parent joint (allowed {_LARGEST_LINK:g} m); "
-                "lengths in URDFs are in metres"
-            )
+        distance = float(np.linalg.norm(placement.translation))
+        if not (distance <= _LARGEST_LINK):
+            name, allowed = model.pinocchio.names[joint], f"allowed {_LARGEST_LINK:g} m"
+            text = f"is {distance:.4g} m from its parent joint ({allowed}); lengths in URDFs are in metres"
+            raise ConfigurationError(f"robot.urdf: joint {name!r} {text}")
 
 
 def massless_links(model: RobotModel) -> list[str]:

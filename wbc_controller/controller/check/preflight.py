@@ -154,10 +154,8 @@ def _posture(qp: WholeBodyQP, active: Sequence[str], normal: Array) -> list[Find
     }
     steep = [f"{name} {degrees(tilt):.0f}°" for name, tilt in tilts.items() if not (tilt <= _STEEP)]
     if steep:
-        raise ConfigurationError(
-            f"robot.posture: tilt of soles against the floor with upright base: {', '.join(steep)} "
-            f"(allowed {degrees(_STEEP):.0f}°)"
-        )
+        tilted = f"{', '.join(steep)} (allowed {degrees(_STEEP):.0f}°)"
+        raise ConfigurationError(f"robot.posture: tilt of soles against the floor with upright base: {tilted}")
     if tilts:
         text = ", ".join(f"{name} {degrees(tilt):.1f}°" for name, tilt in tilts.items())
         turns = max(tilts.values()) > _TILTED
