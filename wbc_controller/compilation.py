@@ -178,10 +178,8 @@ def _require_array(name: str, array: Any, kind: Any) -> None:
         if isinstance(array, np.ndarray):
             flags = [name for name in ("c_contiguous", "writeable") if not getattr(array.flags, name)]
             got = f"{array.dtype} of shape {array.shape}" + (f", not {' and not '.join(flags)}" if flags else "")
-        raise TypeError(
-            f"{name} must be a {layout} {'writable ' if kind.mutable else ''}{kind.dtype} array with {kind.ndim} axes, "
-            f"got {got}"
-        )
+        expected = f"a {layout} {'writable ' if kind.mutable else ''}{kind.dtype} array with {kind.ndim} axes"
+        raise TypeError(f"{name} must be {expected}, got {got}")
 
 
 def _compile(function: Any, signature: list[Any]) -> Any:

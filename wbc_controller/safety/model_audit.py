@@ -152,10 +152,8 @@ class ModelAudit:
             )
         if finding == "UNMODELLED_TORQUE":
             worst = int((np.abs(torques) / self._largest_torques).argmax())
-            return (
-                f"{torques.item(worst):.3g} N·m at {self._model.joints[worst]}: torque not applied as sent, friction, "
-                "or a wrong inertia"
-            )
+            torque = f"{torques.item(worst):.3g} N·m at {self._model.joints[worst]}"
+            return f"{torque}: torque not applied as sent, friction, or a wrong inertia"
         return f"{self._energy:.3g} W of {self._throughput:.3g} W: a wrong torque, friction, or a wrong mass"
 
 

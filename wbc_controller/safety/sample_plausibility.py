@@ -82,10 +82,8 @@ class SampleCheck:
         change = float(memory.change[i])
         hint = "" if memory.floating else wrap_hint(change)
         limit = f"limit {memory.tolerance[i]:.3g}, safety.{_MISMATCH[self._keys[i]]}"
-        return (
-            f"{name} jumps by {change:.3g} {unit.removesuffix('/s')} {since}, inconsistent with its velocity "
-            f"({limit}){hint}"
-        )
+        jump = f"{change:.3g} {unit.removesuffix('/s')} {since}"
+        return f"{name} jumps by {jump}, inconsistent with its velocity ({limit}){hint}"
 
 
 def _memory(

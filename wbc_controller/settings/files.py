@@ -127,10 +127,8 @@ def _count(node: yaml.Node, source: str, keys: tuple[str, ...], counts: dict[int
             count += _count(key_node, source, keys, counts)
             key, line = str(key_node.value), key_node.start_mark.line + 1
             if key in lines:  # YAML would use the last one without an error
-                raise ConfigurationError(
-                    f"{source}:{line}: {_dotted((*keys, key))}: duplicate key {key!r}, first in line {lines[key]}; "
-                    "remove one"
-                )
+                problem = f"duplicate key {key!r}, first in line {lines[key]}; remove one"
+                raise ConfigurationError(f"{source}:{line}: {_dotted((*keys, key))}: {problem}")
             lines[key] = line
             count += _count(value, source, (*keys, key), counts)
     if count > _MOST_VALUES:

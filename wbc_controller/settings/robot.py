@@ -112,8 +112,6 @@ class RobotSettings(Section):
             if twice:
                 raise ValueError(f"{kind}s: duplicate {', '.join(map(repr, twice))}; name each {kind} once")
         if len(self.posture) != len(self.joints):
-            raise ValueError(
-                f"posture has {len(self.posture)} values for {len(self.joints)} joints; "
-                "it takes one per joint, in the same order"
-            )
+            problem = f"posture has {len(self.posture)} values for {len(self.joints)} joints"
+            raise ValueError(f"{problem}; it takes one per joint, in the same order")
         return self

@@ -23,10 +23,8 @@ class _Task(Section):
         for name in ("stiffness", "damping", "gain", "tolerance"):
             value = getattr(self, name, None)
             if isinstance(value, list) and axes and len(value) != axes:
-                raise ValueError(
-                    f"{name} = {reprlib.repr(value)}: {len(value)} values; expected one number, or {axes} values "
-                    "(one per axis)"
-                )
+                expected = f"expected one number, or {axes} values (one per axis)"
+                raise ValueError(f"{name} = {reprlib.repr(value)}: {len(value)} values; {expected}")
         return self
 
 

@@ -10,10 +10,8 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field
 def _name(value: str) -> str:
     if not (re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", value) and len(value) <= _LONGEST_NAME):
         shown = f"the name {value!r}" if len(value) <= _LONGEST_NAME else f"a name of {len(value)} characters"
-        raise ValueError(
-            f"{shown} is not valid in a ROS topic: use letters, digits and underscores, no leading digit, at most "
-            f"{_LONGEST_NAME} characters"
-        )
+        valid = f"use letters, digits and underscores, no leading digit, at most {_LONGEST_NAME} characters"
+        raise ValueError(f"{shown} is not valid in a ROS topic: {valid}")
     return value
 
 

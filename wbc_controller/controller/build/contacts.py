@@ -20,11 +20,10 @@ def make_contact(name: str, contact: schema.ContactSettings, model: RobotModel) 
     if isinstance(contact, schema.FixedContact):
         placement = contacts.placement_of(contact.translation, contact.rpy)
         return contacts.FixedContact(*base, placement, contact.mask, max_moment=contact.max_moment or 0.0, **given)
-    if contact.min_normal_force > contact.max_normal_force:
-        raise ConfigurationError(
-            f"contacts.{name}: min_normal_force = {contact.min_normal_force} is larger than "
-            f"max_normal_force = {contact.max_normal_force}"
-        )
+    least, most = contact.min_normal_force, contact.max_normal_force
+    if least > most:
+        problem = f"min_normal_force = {least} is larger than max_normal_force = {most}"
+        raise ConfigurationError(f"contacts.{name}: {problem}")
     if isinstance(contact, schema.SurfaceContact):
         support = (
             contacts.Rectangle(contact.half_length or 0.0, contact.half_width or 0.0)

@@ -25,10 +25,8 @@ def make_torque_speed(settings: Settings, model: RobotModel) -> TorqueSpeedCurve
     for name in model.actuators:
         own = curve.actuators.get(name)
         if own is None and name in settings.robot.transmission:
-            raise ConfigurationError(
-                f"limits.torque_speed.actuators: {name!r} of robot.transmission requires corner and no_load, as the "
-                "URDF has no velocity limit for it"
-            )
+            reason = "requires corner and no_load, as the URDF has no velocity limit for it"
+            raise ConfigurationError(f"limits.torque_speed.actuators: {name!r} of robot.transmission {reason}")
         corner.append(own.corner if own is not None else curve.corner * limits[name])
         no_load.append(own.no_load if own is not None else curve.no_load * limits[name])
     return TorqueSpeedCurve(frozen(corner), frozen(no_load))

@@ -31,10 +31,9 @@ def is_quadruped(settings: Settings, walking: WalkingSettings) -> bool:
     points = [name for name, contact in contacts.items() if isinstance(contact, PointContact)]
     quadruped = len(points) == 4 and not any(isinstance(contact, SurfaceContact) for contact in contacts.values())
     if not quadruped and walking.gait is not None:
-        raise ConfigurationError(
-            f"walking.gait = {walking.gait!r} takes four point contacts and no surface contact; point contacts: "
-            f"{', '.join(points) or 'none'}; remove the key for a biped"
-        )
+        problem = f"walking.gait = {walking.gait!r} takes four point contacts and no surface contact"
+        found = ", ".join(points) or "none"
+        raise ConfigurationError(f"{problem}; point contacts: {found}; remove the key for a biped")
     for key in _BIPED_KEYS if quadruped else ():
         if getattr(walking, key) is not None:
             raise ConfigurationError(f"walking.{key}: a robot with four point contacts has no such key; remove it")

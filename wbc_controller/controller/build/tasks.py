@@ -40,8 +40,6 @@ def make_task(name: str, task: schema.TaskSettings, model: RobotModel, contacts:
     if task.tolerance is not None:
         made.tolerance = np.array(task.tolerance, dtype=np.float64)
         if made.tolerance.shape not in ((), (made.size,)):
-            raise ConfigurationError(
-                f"tasks.{name}.tolerance: {made.tolerance.size} values; expected one number, or {made.size} values "
-                "(one per axis)"
-            )
+            expected = f"expected one number, or {made.size} values (one per axis)"
+            raise ConfigurationError(f"tasks.{name}.tolerance: {made.tolerance.size} values; {expected}")
     return made

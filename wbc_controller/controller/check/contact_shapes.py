@@ -142,10 +142,9 @@ def _compare_contact(
     _require_height(name, kind, region.height, np.array(spec.translation) + shift)
     side_offset = float(region.outside(np.zeros((1, 2)))[0])
     if not (side_offset <= _SIDE_OFFSET):
-        raise ConfigurationError(
-            f"contacts.{name}: its {kind} is {1e3 * side_offset:.0f} mm beside the footprint of {spec.frame!r} in the "
-            f"URDF (allowed {1e3 * _SIDE_OFFSET:.0f} mm); correct frame or translation"
-        )
+        allowed = f"(allowed {1e3 * _SIDE_OFFSET:.0f} mm); correct frame or translation"
+        offset = f"{1e3 * side_offset:.0f} mm beside the footprint of {spec.frame!r} in the URDF"
+        raise ConfigurationError(f"contacts.{name}: its {kind} is {offset} {allowed}")
     return f"{radius} m" + (_describe_offset(region.height) or " agrees")
 
 
@@ -186,10 +185,8 @@ def _require_size(name: str, spec: SurfaceSettings, region: Footprint) -> None:
         return
     key = "vertices" if spec.vertices is not None else "half_length and half_width"
     if region.outside(corners[:, ::-1]).max() <= allowed:
-        raise ConfigurationError(
-            f"contacts.{name}: {key} are swapped: the sole of {spec.frame!r} in the URDF is {_size(region)} along x "
-            "and y"
-        )
+        sides = f"the sole of {spec.frame!r} in the URDF is {_size(region)} along x and y"
+        raise ConfigurationError(f"contacts.{name}: {key} are swapped: {sides}")
     middle = 0.5 * (region.polygon.min(axis=0) + region.polygon.max(axis=0))
     raise ConfigurationError(
         f"contacts.{name}: {key} reach {1e3 * overhang:.0f} mm beyond the sole of {spec.frame!r} in the URDF (allowed "

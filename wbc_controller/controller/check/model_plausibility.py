@@ -103,10 +103,8 @@ def require_friction(settings: Settings) -> None:
     """Raise `ConfigurationError` for contacts with less friction than wet ice."""
     for name, contact in settings.contacts.items():
         if not isinstance(contact, FixedContact) and not (contact.friction >= _SLIPPERY):
-            raise ConfigurationError(
-                f"contacts.{name}.friction = {contact.friction:g}: must be at least {_SLIPPERY:g} (wet ice); rubber on "
-                "a floor has 0.5 to 1"
-            )
+            valid = f"must be at least {_SLIPPERY:g} (wet ice); rubber on a floor has 0.5 to 1"
+            raise ConfigurationError(f"contacts.{name}.friction = {contact.friction:g}: {valid}")
 
 
 def limits(settings: Settings, model: RobotModel, placements: Array) -> list[Finding]:

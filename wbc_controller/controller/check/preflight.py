@@ -222,10 +222,8 @@ def _loops(qp: WholeBodyQP) -> list[Finding]:
         error = loop.error(qp.dynamics)
         if not (np.abs(error).max() <= _CLOSED):
             parts = [f"{value:.3g} {'rad' if turns else 'm'}" for value, turns in zip(error, loop.moments, strict=True)]
-            raise ConfigurationError(
-                f"robot.posture: position error of the loop {loop.name!r}: [{', '.join(parts)}] along its constrained "
-                f"axes of frame_a (allowed {_CLOSED:g})"
-            )
+            text = f"[{', '.join(parts)}] along its constrained axes of frame_a (allowed {_CLOSED:g})"
+            raise ConfigurationError(f"robot.posture: position error of the loop {loop.name!r}: {text}")
     return [Finding("loops", ", ".join(loop.name for loop in loops) + ": closed in the posture")] if loops else []
 
 
@@ -234,10 +232,8 @@ def _support(qp: WholeBodyQP, points: Mapping[str, Array], normal: Array) -> Fin
     level = min(_LEVEL, _LEVEL_SHARE * float(qp.dynamics.com @ normal))
     high = [f"{name} {1e3 * height:.0f} mm" for name, height in heights.items() if not (height <= level)]
     if high:
-        raise ConfigurationError(
-            "robot.posture: with the base upright these contacts reach above the floor on which the lowest one stands: "
-            f"{', '.join(high)} (allowed {1e3 * level:.0f} mm)"
-        )
+        problem = "with the base upright these contacts reach above the floor on which the lowest one stands"
+        raise ConfigurationError(f"robot.posture: {problem}: {', '.join(high)} (allowed {1e3 * level:.0f} mm)")
     margin = support_margin(np.vstack(list(points.values()))[:, :2], qp.dynamics.com[:2])
     side = "inside" if margin >= 0.0 else "outside"
     return Finding("centre of mass", f"{_length(margin)} {side} the edge of the support")
