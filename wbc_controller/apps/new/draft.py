@@ -91,11 +91,13 @@ def _shapes(model: RobotModel, source: UrdfSource, draft: Draft) -> list[pin.Geo
     """Read the collision shapes, or visual shapes of links without them; missing files get a note."""
     tree, folder, lost = copy.deepcopy(source.tree), source.path.parent, []
     for link in tree.iterfind("link"):
-        for element in link.findall("collision") or link.findall("visual"):
+        measured = link.findall("collision") or link.findall("visual")
+        for element in (*link.findall("collision"), *link.findall("visual")):
             mesh = element.find("geometry/mesh")
             if mesh is not None and not _is_there(str(mesh.get("filename")), folder):
                 link.remove(element)
-                lost.append(str(link.get("name")))
+                if element in measured:
+                    lost.append(str(link.get("name")))
     if lost:
         names = ", ".join(dict.fromkeys(lost))
         draft.note("contacts", f"shapes of {names}: the files are missing and were not measured.", "missing")

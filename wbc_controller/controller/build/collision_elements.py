@@ -26,11 +26,11 @@ def read_collision_elements(
     model: RobotModel, urdf: str, key: str, folder: Path | None = None
 ) -> list[pin.GeometryObject]:
     """Read the collision elements of a URDF, in their joints' frames; `folder` is that of relative mesh paths."""
-    folders = [str(share_folder(package).parent) for package in mesh_packages(urdf)] + ([str(folder)] if folder else [])
+    shapes = shapes_only(urdf, "collision")
+    packages = mesh_packages(shapes)
+    folders = [str(share_folder(package).parent) for package in packages] + ([str(folder)] if folder else [])
     try:
-        read = pin.buildGeomFromUrdfString(
-            model.pinocchio, shapes_only(urdf, "collision"), pin.COLLISION, None, folders, _MESHES
-        )
+        read = pin.buildGeomFromUrdfString(model.pinocchio, shapes, pin.COLLISION, None, folders, _MESHES)
     except (ValueError, RuntimeError) as error:
         reason = " ".join(str(error).rpartition("message:")[2].split())
         raise ConfigurationError(f"{key}: a collision element cannot be read: {reason}") from error
