@@ -74,6 +74,8 @@ def choose_joints(source: UrdfSource, draft: Draft, carrying: Sequence[str]) -> 
     """
     model = read_mechanism(source.tree, floating_base=True)
     mimics, mass = read_mimics(source.tree), pin.computeTotalMass(model)
+    if not (mass > 0.0):
+        raise ConfigurationError("robot.urdf: the mass of the robot is 0 kg; add <inertial> elements to its links")
     elements = [joint for joint in source.tree.iterfind("joint") if joint.get("type") != "fixed"]
     limits = replaced_limits(elements, mass, reach_of(model))
     ranges = ranges_of(source, limits.values)
@@ -106,7 +108,9 @@ def choose_joints(source: UrdfSource, draft: Draft, carrying: Sequence[str]) -> 
     ):
         if names:
             draft.note("robot.joints", f"Locked joints, not listed here: {', '.join(names)}; {why}.", "guess")
-    locked = {name: round(float(np.clip(0.0, *ranges[name])), 4) for name in (*light, *stiff)}
+    locked = {
+        name: float(np.clip(np.round(np.clip(0.0, *ranges[name]), 4), *ranges[name])) for name in (*light, *stiff)
+    }
     locked = {name: position for name, position in locked.items() if position}
     if locked:
         draft.put("robot.locked_joints", locked, "The nearer limit, because zero is outside the range.", "guess")
