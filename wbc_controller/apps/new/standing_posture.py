@@ -12,12 +12,18 @@ from wbc_controller.apps.new.foot_shape import Foot
 from wbc_controller.apps.new.mechanism import usable_ranges
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
+from wbc_controller.safety.model_audit import joint_efforts
 
 #: Leg length, as a share of the longest with level feet: with flat feet, and with other feet.
 _BENT, _BENT_POINT = 0.94, 0.85
+#: Share of the travel of flat feet under the hips by which the legs are bent at most, since the ankles' range may be
+#: small; tried shares of the bend; largest motion of a foot aside, relative to the robot's size.
+_TRAVEL_SHARE, _SHARES, _ASIDE = 0.35, (1.0, 0.75, 0.5, 0.3, 0.15), 0.03
+_ANKLE_SHARE = 0.5  # of the ankles' torques, for the centre of mass before them
 _MARGIN, _LARGEST_MARGIN = 0.08, 0.15  # share of the range, and maximum, rad
 _STARTS, _SPREAD = 8, 0.8  # starts, and distance from the reference, rad
 _TOLERANCE = 1.0e-3  # largest accepted constraint error, m or rad
+_LEVEL = 0.02  # largest height difference, m, or tilt, as a sine, of level feet
 #: Weights: centre of mass off the feet's middle and foot off the hip, relative to the robot's size; tilt and yaw of
 #: soles.
 _CENTRE, _UNDER_HIP, _TILT, _YAW = 3000.0, 30.0, 3000.0, 5.0
@@ -42,6 +48,11 @@ class FeetPlacement(NamedTuple):
     com: Array  # (3,) in m
 
     @property
+    def height(self) -> float:
+        """Height of the base above the feet, m."""
+        return -float(self.bottoms.mean())
+
+    @property
     def level_error(self) -> float:
         """Largest height difference, m, or tilt, as a sine."""
         return float(max(np.ptp(self.bottoms), np.abs(self.tilts).max(initial=0.0)))
@@ -62,6 +73,7 @@ class Legs:
         self._places = {j: np.array(data.oMi[j].translation) for j in joints}
         self._legs = self._find_legs()
         self._mirrored = self._find_mirrored()
+        self._com_target = self._find_com_target()
         free = [leg for i, leg in enumerate(self._legs) if i not in self._mirrored]
         self._columns = np.concatenate([leg.columns for leg in free]).astype(int)
         self._bounds = np.column_stack(usable_ranges(model, _MARGIN, _LARGEST_MARGIN))[self._columns]
@@ -83,6 +95,21 @@ class Legs:
             places = np.array([columns[pinocchio.joints[j].idx_v] for j in own], dtype=int)
             legs.append(_Leg(tuple(own), places))
         return legs
+
+    def _find_com_target(self) -> Array:
+        """Return the target of the centre of mass from the middle of the feet, (2,) in m.
+
+        It is the middle of soles if the ankles bear the weight there with `_ANKLE_SHARE` of their torques.
+        """
+        model, offsets = self.model, []
+        largest = _ANKLE_SHARE * len(self.feet) * joint_efforts(model) / (model.mass * model.gravity)  # lever arms, m
+        for foot, leg in zip(self.feet, self._legs, strict=True):
+            pitch = [i for i, j in zip(leg.columns, leg.joints, strict=True) if abs(self._axes[j][1]) > _LATERAL]
+            if foot.kind != "surface" or not pitch:
+                return np.zeros(2)
+            ankle = float(foot.placement.inverse().translation[0])
+            offsets.append(ankle + np.clip(-ankle, -largest[pitch[-1]], largest[pitch[-1]]))
+        return np.array([np.mean(offsets), 0.0])
 
     def _find_mirrored(self) -> dict[int, tuple[int, Array]]:
         """Return the mirrored left leg of each right leg, and the signs of its joint positions, (k,)."""
@@ -138,25 +165,42 @@ class Legs:
         starts = [middle, *(middle + rng.uniform(-_SPREAD, _SPREAD, (_STARTS, len(middle))))]
         starts = [np.clip(start, *self._bounds.T) for start in starts]
         if self._keep_feet:
-            height = -float(self.place_feet(self.reference).bottoms.mean())
+            height = self.place_feet(self.reference).height
         else:
-            longest = [self._search(start, None) for start in starts[:4]]
-            heights = [-float(self.place_feet(found).bottoms.mean()) for found in longest if found is not None]
-            if not heights:
+            longest = self._best(starts[:4], None)
+            if longest is None:
                 return None
+            height = self.place_feet(longest).height
             flat = all(foot.kind == "surface" for foot in self.feet)
             hips = float(np.mean([self._places[leg.joints[0]][2] for leg in self._legs if leg.joints] or [0.0]))
-            hips = max(0.0, hips)
-            height = (_BENT if flat else _BENT_POINT) * (max(heights) + hips) - hips
+            bend = (1.0 - (_BENT if flat else _BENT_POINT)) * (height + max(0.0, hips))
+            height -= bend * self._share_of_bend(starts[:4], height, bend) if flat else bend
+        return self._best(starts, height)
+
+    def _share_of_bend(self, starts: Sequence[Array], longest: float, bend: float) -> float:
+        """Return the share of a bend, m, that leaves room for a squat of flat feet under the hips."""
+        for share in _SHARES:
+            lowest = self._best(starts, longest - share * bend / _TRAVEL_SHARE)
+            if lowest is not None and self._is_natural(self.place_feet(lowest)):
+                return share
+        return _SHARES[-1]
+
+    def _is_natural(self, placement: FeetPlacement) -> bool:
+        aside = np.abs(placement.middles[:, 1] - self._targets[:, 1]).max()
+        return placement.level_error <= _LEVEL and bool(aside <= _ASIDE * self._size)
+
+    def _best(self, starts: Sequence[Array], height: float | None) -> Array | None:
         found = [posture for start in starts if (posture := self._search(start, height)) is not None]
+        if height is None:
+            return max(found, key=lambda posture: self.place_feet(posture).height, default=None)
         return min(found, key=lambda posture: self._cost(posture[self._columns]), default=None)
 
     def _search(self, start: Array, height: float | None) -> Array | None:
         """Search at a base height, m; None maximizes it."""
 
         def objective(x: Array) -> float:
-            bottom = 0.0 if height is not None else float(self.place_feet(self._expand(x)).bottoms.mean()) / self._size
-            return 1.0e2 * bottom + self._cost(x)
+            raised = 0.0 if height is not None else 1.0e2 * self.place_feet(self._expand(x)).height / self._size
+            return self._cost(x) - raised
 
         level = {"type": "eq", "fun": lambda x: self._errors(x, height)}
         options = {"maxiter": 150, "ftol": 1.0e-8}
@@ -183,7 +227,7 @@ class Legs:
         placement = self.place_feet(posture)
         offsets = (placement.middles[:, :2] - self._targets) / self._size
         offsets[:, 0] -= offsets[:, 0].mean()
-        offset = (placement.com - placement.middles.mean(axis=0))[:2] / self._size
+        offset = ((placement.com - placement.middles.mean(axis=0))[:2] - self._com_target) / self._size
         change = float(((posture - self.reference) ** 2).sum())
         return (
             change
