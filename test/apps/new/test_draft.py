@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import yaml
 from refusals import refusal
-from robot_cases import biped, joint, link, robot
+from robot_cases import SOLE, biped, joint, link, robot
 
 from wbc_controller.apps.new.draft import TITLE, new_configuration
 from wbc_controller.apps.new.notes import Draft, identifier
@@ -195,7 +195,63 @@ def test_legs_of_five_joints_and_weak_legs_do_not_walk(drafted):
     draft = drafted(biped())
     assert [contact["type"] for contact in draft.values["contacts"].values()] == ["surface", "surface"]
     assert "walking" not in draft.values
+    assert "the joints of a leg cannot move its foot in all directions" in said(draft, "walking", "guess")
     text = locate(G1).read_text(encoding="utf-8")
     draft = drafted(re.sub(r'effort="([\d.]+)"', lambda found: f'effort="{0.15 * float(found[1])}"', text))
     assert "walking" not in draft.values
     assert "one leg cannot bear the robot (torque of " in said(draft, "walking", "guess")
+
+
+def test_slow_legs_do_not_walk(drafted):
+    text = re.sub(r'velocity="[\d.]+"', 'velocity="0.3"', locate(G1).read_text(encoding="utf-8"))
+    draft = drafted(text)
+    assert "walking" not in draft.values
+    assert "0.05 m/s forward is not feasible (velocity of " in said(draft, "walking", "guess")
+
+
+def with_ankle_pitch(limit):
+    """Return G1's URDF with another limit of its ankles' pitch."""
+    return re.sub(r'<limit lower="-0.87267" upper="0.5236"[^/]*/>', limit, locate(G1).read_text(encoding="utf-8"))
+
+
+def test_small_ranges_of_the_ankles_leave_room_for_a_squat(drafted, g1):
+    """The leg is bent by a share of the travel that the ankles permit, not by 6 % of its length."""
+    draft = drafted(with_ankle_pitch('<limit lower="-0.35" upper="0.5" effort="35" velocity="30"/>'))
+    bent, straight = (
+        dict(zip(each.values["robot"]["joints"], each.values["robot"]["posture"], strict=True)) for each in (g1, draft)
+    )
+    assert bent["left_ankle_pitch_joint"] < -0.3
+    assert -0.2 < straight["left_ankle_pitch_joint"] < -0.05
+    assert "walking" in draft.values
+
+
+def test_robots_with_weak_ankles_stand_above_them(drafted):
+    """In the middle of the soles, 35 mm before the ankles, each ankle would need 6 N·m."""
+    draft = drafted(with_ankle_pitch('<limit lower="-0.87267" upper="0.5236" effort="4" velocity="30"/>'))
+    (found,) = (finding.text for finding in check(draft.settings) if finding.subject == "standing")
+    assert found.startswith("possible")
+
+
+def test_missing_meshes(drafted):
+    """Collision elements with missing meshes are noted, and visual elements are not necessary."""
+    mesh = '<{0}><geometry><mesh filename="package://no_such_package/lost.stl"/></geometry></{0}>'
+    draft = drafted(biped(sole=SOLE + mesh.format("visual")))
+    assert "lost" not in str(draft.notes)
+    check(draft.settings)
+    lost = link("box", 1.0, more=mesh.format("collision") + mesh.format("visual"))
+    draft = drafted(biped(lost, joint("lid", "trunk", "box", at="0 0 0.3")))
+    assert said(draft, "contacts", "missing") == "shapes of box: the files are missing and were not measured."
+    check(draft.settings)
+
+
+def test_locked_joints_stay_in_their_range(drafted):
+    """The nearer limit is written with four digits."""
+    limit = 'lower="0.04852" upper="1.5" effort="5" velocity="5"'
+    draft = drafted(biped(link("finger", 0.01), joint("knuckle", "trunk", "finger", limit=limit)))
+    assert draft.values["robot"]["locked_joints"] == {"knuckle": 0.04852}
+    check(draft.settings)
+
+
+def test_robot_without_mass_is_refused(drafted):
+    text = re.sub("<inertial>.*?</inertial>", "", biped())
+    assert "the mass of the robot is 0 kg; add <inertial> elements" in refusal(drafted, text)

@@ -11,6 +11,8 @@ from wbc_controller.apps.new.feet import Limb
 from wbc_controller.apps.new.foot_shape import Foot, links_of
 from wbc_controller.apps.new.notes import Draft
 from wbc_controller.controller.build.footprint import simplify_polygon
+from wbc_controller.controller.build.gait_limits import BipedLimits, QuadrupedLimits
+from wbc_controller.controller.build.quadruped_walking import make_quadruped_gait
 from wbc_controller.controller.build.walking import find_feet, make_gait
 from wbc_controller.controller.check.preflight import longest_ramp
 from wbc_controller.inverse_dynamics.contacts.support import are_corners
@@ -19,6 +21,9 @@ from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 from wbc_controller.settings.limits import LimitSettings
+from wbc_controller.settings.walking import WalkingSettings
+from wbc_controller.walking.feet import Foot as WalkingFoot
+from wbc_controller.walking.footsteps import Velocity
 
 #: Stiffness of the centre of mass in units of the squared pendulum frequency g/h, and its range, 1/s².
 _COM, _COM_RANGE = 7.0, (60.0, 250.0)
@@ -36,6 +41,7 @@ _POSE_JOINTS = 6
 #: Weight of an arm's posture: largest, m², and per squared lever of a hand (stationary error 2 %).
 _POSTURE, _POSTURE_PER_AREA = 0.1, 0.2
 _IMMOBILE = 1.0e-2  # largest singular value of an immobile direction, m or 1
+_SLOWEST = 0.05  # least feasible speed of a robot that walks, m/s
 _ROUNDING_ANGLE = 0.005  # rounding of a mesh, rad
 
 
@@ -165,19 +171,34 @@ def put_limits(model: RobotModel, draft: Draft) -> None:
 
 
 def put_walking(settings: Settings, qp: WholeBodyQP, draft: Draft) -> None:
-    """Write the section of walking for two soles or four points on freely movable legs."""
+    """Write the section of walking for two soles or four points, or a note why the robot cannot walk."""
     kinds = [contact["type"] for contact in draft.values["contacts"].values()]
-    if kinds not in (["surface"] * 2, ["point"] * 4) or not _feet_move_freely(qp):
+    if kinds not in (["surface"] * 2, ["point"] * 4):
         return
     soles = find_feet(settings, qp.model) if len(kinds) == 2 else None
-    if soles is not None:
-        load = max(make_gait(settings, *soles, qp).single_support().values(), key=lambda load: load.share)
-        if load.share > 1.0:
-            draft.note("walking", f"Not written: one leg cannot bear the robot ({load.text}).", "guess")
-            return
+    hindrance = _hindrance_of_walking(settings, qp, soles)
+    if hindrance:
+        draft.note("walking", f"Not written: {hindrance}.", "guess")
+        return
     # ROS 2 refuses an empty section.
     values = {"gait": "trot"} if soles is None else {"left": soles[0].contact, "right": soles[1].contact}
     draft.put("walking", values, "All values follow from the robot; `wbc check` prints the feasible speeds.", "guess")
+
+
+def _hindrance_of_walking(settings: Settings, qp: WholeBodyQP, soles: tuple[WalkingFoot, WalkingFoot] | None) -> str:
+    """Return why a robot with two soles, or four point feet, cannot walk, or ""."""
+    if not _feet_move_freely(qp):
+        return "the joints of a leg cannot move its foot in all directions"
+    limits: BipedLimits | QuadrupedLimits
+    if soles is None:
+        limits = make_quadruped_gait(settings, WalkingSettings(), qp)
+    else:
+        limits = make_gait(settings, *soles, qp)
+        load = max(limits.single_support().values(), key=lambda load: load.share)
+        if load.share > 1.0:
+            return f"one leg cannot bear the robot ({load.text})"
+    forward = limits.feasible(Velocity(1.0), _SLOWEST)
+    return f"{_SLOWEST:g} m/s forward is not feasible ({forward.quantity})" if forward.speed < _SLOWEST else ""
 
 
 def put_activation_ramp(settings: Settings, qp: WholeBodyQP, draft: Draft) -> None:

@@ -74,7 +74,7 @@ class Leg:
             rows = np.vstack([J, _LEAST_MOTION * np.eye(len(none))])
             posture[self.joints] += np.linalg.lstsq(rows, np.concatenate([error, none]), rcond=None)[0]
         else:
-            return posture, "length of the leg"
+            return posture, "length of the leg" if len(self.joints) >= self._rows else "number of the leg's joints"
         beyond = self._model.joint_beyond_limits(posture, self._margin)
         return posture, f"position of {beyond}" if beyond else ""
 
