@@ -12,7 +12,6 @@ from wbc_controller.apps.new.foot_shape import Foot
 from wbc_controller.apps.new.mechanism import usable_ranges
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
-from wbc_controller.safety.model_audit import joint_efforts
 
 #: Leg length, as a share of the longest with level feet: with flat feet, and with other feet.
 _BENT, _BENT_POINT = 0.94, 0.85
@@ -102,7 +101,8 @@ class Legs:
         It is the middle of soles if the ankles bear the weight there with `_ANKLE_SHARE` of their torques.
         """
         model, offsets = self.model, []
-        largest = _ANKLE_SHARE * len(self.feet) * joint_efforts(model) / (model.mass * model.gravity)  # lever arms, m
+        efforts = model.effort_limits @ np.abs(model.actuation.ratios)  # of the joints, N·m
+        largest = _ANKLE_SHARE * len(self.feet) * efforts / (model.mass * model.gravity)  # lever arms, m
         for foot, leg in zip(self.feet, self._legs, strict=True):
             pitch = [i for i, j in zip(leg.columns, leg.joints, strict=True) if abs(self._axes[j][1]) > _LATERAL]
             if foot.kind != "surface" or not pitch:

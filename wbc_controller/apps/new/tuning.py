@@ -11,7 +11,7 @@ from wbc_controller.apps.new.feet import Limb
 from wbc_controller.apps.new.foot_shape import Foot, links_of
 from wbc_controller.apps.new.notes import Draft
 from wbc_controller.controller.build.footprint import simplify_polygon
-from wbc_controller.controller.build.gait_limits import BipedLimits, QuadrupedLimits
+from wbc_controller.controller.build.gait_limits import WAYS, BipedLimits, QuadrupedLimits
 from wbc_controller.controller.build.quadruped_walking import make_quadruped_gait
 from wbc_controller.controller.build.walking import find_feet, make_gait
 from wbc_controller.controller.check.preflight import longest_ramp
@@ -22,8 +22,6 @@ from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 from wbc_controller.settings.limits import LimitSettings
 from wbc_controller.settings.walking import WalkingSettings
-from wbc_controller.walking.feet import Foot as WalkingFoot
-from wbc_controller.walking.footsteps import Velocity
 
 #: Stiffness of the centre of mass in units of the squared pendulum frequency g/h, and its range, 1/s².
 _COM, _COM_RANGE = 7.0, (60.0, 250.0)
@@ -175,29 +173,26 @@ def put_walking(settings: Settings, qp: WholeBodyQP, draft: Draft) -> None:
     kinds = [contact["type"] for contact in draft.values["contacts"].values()]
     if kinds not in (["surface"] * 2, ["point"] * 4):
         return
-    soles = find_feet(settings, qp.model) if len(kinds) == 2 else None
-    hindrance = _hindrance_of_walking(settings, qp, soles)
+    values: dict[str, str] = {"gait": "trot"}  # ROS 2 refuses an empty section
+    hindrance = "the joints of a leg cannot move its foot in all directions"
+    if _feet_move_freely(qp) and len(kinds) == 4:
+        hindrance = _hindrance_of_walking(make_quadruped_gait(settings, WalkingSettings(), qp))
+    elif _feet_move_freely(qp):
+        left, right = find_feet(settings, qp.model)
+        values = {"left": left.contact, "right": right.contact}
+        hindrance = _hindrance_of_walking(make_gait(settings, left, right, qp))
     if hindrance:
         draft.note("walking", f"Not written: {hindrance}.", "guess")
         return
-    # ROS 2 refuses an empty section.
-    values = {"gait": "trot"} if soles is None else {"left": soles[0].contact, "right": soles[1].contact}
     draft.put("walking", values, "All values follow from the robot; `wbc check` prints the feasible speeds.", "guess")
 
 
-def _hindrance_of_walking(settings: Settings, qp: WholeBodyQP, soles: tuple[WalkingFoot, WalkingFoot] | None) -> str:
-    """Return why a robot with two soles, or four point feet, cannot walk, or ""."""
-    if not _feet_move_freely(qp):
-        return "the joints of a leg cannot move its foot in all directions"
-    limits: BipedLimits | QuadrupedLimits
-    if soles is None:
-        limits = make_quadruped_gait(settings, WalkingSettings(), qp)
-    else:
-        limits = make_gait(settings, *soles, qp)
+def _hindrance_of_walking(limits: BipedLimits | QuadrupedLimits) -> str:
+    if isinstance(limits, BipedLimits):
         load = max(limits.single_support().values(), key=lambda load: load.share)
         if load.share > 1.0:
             return f"one leg cannot bear the robot ({load.text})"
-    forward = limits.feasible(Velocity(1.0), _SLOWEST)
+    forward = limits.feasible(WAYS[0], _SLOWEST)
     return f"{_SLOWEST:g} m/s forward is not feasible ({forward.quantity})" if forward.speed < _SLOWEST else ""
 
 
