@@ -14,7 +14,6 @@ from wbc_controller.apps.terminal.session import Session
 from wbc_controller.apps.terminal.status_view import RobotStatus, StatusListener
 from wbc_controller.controller.visualization.scene import Shape
 from wbc_controller.errors import InputRefused
-from wbc_controller.inverse_dynamics.references.trajectories import rest
 from wbc_controller.middleware.codec import decode
 from wbc_controller.middleware.decoding import READERS
 from wbc_controller.middleware.joint_states import JointStateReader, JointStates, StateReader
@@ -110,7 +109,7 @@ class TopicSource:
                 # The running controller may have another task of this name.
                 with contextlib.suppress(InputRefused, ValueError):
                     (change,) = READERS["setpoint"](self._vocabulary, name, content)
-                    tasks[name] = rest(change.position, 0)  # type: ignore[union-attr]
+                    tasks[name] = Reference(change.position, np.zeros(0), np.zeros(0))  # type: ignore[union-attr]
         weights = {name: float(values.get(f"task_weight/{name}", "0")) for name in tasks}
         return References(tasks, weights, {})
 
