@@ -8,7 +8,7 @@ from types import SimpleNamespace
 from waiting import has_ended, until
 
 from wbc_controller.nodes.processes import end_with_parent
-from wbc_controller.validation.accuracy.parallel import run_parallel
+from wbc_controller.validation.accuracy.accuracy_commands import run_parallel
 
 SCRIPT = """
 import os, sys, time
