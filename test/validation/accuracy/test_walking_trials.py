@@ -9,9 +9,8 @@ from refusals import refusal
 
 from wbc_controller.settings.config import load
 from wbc_controller.validation.accuracy import walk_pushes, walks
-from wbc_controller.validation.accuracy.walk_figures import WalkFigures, WalkMeter
 from wbc_controller.validation.accuracy.walk_pushes import LARGEST, RESOLUTION, Push, ends, largest_impulse
-from wbc_controller.validation.accuracy.walks import GROUNDS, Starts, Walk, terrain_of
+from wbc_controller.validation.accuracy.walks import GROUNDS, Starts, Walk, WalkFigures, WalkMeter, terrain_of
 from wbc_controller.walking.gait import Phase
 
 

@@ -103,21 +103,15 @@ def measure_flaw(
     gains = [ActuatorGain(duration=LONGEST, actuator=name, factor=flaw.gain) for name in weakened]
     trial.faults = [*flaw.faults, *gains]
     torques: list[Array] = []
-    found: dict[str, float] = {}
+    sway = np.nan
     try:
         trial.stand()
-        for motion, points in (
-            ("sway", ([0.0, SWAY, 0.0], [0.0, -SWAY, 0.0], [0.0, 0.0, 0.0])),
-            ("squat", ([0.0, 0.0, -SQUAT], [0.0, 0.0, 0.0])),
-        ):
-            found[motion] = _error(trial, np.array(points), torques)
+        sway = _error(trial, np.array([[0.0, SWAY, 0.0], [0.0, -SWAY, 0.0], [0.0, 0.0, 0.0]]), torques)
+        squat = _error(trial, np.array([[0.0, 0.0, -SQUAT], [0.0, 0.0, 0.0]]), torques)
     except WbcError as error:
-        return FlawErrors(found.get("sway", np.nan), np.nan, np.nan, str(error))
-    return FlawErrors(
-        found["sway"],
-        found["squat"],
-        chatter(np.array(torques), trial.settings.control.rate, trial.controller.model.effort_limits),
-    )
+        return FlawErrors(sway, np.nan, np.nan, str(error))
+    limits = trial.controller.model.effort_limits
+    return FlawErrors(sway, squat, chatter(np.array(torques), trial.settings.control.rate, limits))
 
 
 def _error(trial: EstimationTrial, points: Array, torques: list[Array]) -> float:

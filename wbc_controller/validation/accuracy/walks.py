@@ -13,9 +13,10 @@ from wbc_controller.recording.report.run_data import heading, mean_velocity
 from wbc_controller.records import Array
 from wbc_controller.settings.service import SensorQuality
 from wbc_controller.validation.accuracy.estimation_trial import NO_CHANGES, Changes, EstimationTrial
+from wbc_controller.validation.accuracy.flaws import chatter
 from wbc_controller.validation.accuracy.standing import sensor_settings
-from wbc_controller.validation.accuracy.walk_figures import WalkFigures, WalkMeter
 from wbc_controller.walking.footsteps import BACKWARD, Velocity
+from wbc_controller.walking.gait import Phase
 
 #: Velocities forward, to the left and turning, m/s and rad/s, by name; `random` changes every `_CHANGE` seconds.
 COMMANDS: dict[str, dict[str, tuple[float, float, float]]] = {
@@ -38,6 +39,19 @@ SHARE, _ASIDE = 0.6, 0.35
 MOST_STEPS = 3  # largest number of steps until the robot has stopped
 #: Shortest and longest time of a walk, and of standing, s; longest time of a stop, s.
 _WALK, _STAND, _STOP = (0.5, 4.0), (0.0, 1.0), 6.0
+CHATTER = 25.0  # frequency above which torques are chatter, Hz
+_AT_TOUCHDOWN, _SETTLING = 0.01, 0.05  # time after a touchdown for the torque rate, and until slip counts, s
+
+
+@dataclass(frozen=True, slots=True)
+class WalkFigures:
+    """Largest figures of a walk."""
+
+    torque: float = 0.0  # as a share of the limit
+    rate: float = 0.0  # torque rate at a touchdown, as a share of the limit
+    chatter: float = 0.0  # RMS of a torque above `CHATTER`, as a share of the limit
+    slip: float = 0.0  # of a foot in contact, m
+    outside: float = 0.0  # excess of a commanded contact force over its cone, N or N·m
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +65,61 @@ class Walk:
     ended: str = ""  # time and reason of an early end
     figures: WalkFigures = field(default_factory=WalkFigures)
     lead: float = np.nan  # time from then to the ground contact of another link, s
+
+
+class WalkMeter:
+    """Measures the figures of a walk, cycle by cycle."""
+
+    def __init__(self, trial: EstimationTrial) -> None:
+        settings, self._trial = trial.settings, trial
+        self._limits = trial.model.effort_limits
+        self._step = settings.limits.torque_rate * self._limits / settings.control.rate
+        self._torques: list[Array] = []
+        self._since = np.inf  # cycles since the last touchdown
+        self._phase: Phase | None = None
+        self._placed: dict[str, tuple[int, Array]] = {}
+        self._rate = self._slip = self._outside = 0.0
+
+    def update(self) -> None:
+        """Measure one cycle."""
+        trial, walker = self._trial, self._trial.controller.walker
+        command, solution = trial.report.command, trial.report.solution
+        if walker is None or command is None or solution is None:
+            return
+        self._since = 0.0 if (self._phase, walker.phase) == (Phase.SINGLE, Phase.DOUBLE) else self._since + 1.0
+        self._phase = walker.phase
+        if self._torques and self._since < _AT_TOUCHDOWN * trial.settings.control.rate:
+            self._rate = max(self._rate, float(np.max(np.abs(command.tau - self._torques[-1]) / self._step)))
+        self._torques.append(np.array(command.tau))
+        for name, force in solution.forces.items():
+            cone = trial.controller.qp.contacts[name].cone
+            self._outside = max(self._outside, float(np.max(cone @ force, initial=0.0)))
+        self._follow(list(solution.forces))
+
+    def _follow(self, contacts: list[str]) -> None:
+        settled = _SETTLING * self._trial.settings.control.rate
+        placed = {}
+        for name in contacts:
+            place = self._trial.mock.plant.foot_placement(name).translation[:2].copy()
+            cycles, before = self._placed.get(name, (0, place))
+            if cycles < settled:
+                before = place
+            self._slip = max(self._slip, float(np.linalg.norm(place - before)))
+            placed[name] = cycles + 1, before
+        self._placed = placed
+
+    def figures(self) -> WalkFigures:
+        """Return the figures until now."""
+        if not self._torques:
+            return WalkFigures()
+        torques = np.array(self._torques)
+        return WalkFigures(
+            torque=float(np.max(np.abs(torques) / self._limits)),
+            rate=self._rate,
+            chatter=chatter(torques, self._trial.settings.control.rate, self._limits, CHATTER),
+            slip=self._slip,
+            outside=self._outside,
+        )
 
 
 class WalkTrial(EstimationTrial):
@@ -71,10 +140,10 @@ class WalkTrial(EstimationTrial):
         self.walker = walker
         self.begun = math.inf  # simulated time of the start of the walk, s
         self.meter = WalkMeter(self)
+        self.way: list[list[float]] = []  # time since the start, s, x and y of the base, m, and its heading, rad
+        self.relaxed = 0  # cycles with a relaxed limit
 
-    def walk(
-        self, seconds: float, velocity: Callable[[float], Array | None], each: Callable[[], None] = lambda: None
-    ) -> None:
+    def walk(self, seconds: float, velocity: Callable[[float], Array | None]) -> None:
         """Send velocities for a time in s; raise `NoSolution` if the robot falls.
 
         Args:
@@ -90,7 +159,9 @@ class WalkTrial(EstimationTrial):
                 if wanted is not None:
                     self.user.send("cmd_vel", velocity_message(wanted))
             self.meter.update()
-            each()
+            solution, (q, _) = self.report.solution, self.mock.plant.state()
+            self.relaxed += bool(solution is not None and solution.relaxed)
+            self.way.append([self.time - self.begun, q[0], q[1], heading(q)])
 
         self.run(seconds, cycle)
 
@@ -123,40 +194,30 @@ def walk(
         ConfigurationError: if the robot cannot be controlled or simulated.
     """
     trial = WalkTrial(robot, sensors, seed, changes, scale)
-    rng = np.random.default_rng(seed)
-    ways: list[list[float]] = []
-    relaxed, ended, lead = 0, "", math.nan
-    drawn: list[Array] = []
+    ended, lead = "", math.nan
+    rng, changes_of_velocity = np.random.default_rng(seed), math.ceil(seconds / _CHANGE)
+    drawn = trial.fastest * rng.uniform([-BACKWARD, -1.0, -1.0], 1.0, (changes_of_velocity + 1, 3))
 
     def velocity(time: float) -> Array | None:
         if time >= seconds:
             return None
-        if commanded is not None:
-            return scale * np.array(commanded)
-        while len(drawn) <= time / _CHANGE:
-            drawn.append(trial.fastest * rng.uniform([-BACKWARD, -1.0, -1.0], 1.0))
-        return drawn[-1]
-
-    def each() -> None:
-        nonlocal relaxed
-        solution = trial.report.solution
-        relaxed += bool(solution is not None and solution.relaxed)
-        q, _ = trial.mock.plant.state()
-        ways.append([trial.time - trial.begun, q[0], q[1], heading(q)])
+        return drawn[int(time / _CHANGE)] if commanded is None else scale * np.array(commanded)
 
     try:
         trial.stand()
-        trial.walk(seconds + _REACHED, velocity, each)
+        trial.walk(seconds + _REACHED, velocity)
         if trial.walker.moves:
             ended = "the robot did not stop"
     except WbcError as error:
         ended, lead = trial.when(error), trial.lead_time()
-    way = np.array(ways).reshape(-1, 4)
+    way = np.array(trial.way).reshape(-1, 4)
     base = None if trial.estimator is None else trial.estimator.base
-    drift = np.nan if base is None or not ways else float(np.linalg.norm(base[0][:2] - trial.shift[:2] - way[-1, 1:3]))
+    drift = np.nan
+    if base is not None and len(way):
+        drift = float(np.linalg.norm(base[0][:2] - trial.shift[:2] - way[-1, 1:3]))
     speed = np.full(3, np.nan) if ended or commanded is None else mean_velocity(way, _REACHED, seconds)
     distance = float(np.linalg.norm(np.diff(way[:, 1:3], axis=0), axis=1).sum())
-    return Walk(speed, distance, drift, relaxed, ended, trial.meter.figures(), lead)
+    return Walk(speed, distance, drift, trial.relaxed, ended, trial.meter.figures(), lead)
 
 
 def _flat_start(height: float) -> dict[str, Any]:
