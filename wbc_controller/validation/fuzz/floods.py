@@ -18,8 +18,7 @@ from wbc_controller.middleware.topics import Endpoint, counterpart
 from wbc_controller.middleware.transports.dds import DdsTransport
 from wbc_controller.nodes.processes import end_with_parent
 from wbc_controller.recording.recording_file import Recording
-from wbc_controller.validation.fuzz.lateness import MACHINE
-from wbc_controller.validation.fuzz.robot_processes import RobotProcesses
+from wbc_controller.validation.fuzz.robot_processes import MACHINE, RobotProcesses
 from wbc_controller.validation.fuzz.target import valid_message
 
 _RATE, _SLOW_RATE = 10_000.0, 20.0  # messages per second; second value for large messages

@@ -1,6 +1,8 @@
-"""Mock robot, controller and guard as processes."""
+"""Mock robot, controller and guard as processes, and the lateness of the machine."""
 
+import os
 import subprocess
+import threading
 import time
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -15,12 +17,12 @@ from wbc_controller.extras import require_libraries
 from wbc_controller.middleware.codec import decode, nanoseconds
 from wbc_controller.middleware.topics import Direction
 from wbc_controller.middleware.transports.dds import DdsTransport
-from wbc_controller.nodes.processes import Processes
+from wbc_controller.nodes.processes import Processes, waiting_times
 from wbc_controller.nodes.user import User, reliable_counterpart
 from wbc_controller.nodes.wiring import controller_endpoints, topics_of
 from wbc_controller.records import Array
-from wbc_controller.validation.fuzz.lateness import Lateness
 
+MACHINE = 0.5  # smallest lateness that counts as a fault's cause, as a share of its time limit
 _CAPACITY = 30_000  # messages per topic
 #: Stored topics by node and key.
 _HEARD = (
@@ -128,3 +130,60 @@ class RobotProcesses(Processes):
     def activate(self) -> None:
         """Reset a fault, and activate the controller."""
         self.until_active(partial(self.state_of, "controller"), partial(self.user.send_text, "command"))
+
+
+class Lateness:
+    """Lateness of sleeps and of watched processes; `worst` is the largest since `reset`, s."""
+
+    _NAP, _LOOK, _WINDOW = 0.001, 0.01, 0.05
+
+    def __init__(self) -> None:
+        self.worst = 0.0
+        self._lock = threading.Lock()
+        self._processes = {os.getpid()}
+        self._waited: dict[Path, deque[tuple[float, float]]] = {}
+        self._ended = False
+        naps = [threading.Thread(target=self._nap, args=(cpu,), daemon=True) for cpu in os.sched_getaffinity(0)]
+        self._threads = [*naps, threading.Thread(target=self._check_processes, name="lateness", daemon=True)]
+        for thread in self._threads:
+            thread.start()
+
+    def watch(self, process: int) -> None:
+        """Also measure the threads of a process."""
+        self._processes.add(process)
+
+    def reset(self) -> None:
+        """Reset the largest lateness."""
+        self.worst = 0.0
+
+    def end(self) -> None:
+        """End the threads."""
+        self._ended = True
+        for thread in self._threads:
+            thread.join()
+
+    def _nap(self, cpu: int) -> None:
+        os.sched_setaffinity(0, {cpu})  # of this thread
+        while not self._ended:
+            began = time.monotonic()
+            time.sleep(self._NAP)
+            self._record(time.monotonic() - began - self._NAP)
+
+    def _check_processes(self) -> None:
+        while not self._ended:
+            time.sleep(self._LOOK)
+            now, before, self._waited = time.monotonic(), self._waited, {}
+            for process in list(self._processes):
+                times = waiting_times(process)
+                if not times:
+                    self._processes.discard(process)
+                for thread, total in times.items():
+                    waited = self._waited[thread] = before.get(thread, deque())
+                    waited.append((now, total))
+                    while now - waited[0][0] > self._WINDOW and len(waited) > 2:
+                        waited.popleft()
+                    self._record(total - waited[0][1])
+
+    def _record(self, late: float) -> None:
+        with self._lock:
+            self.worst = max(self.worst, late)

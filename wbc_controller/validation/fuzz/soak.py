@@ -9,8 +9,7 @@ import numpy as np
 
 from wbc_controller.middleware.setpoints import setpoint_message
 from wbc_controller.nodes.processes import memory
-from wbc_controller.validation.fuzz.lateness import MACHINE
-from wbc_controller.validation.fuzz.robot_processes import RobotProcesses
+from wbc_controller.validation.fuzz.robot_processes import MACHINE, RobotProcesses
 
 _CHECK_PERIOD, _SETPOINT_PERIOD = 1.0, 3.0  # s
 _SWAY = 0.02  # of the centre of mass, to the left and back, m

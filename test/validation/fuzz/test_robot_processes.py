@@ -7,7 +7,7 @@ import pytest
 from busy import busy_processes
 from waiting import until
 
-from wbc_controller.validation.fuzz.lateness import Lateness
+from wbc_controller.validation.fuzz.robot_processes import Lateness
 
 
 @pytest.fixture
