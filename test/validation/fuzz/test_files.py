@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 from wbc_controller.validation.fuzz import files
 from wbc_controller.validation.fuzz.files import case_folder, fuzz_files, make_case, read_case
-from wbc_controller.validation.fuzz.hostile_files import structures
-from wbc_controller.validation.fuzz.strategies import draw_by_key
+from wbc_controller.validation.fuzz.strategies import draw_by_key, structures
 
 URDF = files._originals("go2")[1]
 

@@ -32,9 +32,8 @@ from wbc_controller.nodes.processes import end_with_parent
 from wbc_controller.recording.mcap_file import write_messages
 from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.simulation.plant import Plant
-from wbc_controller.validation.fuzz.hostile_files import hostile_configuration, hostile_urdf
 from wbc_controller.validation.fuzz.hostile_recordings import hostile_messages, original, read_recording
-from wbc_controller.validation.fuzz.strategies import draw_by_key
+from wbc_controller.validation.fuzz.strategies import draw_by_key, hostile_configuration, hostile_urdf
 
 _PROCESSOR_TIME_LIMIT = 5.0  # largest processor time of one case, s; a supplied robot requires 0.1 s
 _CASE_TIMEOUT, _START_TIMEOUT = 60.0, 300.0  # wall time limits of a case and of the start, s

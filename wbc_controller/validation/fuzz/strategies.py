@@ -1,6 +1,7 @@
-"""Strategies of bytes, texts and messages."""
+"""Strategies of bytes, texts, messages, configurations and URDFs."""
 
 import copy
+import itertools
 import re
 import struct
 from collections.abc import Sequence
@@ -14,8 +15,8 @@ from rosbags.interfaces import Nodetype
 
 from wbc_controller.middleware.codec import TYPES, encode, message
 from wbc_controller.middleware.topics import Endpoint
+from wbc_controller.validation.fuzz import values
 from wbc_controller.validation.fuzz.target import Target
-from wbc_controller.validation.fuzz.values import FLOATS, INTEGERS, LENGTHS, SCALARS, STRINGS, TEXTS, UPDATES, WORDS
 
 T = TypeVar("T")
 
@@ -32,22 +33,27 @@ _NUMBER = re.compile(r"(?<![\w.])-?[0-9]+\.?[0-9]*(?:[eE][-+]?[0-9]+)?(?![\w.])"
 _FACTORS = (-1.0, 0.0, 0.5, 2.0, 57.29577951308232, 1e-9, 1e-3, 1e3, 1e6)
 #: Characters that are invalid in some encoding, YAML or XML.
 _STRAY = ("\x00", "\r", "\t", "\ufeff", "\u2028", "é", "\U0001f916", "#", ":", "-", "[", "}", "&", "*", "!", "<", ">")
+_SIZES = st.sampled_from((2, 50, 300, 2000, 20_000))  # sizes of chains and nestings in a hostile URDF
+#: Attributes that are changed in all links or joints together.
+_EVERYWHERE = ("value", "ixx", "iyy", "ixy", "effort", "velocity", "lower", "upper", "type", "xyz", "rpy")
+#: False declarations of the encoding.
+_ENCODINGS = st.sampled_from(("utf-16", "ascii", "latin-1", "utf-7", "rot13", "idna", "x" * 300, "", "zlib"))
 
 
 def draw_by_key(strategy: SearchStrategy[T], *key: object) -> T:
     """Draw a value determined by a key and the code."""
-    values: list[T] = []
+    drawn: list[T] = []
 
     @hypothesis.settings(database=None, deadline=None)
     @hypothesis.given(strategy)
     def keep(value: T) -> None:
-        values.append(value)
+        drawn.append(value)
 
     handle: Any = keep
     generator = np.random.default_rng(list(str(key).encode()))
-    while not values:  # too few bytes give none
+    while not drawn:  # too few bytes give none
         handle.hypothesis.fuzz_one_input(generator.bytes(_RANDOM_BYTES))
-    return values[0]
+    return drawn[0]
 
 
 def share(probability: float) -> SearchStrategy[bool]:
@@ -69,9 +75,9 @@ def mutated_bytes(draw: DrawFn, payload: bytes) -> bytes:
         elif kind == 1:
             data[at] = draw(st.sampled_from((0, 1, 0x7F, 0x80, 0xFF)))
         elif kind == 2:
-            data[at - at % 4 : at - at % 4 + 4] = struct.pack("<I", draw(st.sampled_from(LENGTHS)))
+            data[at - at % 4 : at - at % 4 + 4] = struct.pack("<I", draw(st.sampled_from(values.LENGTHS)))
         elif kind == 3:
-            data[at - at % 8 + 4 : at - at % 8 + 12] = struct.pack("<d", draw(st.sampled_from(FLOATS)))
+            data[at - at % 8 + 4 : at - at % 8 + 12] = struct.pack("<d", draw(st.sampled_from(values.FLOATS)))
         elif kind == 4:
             del data[at:]
         elif kind == 5:
@@ -84,7 +90,7 @@ def mutated_bytes(draw: DrawFn, payload: bytes) -> bytes:
 
 
 @st.composite
-def mutated_text(draw: DrawFn, text: str, values: Sequence[str]) -> str:
+def mutated_text(draw: DrawFn, text: str, others: Sequence[str]) -> str:
     """Draw a text with replaced tokens, and changed lines."""
     for _ in range(draw(st.sampled_from(_MUTATIONS))):
         tokens, lines = list(_TOKEN.finditer(text)), text.split("\n")
@@ -93,7 +99,7 @@ def mutated_text(draw: DrawFn, text: str, values: Sequence[str]) -> str:
             text = draw(scaled_text(text))
         elif kind <= 4 and tokens:
             token = draw(st.sampled_from(tokens))
-            by = draw(st.sampled_from(values)) if kind <= 3 else draw(st.sampled_from(tokens)).group()
+            by = draw(st.sampled_from(others)) if kind <= 3 else draw(st.sampled_from(tokens)).group()
             text = text[: token.start()] + by + text[token.end() :]
         elif kind <= 5:
             at = draw(st.integers(0, len(text)))
@@ -190,27 +196,27 @@ def scalar(draw: DrawFn, type_name: str, names: Sequence[str]) -> Any:
         if draw(share(_LARGE)):
             return "x" * draw(st.sampled_from(_LARGEST))
         is_name = bool(names) and draw(share(0.3))
-        return draw(st.sampled_from(names if is_name else STRINGS))
+        return draw(st.sampled_from(names if is_name else values.STRINGS))
     if type_name == "bool":
         return draw(st.booleans())
     if "float" in type_name:
-        return draw(st.sampled_from(FLOATS))
+        return draw(st.sampled_from(values.FLOATS))
     bits = int(re.sub(r"\D", "", type_name) or 8)  # byte and octet have 8
-    value = draw(st.sampled_from(INTEGERS)) % (1 << bits)
+    value = draw(st.sampled_from(values.INTEGERS)) % (1 << bits)
     unsigned = type_name.startswith("u") or not type_name.startswith("int")
     return value if unsigned or value < 1 << (bits - 1) else value - (1 << bits)
 
 
 def hostile_text(key: str) -> SearchStrategy[str]:
     """Return a strategy of texts for a topic of texts: a word, an update or a URDF."""
-    strings = st.sampled_from(STRINGS)
+    strings = st.sampled_from(values.STRINGS)
     if key == "update":
-        mutated = st.sampled_from(UPDATES).flatmap(lambda update: mutated_text(update, SCALARS))
-        return st.one_of(strings, st.sampled_from(TEXTS), mutated, mutated)
+        mutated = st.sampled_from(values.UPDATES).flatmap(lambda update: mutated_text(update, values.SCALARS))
+        return st.one_of(strings, st.sampled_from(values.TEXTS), mutated, mutated)
     if key == "robot_description":
-        return strings | mutated_text("<robot name='r'>\n<link name='a'/>\n<link name='b'/>\n</robot>", STRINGS)
-    words = st.sampled_from(WORDS)
-    mutated = words.flatmap(lambda word: mutated_text(word, STRINGS))
+        return strings | mutated_text("<robot name='r'>\n<link name='a'/>\n<link name='b'/>\n</robot>", values.STRINGS)
+    words = st.sampled_from(values.WORDS)
+    mutated = words.flatmap(lambda word: mutated_text(word, values.STRINGS))
     return st.one_of(strings, words, mutated, mutated)
 
 
@@ -236,3 +242,66 @@ def requests(draw: DrawFn, target: Target, names: Sequence[str]) -> tuple[Endpoi
         topics = [topic for topic in topics if topic.key == key]
     topic = draw(st.sampled_from(topics))
     return topic, draw(payloads(topic, target.example(topic), names))
+
+
+@st.composite
+def hostile_configuration(draw: DrawFn, text: str) -> bytes:
+    """Draw a configuration with hostile values, or a hostile YAML text."""
+    if draw(share(0.05)):
+        return draw(encoded(draw(st.sampled_from(values.TEXTS))))
+    return draw(encoded(draw(mutated_text(text, values.STRINGS if draw(share(0.2)) else values.SCALARS))))
+
+
+@st.composite
+def hostile_urdf(draw: DrawFn, text: str) -> bytes:
+    """Draw a URDF with hostile attributes, numbers, tokens or elements."""
+    kind = draw(st.integers(0, 9))
+    if kind <= 2:
+        text = draw(mutated_text(text, values.ATTRIBUTES if kind else values.STRINGS))
+    elif kind <= 4:
+        text = draw(scaled_text(text))
+    elif kind <= 7:
+        for _ in range(draw(st.integers(1, 3))):
+            at = draw(st.sampled_from(list(re.finditer(r'="([^"]*)"', text))))
+            text = text[: at.start(1)] + draw(st.sampled_from(values.ATTRIBUTES)) + text[at.end(1) :]
+    elif kind == 8:
+        name, value = draw(st.sampled_from(_EVERYWHERE)), draw(st.sampled_from(values.ATTRIBUTES))
+        text = re.sub(rf'\b{name}="[^"]*"', lambda found: f'{name}="{value}"', text)
+    else:
+        text = draw(st.one_of(*structures(text).values()))
+    return draw(encoded(text))
+
+
+def structures(text: str) -> dict[str, SearchStrategy[str]]:
+    """Return strategies of URDFs with another structure, by name of the change."""
+    elements = list(re.finditer(r"(?s)<(joint|link|inertial|limit|robot)\b.*?</\1>|<limit[^>]*/>", text))
+    joints = list(re.finditer(r'<parent\s+link="([^"]*)"\s*/>\s*<child\s+link="([^"]*)"\s*/>', text))
+    body = re.sub(r"<\?xml.*?\?>", "", text)
+    levels = "".join(f'<!ENTITY l{i} "{f"&l{i - 1};" * 10}">' for i in range(1, 12))
+    changed = {
+        "entities": st.just(f'<!DOCTYPE robot [<!ENTITY l0 "x">{levels}]>' + text.replace('name="', 'name="&l11;', 1)),
+        "external": st.just(
+            '<!DOCTYPE robot [<!ENTITY f SYSTEM "file:///etc/hostname">]>' + text.replace('name="', 'name="&f;', 1)
+        ),
+        "chain": _SIZES.map(lambda size: text.replace("</robot>", _chain(text, size) + "</robot>")),
+        "nested": _SIZES.map(lambda size: text.replace("</robot>", "<a>" * size + "</a>" * size + "</robot>")),
+        "declared": _ENCODINGS.map(lambda name: f'<?xml version="1.0" encoding="{name}"?>' + body),
+        "cut": st.integers(0, len(text) - 1).map(lambda length: text[:length]),
+    }
+    if elements:
+        changed["twice"] = st.sampled_from(elements).map(lambda at: text[: at.end()] + at.group() + text[at.end() :])
+    if joints:
+        changed["loop"] = st.builds(_loop, st.just(text), st.sampled_from(joints), st.booleans())
+    return changed
+
+
+def _chain(text: str, size: int) -> str:
+    root = (re.findall(r'<link\s+name="([^"]*)"', text) or ["base"])[0]
+    names = [root, *(f"more_{i}" for i in range(size))]
+    joint = '<joint name="at_{1}" type="fixed"><parent link="{0}"/><child link="{1}"/></joint>'
+    return "".join(f'<link name="{pair[1]}"/>' + joint.format(*pair) for pair in itertools.pairwise(names))
+
+
+def _loop(text: str, at: re.Match[str], same: bool) -> str:
+    parent, child = at.group(2), at.group(2 if same else 1)
+    return text[: at.start()] + f'<parent link="{parent}"/><child link="{child}"/>' + text[at.end() :]
