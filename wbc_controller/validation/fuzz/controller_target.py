@@ -2,16 +2,15 @@
 
 import dataclasses
 import itertools
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from wbc_controller.controller.report import CycleReport, LatchedInputs, UserRequests
+from wbc_controller.controller.report import CycleReport, LatchedInputs
 from wbc_controller.inverse_dynamics.references.changes import SetTrajectory
 from wbc_controller.middleware.codec import decode, encode, message
 from wbc_controller.middleware.topics import Endpoint
-from wbc_controller.nodes.inputs import Inputs
 from wbc_controller.nodes.lockstep import Lockstep
 from wbc_controller.nodes.wiring import controller_endpoints, make_vocabulary
 from wbc_controller.records import IN_CONTROL, Array, Mode
@@ -32,34 +31,6 @@ _BATCH = 16  # number of refused messages per cycle
 _SETTLING_CYCLES = 8  # cycles from the activation to settled torques
 
 
-class _InputGate:
-    def __init__(self, inputs: Inputs) -> None:
-        self._inputs = inputs
-        self.passed: list[LatchedInputs] = []
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._inputs, name)
-
-    def read(self) -> LatchedInputs:
-        return self._inputs.latch()
-
-    def latch(self, holding: Collection[str], *, controlled: bool, walking: bool) -> LatchedInputs:
-        """Return the newest state and the passed requests, as `Inputs.latch`."""
-        newest = self._inputs.latch(holding, controlled=controlled, walking=walking)
-        passed, self.passed = [*self.passed, newest], []
-        requests = [latched.requests for latched in passed]
-        return dataclasses.replace(
-            passed[-1],
-            refused_states=tuple(sentence for latched in passed for sentence in latched.refused_states),
-            requests=UserRequests(
-                commands=tuple(word for request in requests for word in request.commands),
-                changes=tuple(change for request in requests for change in request.changes),
-                refused=tuple(sentence for request in requests for sentence in request.refused),
-                total=requests[-1].total,
-            ),
-        )
-
-
 class ControllerTarget(Target):
     """Active control loop, and a user with any message.
 
@@ -73,14 +44,26 @@ class ControllerTarget(Target):
         self._robot = Lockstep(self._settings, model=self._model, bus=self.bus, use_sim_time=True)
         self._mock, self._controller, self._loop = self._robot.mock, self._robot.controller, self._robot.loop
         self._vocabulary = make_vocabulary(self._settings, self._model)
-        self._gate = _InputGate(self._loop._inputs)
-        self._loop._inputs = self._gate  # type: ignore[assignment]  # it delegates all other attributes
+        self._latch = self._loop._inputs.latch
+        self._loop._inputs.latch = self._latch_passed  # type: ignore[method-assign]
+        self._passed: list[LatchedInputs] = []  # for the next cycle
         self._step = self._settings.limits.torque_rate * self._controller.period * self._model.effort_limits
         self._tau = np.zeros(self._model.na)
         self._refused: list[LatchedInputs] = []
         self._accepted: list[LatchedInputs] = []
         self._disturbed = False
         self._start()
+
+    def _latch_passed(self, *arguments: Any, **options: Any) -> LatchedInputs:
+        """Return the newest state and the requests of all passed messages, as `Inputs.latch`."""
+        newest = self._latch(*arguments, **options)
+        passed, self._passed = [*self._passed, newest], []
+        joined: dict[str, Any] = {
+            key: tuple(item for latched in passed for item in getattr(latched.requests, key))
+            for key in ("commands", "changes", "refused")
+        }
+        refused_states = tuple(sentence for latched in passed for sentence in latched.refused_states)
+        return dataclasses.replace(newest, refused_states=refused_states, requests=newest.requests._replace(**joined))
 
     def _start(self) -> None:
         for _ in range(3):  # odometry and joint states are required for the activation
@@ -119,14 +102,13 @@ class ControllerTarget(Target):
         if state:
             self.finish()
             self._mock.publish()
-            self._gate.passed.append(self._gate.read())
+            self._passed.append(self._latch())
         limit = CYCLE_LIMIT if state else READ_LIMIT
         now = self._robot.clock.now()
         with time_limit(limit, f"reading {len(payload)} bytes on {topic.name}"):
             self.publish(topic, payload)
-            latched = self._gate.read()
-        if self._robot.clock.now() != now:
-            self._disturbed = True
+            latched = self._latch()
+        self._disturbed |= self._robot.clock.now() != now
         if latched.refused and (latched.requests.commands or latched.requests.changes):
             raise InvariantViolation(f"a refused message on {topic.name} was used: {latched.refused}")
         if latched.refused:
@@ -148,7 +130,7 @@ class ControllerTarget(Target):
         together = [each for each in self._accepted if not _is_alone(each)]
         self._accepted = []
         for batch in filter(None, [*alone, together]):
-            self._gate.passed += batch
+            self._passed += batch
             before, mode = self._parts(), self._controller.mode
             report = self._cycle("messages that were read", publish=True)
             # Sentences of the reading begin with a topic.
@@ -159,8 +141,7 @@ class ControllerTarget(Target):
                 self._disturbed = True
 
     def _check_refused(self, publish: bool) -> None:
-        self._gate.passed += self._refused
-        self._refused = []
+        self._passed, self._refused = self._passed + self._refused, []
         before, mode = self._parts(), self._controller.mode
         self._check_unchanged(before, mode, self._cycle("messages that were refused", publish))
 
