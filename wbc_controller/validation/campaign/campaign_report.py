@@ -1,7 +1,6 @@
 """Report of a campaign."""
 
 import csv
-import io
 import json
 import shlex
 from collections import Counter
@@ -178,7 +177,12 @@ def write_report(outcomes: Sequence[Outcome], folder: Path, repeated: Sequence[s
     rows = rows_of(outcomes)
     try:
         (folder / "faults.md").write_text(_markdown(rows, outcomes, repeated), encoding="utf-8")
-        (folder / "faults.csv").write_text(_csv(rows), encoding="utf-8")
+        with (folder / "faults.csv").open("w", encoding="utf-8", newline="") as file:
+            writer = csv.DictWriter(file, [field.name for field in fields(Row)])
+            writer.writeheader()
+            for row in map(asdict, rows):
+                cells = {key: json.dumps(value) if isinstance(value, dict) else value for key, value in row.items()}
+                writer.writerow(cells)
     except OSError as error:
         raise ConfigurationError(f"{folder}: writing of the report failed: {error.strerror or error}") from error
     try:
@@ -203,15 +207,6 @@ def _markdown(rows: Sequence[Row], outcomes: Sequence[Outcome], repeated: Sequen
             parameters = json.dumps(dict(outcome.parameters), default=str)
             lines.append(f"- `{repeat_command(outcome)}`: {outcome.violations_text} (`{parameters}`)")
     return "\n".join(lines) + "\n"
-
-
-def _csv(rows: Sequence[Row]) -> str:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, [field.name for field in fields(Row)])
-    writer.writeheader()
-    for row in map(asdict, rows):
-        writer.writerow({key: json.dumps(value) if isinstance(value, dict) else value for key, value in row.items()})
-    return text.getvalue()
 
 
 def _page(rows: Sequence[Row], outcomes: Sequence[Outcome]) -> PageReport:

@@ -120,15 +120,11 @@ def _parallel(jobs: int, backend: str, address: str | None, trial: Callable[...,
         yield run
 
 
-@contextlib.contextmanager
-def _cluster(backend: str, address: str | None) -> Iterator[None]:
-    if backend == "loky":
-        yield
-        return
+def _cluster(backend: str, address: str | None) -> contextlib.AbstractContextManager[Any]:
     try:
         if backend == "dask":
             from distributed import Client
-        else:
+        elif backend == "ray":
             import ray
             from ray.util.joblib import register_ray
     except ModuleNotFoundError as error:
@@ -136,13 +132,12 @@ def _cluster(backend: str, address: str | None) -> Iterator[None]:
             f"the backend {backend} is not installed ({error}); install it, or use loky"
         ) from error
     if backend == "dask":
-        with Client(address):
-            yield
-        return
-    if not ray.is_initialized():
-        ray.init(address=address)
-    register_ray()
-    yield
+        return Client(address)  # type: ignore[no-any-return]
+    if backend == "ray":
+        if not ray.is_initialized():
+            ray.init(address=address)
+        register_ray()
+    return contextlib.nullcontext()
 
 
 @contextlib.contextmanager
