@@ -5,8 +5,7 @@ import re
 import pytest
 from refusals import refusal
 
-from wbc_controller.validation.campaign.recordings import TrialRecordings
-from wbc_controller.validation.campaign.trial import ALL_KINDS, run_trial
+from wbc_controller.validation.campaign.trial import ALL_KINDS, TrialRecordings, run_trial
 
 
 @pytest.mark.parametrize("kind", ["stamp_zero", "estop_in_flood"])

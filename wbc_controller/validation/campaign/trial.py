@@ -1,4 +1,4 @@
-"""One trial: a standing or walking robot, a fault, the outcome.
+"""One trial: a standing or walking robot, a fault, the outcome, and the check of its recordings.
 
 Controller, physics and user run in one thread on simulated time. Odd seeds set `safety.synchronized_clocks`; with even
 seeds the controller learns the offset of its clock.
@@ -9,6 +9,7 @@ import math
 import time
 import zlib
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +19,15 @@ from wbc_controller.controller.controller import Controller
 from wbc_controller.errors import ConfigurationError, WbcError, require_known
 from wbc_controller.middleware.setpoints import velocity_message
 from wbc_controller.recording.recorder import Recorder
+from wbc_controller.recording.recording_file import Recording
+from wbc_controller.recording.replay.cycle_replay import Replay
+from wbc_controller.recording.replay.recording_summary import summarize
 from wbc_controller.records import Mode
 from wbc_controller.settings.config import load
 from wbc_controller.simulation.faults.catalogue import KINDS, draw
 from wbc_controller.simulation.faults.fault import Fault
 from wbc_controller.validation.campaign.expectations import Expectation, expect
 from wbc_controller.validation.campaign.monitor import MonitoredRobot, logged_errors
-from wbc_controller.validation.campaign.recordings import TrialRecordings
 from wbc_controller.validation.campaign.request_faults import REQUEST_KINDS, RequestFault, RequestFaultState
 from wbc_controller.validation.campaign.results import Outcome
 from wbc_controller.walking.gait import Phase
@@ -38,6 +41,42 @@ _CHECK_PERIOD = 0.01  # s
 _HOLD_PERIODS = 3
 #: Walking: speed, m/s, period of commands, s, steps before the fault, and their time limit, s.
 WALK_SPEED, _COMMAND_PERIOD, _STEPS, _WALK_TIMEOUT = 0.25, 0.1, 2, 8.0
+
+
+@dataclass(frozen=True, slots=True)
+class TrialRecordings:
+    """Recordings of one trial: each names its fault, and its replay is identical."""
+
+    folder: Path
+    name: str  # beginning of the file names
+
+    def clear(self) -> None:
+        """Remove the recordings of an earlier run of the trial."""
+        for file in self._files():
+            file.unlink()
+
+    def error_of_fault(self, code: str, sentence: str) -> str:
+        """Return the error of a fault's recording, or an empty text."""
+        files = self._files()
+        if not files:
+            return f"no recording of {code}"
+        try:
+            found = [Recording(file) for file in files]
+            named = [each for each in found if f"fault {code} " in (said := summarize(each)) and sentence in said]
+            if not named:
+                return f"{files[-1]} does not name {code}"
+            run = Replay(named[0])
+            with np.errstate(all="ignore"):
+                cycles = list(run.run())
+        except ConfigurationError as error:
+            return str(error)
+        different = sum(not each.is_identical for each in cycles)
+        if different or not cycles:
+            return f"{named[0].path}: the replay of {different} of {len(cycles)} cycles differs from the recording"
+        return ""
+
+    def _files(self) -> list[Path]:
+        return sorted(self.folder.glob(f"{self.name}-[0-9]*-[0-9]*-*.mcap"))
 
 
 def run_trial(
