@@ -3,7 +3,7 @@
 import math
 import multiprocessing
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice, pairwise
 from pathlib import Path
@@ -23,8 +23,6 @@ from wbc_controller.validation.fuzz.target import valid_message
 
 _RATE, _SLOW_RATE = 10_000.0, 20.0  # messages per second; second value for large messages
 _DISCOVERY_TIME = 0.2  # s
-_LARGE_LENGTH = 10_000_000  # characters
-_POINTS = 100
 _TIME_BEFORE_STOP, _TIME_AFTER_STOP = (0.2, 0.6), 0.15  # duration before and after the stop, s
 _DIAGNOSTICS_TIMEOUT = 2.0  # s
 _ATTEMPTS = 5  # per counted stop; stalls of the machine may cause another fault
@@ -34,29 +32,17 @@ CYCLES = 2  # until a stop is obeyed, from the newest state known to its sender
 STALL = 0.02  # longest cycle, s
 
 
-def _string(text: str) -> Callable[[], bytes]:
-    return lambda: encode(message("std_msgs/msg/String", data=text))
-
-
-def _example(type_name: str, *arguments: Any) -> Callable[[], bytes]:
-    return lambda: encode(valid_message(type_name, *arguments))
-
-
-def _trajectory() -> bytes:
-    return encode(com_trajectory(range(1, _POINTS + 1), np.tile([0.0, 0.0, 1.0], (_POINTS, 1))))
-
-
-#: Input and message of each flood.
-FLOODS: Mapping[str, tuple[str, Callable[[], bytes]]] = {
-    "activate": ("command", _string("activate")),
-    "garbage": ("command", _string("\x7f%s{}é\n" * 30)),
-    "setpoint": ("setpoint/com", _example("geometry_msgs/msg/PointStamped", (), "world", 0)),
-    "trajectory": ("trajectory/com", _trajectory),
-    "update": ("update", _string("{tasks: {com: {stiffness: 101.0}}}")),
-    "nonsense": ("update", _string("{tasks: {com: {stiffness: [" + "1, " * 1000 + "]}}}")),
-    "odometry": ("odom", _example("nav_msgs/msg/Odometry", (), "world", 1)),
-    "joint_states": ("joint_states", _example("sensor_msgs/msg/JointState", ("nose",), "", 1)),
-    "large": ("update", _string("x" * _LARGE_LENGTH)),
+#: Input of each flood, and its text or message.
+FLOODS: Mapping[str, tuple[str, Any]] = {
+    "activate": ("command", "activate"),
+    "garbage": ("command", "\x7f%s{}é\n" * 30),
+    "setpoint": ("setpoint/com", valid_message("geometry_msgs/msg/PointStamped", (), "world", 0)),
+    "trajectory": ("trajectory/com", com_trajectory(range(1, 101), np.tile([0.0, 0.0, 1.0], (100, 1)))),
+    "update": ("update", "{tasks: {com: {stiffness: 101.0}}}"),
+    "nonsense": ("update", "{tasks: {com: {stiffness: [" + "1, " * 1000 + "]}}}"),
+    "odometry": ("odom", valid_message("nav_msgs/msg/Odometry", (), "world", 1)),
+    "joint_states": ("joint_states", valid_message("sensor_msgs/msg/JointState", ("nose",), "", 1)),
+    "large": ("update", "x" * 10_000_000),
 }
 
 
@@ -159,9 +145,10 @@ def _under_one_flood(
 ) -> list[StopTrial]:
     context = multiprocessing.get_context("spawn")
     running, count = context.Event(), context.Value("q", -1)
-    name, make = FLOODS[kind]
+    name, content = FLOODS[kind]
     topic = nodes.inputs[name]
-    flooder = context.Process(target=flood, args=(kind, topic, make(), domain, running, count), daemon=True)
+    payload = encode(message(topic.type, data=content) if isinstance(content, str) else content)
+    flooder = context.Process(target=flood, args=(kind, topic, payload, domain, running, count), daemon=True)
     nodes.clear("controller")
     nodes.record.unlink(missing_ok=True)
     nodes.start("controller", "--record", str(nodes.record))
