@@ -28,14 +28,13 @@ from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.settings.service import RealtimeSettings
 from wbc_controller.simulation.mock_robot import MockRobot
 from wbc_controller.validation.latency import DOMAIN
-from wbc_controller.validation.latency.meter import Meter, RoundTrips, joined
+from wbc_controller.validation.latency.meter import QUANTILES, Meter, RoundTrips, joined
 from wbc_controller.validation.latency.robots import StandingRobot, echo, open_transport
 
 _BLOCK = 3.0  # s; shorter than DDS's lease of a stopped process
 _SETTLE, _LANDING = 0.5, 2.0  # unmeasured, s; second value after the release of a mock robot
 _RAMP = 0.1  # without a mock robot, s
 _ECHO = "/bench_echo"
-_NAMES = ("median", "p99", "p99.9")  # of the quantiles
 
 
 @dataclass(frozen=True, slots=True)
@@ -265,10 +264,10 @@ def lines(found: Latency) -> list[str]:
     """Return the results as lines of text."""
     ours, bare = found.controller, found.echo
     rows = {"controller": ours.quantiles, "bare echo": bare.quantiles, "difference": _difference(found)}
-    table = [f"{'us':12}" + "".join(f"{name:>9}" for name in _NAMES)]
+    table = [f"{'us':12}" + "".join(f"{name:>9}" for name in QUANTILES)]
     table += [f"{name:12}" + "".join(f"{1e6 * value:9.0f}" for value in row) for name, row in rows.items()]
     first, last = (kilobytes / 1024.0 for kilobytes in found.memory)
-    delays = [f"{name} {1e6 * value:.0f} us" for name, value in zip(_NAMES, ours.delay_quantiles, strict=True)]
+    delays = [f"{name} {1e6 * value:.0f} us" for name, value in zip(QUANTILES, ours.delay_quantiles, strict=True)]
     inactive_states = ", ".join(dict.fromkeys(found.inactive_states))
     return [
         *table,
@@ -295,4 +294,4 @@ def _counts(trips: RoundTrips) -> dict[str, int]:
 
 
 def _microseconds(values: tuple[float, ...]) -> dict[str, float]:
-    return {name: 1e6 * value for name, value in zip(_NAMES, values, strict=True)}
+    return {name: 1e6 * value for name, value in zip(QUANTILES, values, strict=True)}

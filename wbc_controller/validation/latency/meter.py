@@ -12,7 +12,7 @@ from wbc_controller.middleware.topics import Endpoint
 from wbc_controller.middleware.transports.transport import Publish, Transport, TransportWrapper
 from wbc_controller.records import Array
 
-QUANTILES = (0.5, 0.99, 0.999)  # reported quantiles: median, p99, p99.9
+QUANTILES = {"median": 0.5, "p99": 0.99, "p99.9": 0.999}  # reported quantiles, by name
 _LAST_TIMEOUT = 0.1  # for the last state, s
 
 
@@ -132,4 +132,4 @@ class Meter(TransportWrapper):
 def _quantiles(values: Array) -> tuple[float, ...]:
     if not values.size:
         return (float("nan"),) * len(QUANTILES)
-    return tuple(np.quantile(values, QUANTILES, method="higher").tolist())
+    return tuple(np.quantile(values, list(QUANTILES.values()), method="higher").tolist())

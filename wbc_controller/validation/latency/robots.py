@@ -83,17 +83,14 @@ class StandingRobot:
         began, count = time.monotonic(), 0
         while not stop.is_set():
             time.sleep(max(0.0, began + count * self._period - time.monotonic()))
-            self._send(time.time_ns())
+            stamp = time.time_ns()
+            phase = _PACE * 1.0e-9 * stamp
+            position = self._position + _SWAY * math.sin(phase)
+            velocity = np.full_like(self._position, _SWAY * _PACE * math.cos(phase))
+            for stream, template in self._base.items():
+                self._publish[stream](template.write(stamp))
+            self._publish["joint_states"](self._joint_states.write(stamp, position, velocity))
             count = max(count + 1, math.ceil((time.monotonic() - began) / self._period))
-
-    def _send(self, stamp: int) -> None:
-        phase = _PACE * 1.0e-9 * stamp
-        velocity = np.full_like(self._position, _SWAY * _PACE * math.cos(phase))
-        for stream, template in self._base.items():
-            self._publish[stream](template.write(stamp))
-        self._publish["joint_states"](
-            self._joint_states.write(stamp, self._position + _SWAY * math.sin(phase), velocity)
-        )
 
 
 def echo(kind: str, domain: int, topics: Sequence[Endpoint], size: int, stop: Any, realtime: RealtimeSettings) -> None:
