@@ -44,9 +44,7 @@ MISHAPS = (
     Mishap("one foot on ice, friction 0.05", (_ICE,)),
     Mishap("one foot pulled up", pull=True),
     *(Mishap(f"one foot slides at {speed:g} m/s", (_ICE,), slide=speed) for speed in (0.1, 0.3, 0.6, 1.0)),
-    Mishap("IMU silent for 20 ms", (MessageDropout(duration=0.02, stream="imu"),)),
-    Mishap("IMU silent for 45 ms", (MessageDropout(duration=0.045, stream="imu"),)),
-    Mishap("IMU silent for 90 ms", (MessageDropout(duration=0.09, stream="imu"),)),
+    *(Mishap(f"IMU silent for {ms} ms", (MessageDropout(duration=ms / 1000, stream="imu"),)) for ms in (20, 45, 90)),
     Mishap("joint states silent for 45 ms", (MessageDropout(duration=0.045, stream="joint_states"),)),
     Mishap("gyroscope bias of 0.05 rad/s", (ImuBias(duration=LONGEST, bias=0.05),)),
     Mishap("gyroscope bias of 0.1 rad/s", (ImuBias(duration=LONGEST, bias=0.1),)),
@@ -80,8 +78,7 @@ class Outcome:
     fault_texts: tuple[str, ...] = ()  # one text per fault, in order
     ended: bool = False  # True if the controller damped the robot
     fell: bool = False  # True if the robot fell before
-    # from 'reset' to an active controller, s; inf if refused, NaN without damping
-    recovery: float = math.nan
+    recovery: float = math.nan  # from 'reset' to an active controller, s; inf if refused, NaN without damping
 
     @property
     def silently_wrong(self) -> bool:

@@ -30,8 +30,7 @@ class KillTrial:
     stopped: float  # duration of a stop, s; 0 for an end
     gap: float  # longest time of constant nonzero torques, s
     bound: float  # bound from the guard or the controller, s
-    # largest age of a later state, s, except one in transit
-    stale: float
+    stale: float  # largest age of a later state, s, except one in transit
     timeout: float  # largest configured age, s
     late: float  # s
     sentence: str  # later state of the controller or the guard
@@ -91,18 +90,8 @@ def _kill_once(nodes: RobotProcesses, victim: str, method: str, rng: np.random.G
         nodes.start_and_wait(victim)
     nodes.activate()
     nodes.wait_for_torques(time.monotonic())
-    return KillTrial(
-        victim=victim,
-        method=method,
-        stopped=stopped,
-        gap=gap,
-        bound=1.0 / settings.control.rate + patience,
-        stale=stale,
-        timeout=settings.safety.state_timeout,
-        late=late,
-        sentence=sentence,
-        state_correct=state_correct,
-    )
+    bound, timeout = 1.0 / settings.control.rate + patience, settings.safety.state_timeout
+    return KillTrial(victim, method, stopped, gap, bound, stale, timeout, late, sentence, state_correct)
 
 
 def _stand(nodes: RobotProcesses, seconds: float) -> None:

@@ -156,11 +156,9 @@ def time_limit(seconds: float, what: str) -> Iterator[None]:
 @contextlib.contextmanager
 def collected_errors() -> Iterator[list[str]]:
     """Collect logged errors, without overflow warnings and garbage collections."""
-    collecting = gc.isenabled()
     gc.disable()
     try:
         with np.errstate(all="ignore"), logged_errors() as errors:
             yield errors
     finally:
-        if collecting:
-            gc.enable()
+        gc.enable()
