@@ -232,8 +232,7 @@ def walking_grounds(
     good = True
     for robot in walking_robots(robots):
         for ground in names or GROUNDS:
-            calls = [(robot, ground, sensors, seed, seconds) for seed in range(seeds)]
-            found = run_parallel(walk_on, calls, jobs)
+            found = run_parallel(walk_on, [(robot, ground, sensors, seed, seconds) for seed in range(seeds)], jobs)
             fell = sum(bool(each.ended) for each in found)
             good = good and fell <= max(FALLS * seeds, 0.0 if seeds < 10 else 1.0)
             distance = float(np.mean([each.distance for each in found]))

@@ -184,14 +184,11 @@ def walk(
     scale: float = 1.0,
     changes: Changes = NO_CHANGES,
 ) -> Walk:
-    """Let a robot walk on its estimate by ``cmd_vel``, stop and stand.
+    """Let a robot walk on its estimate by ``cmd_vel``, stop and stand; errors as of `WalkTrial`.
 
     Args:
         commanded: velocity forward, to the left and turning, (3,) in m/s and rad/s; None for random ones.
         scale: factor of the velocities.
-
-    Raises:
-        ConfigurationError: if the robot cannot be controlled or simulated.
     """
     trial = WalkTrial(robot, sensors, seed, changes, scale)
     ended, lead = "", math.nan

@@ -169,11 +169,7 @@ def repeat_command(outcome: Outcome) -> str:
 
 
 def write_report(outcomes: Sequence[Outcome], folder: Path, repeated: Sequence[str] = ()) -> str:
-    """Write Markdown, CSV and, with plotly, a page with plots; return the names of the files.
-
-    Raises:
-        ConfigurationError: if a file cannot be written.
-    """
+    """Write Markdown, CSV and, with plotly, a page with plots; return their names, or raise `ConfigurationError`."""
     rows = rows_of(outcomes)
     try:
         (folder / "faults.md").write_text(_markdown(rows, outcomes, repeated), encoding="utf-8")

@@ -26,7 +26,7 @@ from wbc_controller.records import Mode
 from wbc_controller.settings.config import load
 from wbc_controller.simulation.faults.catalogue import KINDS, draw
 from wbc_controller.simulation.faults.fault import Fault
-from wbc_controller.validation.campaign.expectations import Expectation, expect
+from wbc_controller.validation.campaign.expectations import expect
 from wbc_controller.validation.campaign.monitor import MonitoredRobot, logged_errors
 from wbc_controller.validation.campaign.request_faults import REQUEST_KINDS, RequestFault, RequestFaultState
 from wbc_controller.validation.campaign.results import Outcome
@@ -65,9 +65,8 @@ class TrialRecordings:
             named = [each for each in found if f"fault {code} " in (said := summarize(each)) and sentence in said]
             if not named:
                 return f"{files[-1]} does not name {code}"
-            run = Replay(named[0])
             with np.errstate(all="ignore"):
-                cycles = list(run.run())
+                cycles = list(Replay(named[0]).run())
         except ConfigurationError as error:
             return str(error)
         different = sum(not each.is_identical for each in cycles)
@@ -91,14 +90,13 @@ def run_trial(
 ) -> Outcome:
     """Run one trial; the seed determines start, duration and parameters of the fault.
 
+    Raises `ConfigurationError` if the kind is unknown or the configuration invalid.
+
     Args:
         walking: the fault starts during a step; else the robot sways.
         parameters: of the fault, in place of random ones.
         prepare: for tests.
         recordings: folder of checked fault recordings.
-
-    Raises:
-        ConfigurationError: if the kind is unknown or the configuration invalid.
     """
     require_known(kind, ALL_KINDS, "unknown kind of fault")
     rng = np.random.default_rng([seed, zlib.crc32(f"{robot}/{kind}".encode())])
@@ -235,18 +233,18 @@ class _Trial(MonitoredRobot):
         self.mock.advance()
 
     def outcome(self, robot: str, seed: int) -> Outcome:
-        monitor, expected = self.monitor, self._expected
+        monitor = self.monitor
         when, code, sentence = monitor.deactivation or (None, "", "")
         after = when - self._began if when is not None and math.isfinite(self._began) else None
         if "start" not in monitor.violations and "diverged" not in monitor.violations:
-            self._judge(expected, after, code)
+            self._judge(after, code)
         keys = sorted(key for key in self._fault.model_fields_set if key not in ("start", "seed"))
         return Outcome(
             robot=robot,
             kind=self._fault.kind(),
             seed=seed,
             parameters={key: getattr(self._fault, key) for key in keys},
-            deadline=expected.deadline,
+            deadline=self._expected.deadline,
             result="violation" if monitor.violations else "survived" if when is None else "damped",
             code=code,
             sentence=sentence,
@@ -257,7 +255,8 @@ class _Trial(MonitoredRobot):
             walking=self._walking,
         )
 
-    def _judge(self, expected: Expectation, after: float | None, code: str) -> None:
+    def _judge(self, after: float | None, code: str) -> None:
+        expected = self._expected
         if after is not None and after < 0.0:
             self.monitor.add_violation("early", f"{code} {-after:.3f} s before the fault")
         elif after is not None and code not in expected.codes:

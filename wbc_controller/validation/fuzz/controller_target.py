@@ -103,9 +103,8 @@ class ControllerTarget(Target):
             self.finish()
             self._mock.publish()
             self._passed.append(self._latch())
-        limit = CYCLE_LIMIT if state else READ_LIMIT
         now = self._robot.clock.now()
-        with time_limit(limit, f"reading {len(payload)} bytes on {topic.name}"):
+        with time_limit(CYCLE_LIMIT if state else READ_LIMIT, f"reading {len(payload)} bytes on {topic.name}"):
             self.publish(topic, payload)
             latched = self._latch()
         self._disturbed |= self._robot.clock.now() != now

@@ -31,8 +31,7 @@ class SetpointTrial:
     kind: str  # kind of the setpoints, a key of `KINDS`
     ended: str = ""  # code of the fault that ended the control, or empty
     seconds: float = 0.0  # s
-    # largest excess over a position limit without impacts, rad or m; negative within the limits
-    excess: float = -np.inf
+    excess: float = -np.inf  # largest excess over a limit without impacts, rad or m; negative within the limits
     joint: str = ""
     impact: float = -np.inf  # largest excess within 20 ms after an impact
     relaxed: int = 0  # cycles
@@ -44,8 +43,7 @@ class SetpointTrial:
         return not self.excess <= MAX_EXCESS
 
     def __str__(self) -> str:
-        ended = self.ended or "active"
-        return f"{self.robot}, trial {self.number}: {self.kind}, {ended} after {self.seconds:.1f} s"
+        return f"{self.robot}, trial {self.number}: {self.kind}, {self.ended or 'active'} after {self.seconds:.1f} s"
 
 
 def fuzz_setpoints(robots: Sequence[str], minutes: float, seed: int, first: int) -> Iterator[SetpointTrial]:
