@@ -25,8 +25,7 @@ class Expectation:
     """Expected outcome of a fault."""
 
     codes: frozenset[str]  # valid fault codes; empty if the robot must survive
-    # time limit of the damping after the fault's start, s; None if the robot may survive
-    deadline: float | None = None
+    deadline: float | None = None  # time limit of the damping after the fault's start, s; None if it may survive
 
 
 HARMLESS = Expectation(frozenset())
@@ -55,13 +54,11 @@ class RuleContext:
 
     def expect_stale(self, lasts: float, after: float = 0.0) -> Expectation:
         """Return the outcome of messages that are missing or refused for a time, s, from `after` on."""
-        if lasts <= self.timeout + self.cycle:
-            return STALE_OR_BALANCE
-        return Expectation(STALE | BALANCE, after + self.timeout + self.cycle)
+        return self.expect_detection(lasts > self.timeout + self.cycle, after + self.timeout, STALE)
 
     def expect_detection(self, sure: bool, deadline: float, codes: frozenset[str] = IMPLAUSIBLE) -> Expectation:
         """Return the outcome of a fault with certain (`sure`) or possible detection."""
-        return Expectation(codes | BALANCE, deadline + self.cycle) if sure else Expectation(codes | BALANCE)
+        return Expectation(codes | BALANCE, deadline + self.cycle if sure else None)
 
 
 def expect(fault: Fault, settings: Settings) -> Expectation:
@@ -91,8 +88,8 @@ def _growing_delay(fault: Any, context: RuleContext) -> Expectation:
     """Without synchronized clocks, a growing delay looks like a slow clock."""
     visible_growth = fault.growth if context.settings.safety.synchronized_clocks else fault.growth - 1.0
     too_old = context.timeout / visible_growth * (1.0 + fault.growth) if visible_growth > 0.0 else np.inf
-    detected = too_old + context.timeout + context.cycle
-    return Expectation(STALE | BALANCE, detected) if detected < fault.duration else STALE_OR_BALANCE
+    detected = too_old + context.timeout
+    return context.expect_detection(detected + context.cycle < fault.duration, detected, STALE)
 
 
 def _stamp_ahead(fault: Any, context: RuleContext) -> Expectation:
