@@ -107,9 +107,8 @@ def flaws(
             raise ConfigurationError(f"unknown flaw {name!r}; {valid_choices(name, [flaw.name for flaw in FLAWS])}")
     chosen = [flaw for flaw in FLAWS if not names or flaw.name.startswith(names)]
     kinds = robots or ("g1", "talos", "go2")
-    results = run_parallel(
-        measure_flaw, [(k, f.name, sensors, disturbance, known_friction) for f in chosen for k in kinds], jobs
-    )
+    calls = [(kind, flaw.name, sensors, disturbance, known_friction) for flaw in chosen for kind in kinds]
+    results = run_parallel(measure_flaw, calls, jobs)
     click.echo(f"sensors {sensors}, estimation.disturbance {disturbance}; mm in sway, squat; torque above 8 Hz\n")
     print_header("Flaw", *kinds)
     for i, flaw in enumerate(chosen):

@@ -162,10 +162,8 @@ def worst_trial(outcomes: Sequence[Outcome]) -> Outcome | None:
 
 def repeat_command(outcome: Outcome) -> str:
     """Return the command that repeats a trial."""
-    walking = " --walking" if outcome.walking else ""
-    return (
-        f"wbc faults {shlex.quote(outcome.robot)} --kinds {outcome.kind} --seed {outcome.seed}{walking} --out repeated"
-    )
+    robot, walking = shlex.quote(outcome.robot), " --walking" if outcome.walking else ""
+    return f"wbc faults {robot} --kinds {outcome.kind} --seed {outcome.seed}{walking} --out repeated"
 
 
 def write_report(outcomes: Sequence[Outcome], folder: Path, repeated: Sequence[str] = ()) -> str:
@@ -207,15 +205,14 @@ def _markdown(rows: Sequence[Row], outcomes: Sequence[Outcome], repeated: Sequen
 
 def _page(rows: Sequence[Row], outcomes: Sequence[Outcome]) -> PageReport:
     bad = sum(bool(outcome.violations) for outcome in outcomes)
+    shown = [(_cells(row), not row.violations) for row in rows]
     return PageReport(
         title="Fault campaign",
         kind="wbc faults",
         verdict=f"{bad} trials with violations." if bad else "No violations.",
         passed=not bad,
         note=f"{summary(outcomes)}.",
-        table=ResultTable(
-            "Trials", _COLUMNS, [(_cells(row), not row.violations) for row in rows], words=("ok", "violated")
-        ),
+        table=ResultTable("Trials", _COLUMNS, shown, words=("ok", "violated")),
         plots=_plots(rows, outcomes),
     )
 

@@ -144,11 +144,10 @@ class OutputMonitor:
             hidden_latency = 0.0 if self._settings.safety.synchronized_clocks else used.hidden_latency
             if not age - hidden_latency <= self._timeout + _SAME_TIME:
                 old[stream] = age
+        increased = (np.abs(self._tau) > np.abs(self._previous_tau) + _ROUNDING * self._limits).any()
         if report.solution is not None and old and self._tau.any():
             self.add_violation("stale", "torques computed from " + _ages_text(old))
-        elif (
-            "joint_states" in old and (np.abs(self._tau) > np.abs(self._previous_tau) + _ROUNDING * self._limits).any()
-        ):
+        elif "joint_states" in old and increased:
             self.add_violation("stale", "torques increased by damping with " + _ages_text(old))
 
     def _named(self, violated: np.ndarray, values: Array, limits: Array) -> str:

@@ -50,17 +50,15 @@ def run_campaign(
     for robot in robots:
         find_configuration(robot)
     require_known(kinds, ALL_KINDS, "unknown kind of fault")
-    requested = [
-        TrialKey(robot, kind, seed, walking) for seed in seeds for kind in kinds or ALL_KINDS for robot in robots
-    ]
+    keys = [TrialKey(robot, kind, seed, walking) for seed in seeds for kind in kinds or ALL_KINDS for robot in robots]
     results = Results(folder)
     if results.other_versions:
         console.print(
             f"{results.path}: {results.other_versions} trials of another version of the code or the robot are ignored"
         )
-    missing = [key for key in requested if key not in results.outcomes]
-    if len(missing) < len(requested):
-        console.print(f"{len(requested) - len(missing)} of {len(requested)} trials exist already")
+    missing = [key for key in keys if key not in results.outcomes]
+    if len(missing) < len(keys):
+        console.print(f"{len(keys) - len(missing)} of {len(keys)} trials exist already")
     interrupted = False
     try:
         trial = partial(run_trial, recordings=recordings)
@@ -68,7 +66,7 @@ def run_campaign(
             for outcome in run(missing):
                 results.add(outcome)
                 done(outcome)
-        for key in requested:
+        for key in keys:
             if "stall" in results.outcomes[key].violations and key not in results.repeated:
                 results.add(_in_new_process(key, trial))
     except KeyboardInterrupt:
@@ -76,7 +74,7 @@ def run_campaign(
         console.print(f"interrupted; the same command resumes the campaign in {results.path}")
     finally:
         results.close()
-    outcomes = [results.outcomes[key] for key in requested if key in results.outcomes]
+    outcomes = [results.outcomes[key] for key in keys if key in results.outcomes]
     if not outcomes:
         return not interrupted
     console.print(campaign_report.terminal_table(outcomes))

@@ -61,9 +61,8 @@ def run_trial(robot: str, seed: int, number: int) -> ClockTrial:
     rng = np.random.default_rng([seed, number])
     clock, late = CLOCKS[number % len(CLOCKS)], bool(rng.random() < 0.4)
     before = rng.random() < 0.3  # True for faults before the activation
-    kinds: list[type[Fault]] = [
-        _TIME_FAULTS[i] for i in rng.choice(len(_TIME_FAULTS), rng.integers(0 if late else 1, 4))
-    ]
+    count = rng.integers(0 if late else 1, 4)
+    kinds: list[type[Fault]] = [_TIME_FAULTS[i] for i in rng.choice(len(_TIME_FAULTS), count)]
     if clock == "simulated" and rng.random() < 0.5:
         kinds.append(ClockSteps)
     faults = [

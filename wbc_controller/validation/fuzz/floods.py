@@ -156,9 +156,7 @@ def _under_one_flood(
     try:
         nodes.wait_for("mock", "controller")
         nodes.until(lambda: bool(count.value == 0), "the flooder")
-        attempts = (
-            _stop_once(nodes, running, count, float(rng.uniform(*_TIME_BEFORE_STOP))) for _ in range(_ATTEMPTS * trials)
-        )
+        attempts = (_stop_once(nodes, running, count, rng) for _ in range(_ATTEMPTS * trials))
         stops = list(islice((stop for stop in attempts if stop is not None), trials))
         if len(stops) < trials:
             raise WbcError(f"machine too slow for {trials} stops under the flood {kind!r}")
@@ -190,12 +188,10 @@ def _compared(
 
 def _gaps(recorded: Recording) -> list[tuple[int, int, int]]:
     known = [(each.number, each.stamp) for each in recorded.cycles()]
-    return [
-        (before, stamp, number - last - 1) for (last, before), (number, stamp) in pairwise(known) if number > last + 1
-    ]
+    return [(start, end, number - last - 1) for (last, start), (number, end) in pairwise(known) if number > last + 1]
 
 
-def _stop_once(nodes: RobotProcesses, running: Any, count: Any, before: float) -> Stop | None:
+def _stop_once(nodes: RobotProcesses, running: Any, count: Any, rng: np.random.Generator) -> Stop | None:
     """Activate, flood and stop; None if the machine's lateness caused another fault."""
     nodes.activate()
     nodes.wait_for_torques(time.monotonic())
@@ -204,21 +200,18 @@ def _stop_once(nodes: RobotProcesses, running: Any, count: Any, before: float) -
     running.set()
     nodes.until(lambda: count.value > 0, "the first message of the flood")
     began, start = time.monotonic(), nodes.stamp()
-    time.sleep(before)
+    time.sleep(rng.uniform(*_TIME_BEFORE_STOP))
     known = nodes.stamp()
     nodes.user.send_text("command", "estop")
     sent_at = time.monotonic()
     nodes.until(lambda: nodes.state_of("controller").startswith("fault"), "the stop", patience=60.0)
     time.sleep(_TIME_AFTER_STOP)
     running.clear()
+    seconds, late, sent = time.monotonic() - began, nodes.lateness.worst, count.value
     if "ESTOP" not in (fault := nodes.state_of("controller")):
-        if nodes.lateness.worst < MACHINE * nodes.settings.safety.state_timeout:
-            raise WbcError(
-                f"fault {fault!r} before the stop, with a lateness of the machine of {nodes.lateness.worst:.3f} s"
-            )
+        if late < MACHINE * nodes.settings.safety.state_timeout:
+            raise WbcError(f"fault {fault!r} before the stop, with a lateness of the machine of {late:.3f} s")
         return None
-    seconds = time.monotonic() - began
-    late, sent = nodes.lateness.worst, count.value
     times, torques = nodes.efforts(sent_at)
     losses_reported, deadline = False, time.monotonic() + _DIAGNOSTICS_TIMEOUT
     while not losses_reported and time.monotonic() < deadline:

@@ -35,9 +35,8 @@ def fuzz() -> None:
     """
     exit_by_signals(KeyboardInterrupt)  # Hypothesis continues after SystemExit
     # Cache folder of Hypothesis, by default in the current folder.
-    os.environ.setdefault(
-        "HYPOTHESIS_STORAGE_DIRECTORY", str(Path(tempfile.gettempdir()) / "wbc_controller_hypothesis")
-    )
+    folder = Path(tempfile.gettempdir()) / "wbc_controller_hypothesis"
+    os.environ.setdefault("HYPOTHESIS_STORAGE_DIRECTORY", str(folder))
 
 
 def _first(kind: str) -> Callable[[F], F]:

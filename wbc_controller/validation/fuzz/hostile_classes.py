@@ -161,9 +161,7 @@ def _values() -> SearchStrategy[Any]:
 
 def hostile_class() -> SearchStrategy[HostileClass]:
     """Return a strategy of classes with a hostile member."""
-    members = [
-        (kind, member) for kind, (_, methods, attributes) in _KINDS.items() for member in (*methods, *attributes)
-    ]
+    members = [(kind, name) for kind, (_, methods, attributes) in _KINDS.items() for name in (*methods, *attributes)]
     after = st.sampled_from((0, 0, 1, 2, 3, 5, 8, 12, 16, 20))
     return st.builds(lambda where, *rest: HostileClass(*where, *rest), st.sampled_from(members), after, _values())
 

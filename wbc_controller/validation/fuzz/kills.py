@@ -131,7 +131,7 @@ def _stalest(nodes: RobotProcesses, since: float) -> float:
 def _sentence(
     nodes: RobotProcesses, victim: str, method: str, stopped: float, late: float, since: float
 ) -> tuple[str, bool]:
-    settings = nodes.settings
+    settings, timeout = nodes.settings, nodes.settings.safety.state_timeout
     guard = [str(content.data) for _, content in nodes.messages_since("guard/state", since)]
     took_over = next((state for state in guard if "COMMANDS_STOPPED" in state), "")
     state = nodes.state_of("controller")
@@ -139,9 +139,7 @@ def _sentence(
         if method == "hang up":  # the process ends with zeros; no takeover is required
             return state, state.startswith("stopped") and nodes.processes[victim].wait(10.0) == 0
         long = stopped == 0.0 or stopped > settings.guard.patience + 1.0 / settings.control.rate + SLACK + 2.0 * late
-        back = (
-            method == "kill" or stopped < settings.safety.state_timeout or state == "active" or "STALE_INPUT" in state
-        )
+        back = method == "kill" or stopped < timeout or state == "active" or "STALE_INPUT" in state
         return took_over or state, (bool(took_over) or not long) and back
-    silent = stopped == 0.0 or stopped > settings.safety.state_timeout + SLACK + 2.0 * late
+    silent = stopped == 0.0 or stopped > timeout + SLACK + 2.0 * late
     return state, "STALE_INPUT: joint_states is" in state or "STALE_INPUT: odom is" in state or not silent

@@ -68,7 +68,7 @@ class GuardTarget(Target):
 
     def deliver(self, topic: topics.Endpoint, payload: bytes) -> None:
         """Deliver a message between a joint state and the command after it."""
-        mode = self._guard.guard.mode
+        guard, mode = self._guard.guard, self._guard.guard.mode
         self.clock.time += self._period
         self._send("joint_states")
         with time_limit(READ_LIMIT, f"reading {len(payload)} bytes on {topic.name}"):
@@ -76,10 +76,8 @@ class GuardTarget(Target):
         self._command()
         self._cycle(f"a message on {topic.name}")
         refused = self.refused().get(topic.key)
-        if refused and self._guard.guard.mode is not mode:
-            raise InvariantViolation(
-                f"a refused message ({refused}) changed the guard's mode to {self._guard.guard.mode.value}"
-            )
+        if refused and guard.mode is not mode:
+            raise InvariantViolation(f"a refused message ({refused}) changed the guard's mode to {guard.mode.value}")
         self._count += 1
         if self._count % _MESSAGES_PER_SILENCE == 0:
             self.finish()
@@ -89,21 +87,18 @@ class GuardTarget(Target):
         self.send("controller_state", message("std_msgs/msg/String", data="active"))
         self._command()
         self._cycle("commands")
-        takeovers = self._guard.guard.takeovers
+        guard, takeovers = self._guard.guard, self._guard.guard.takeovers
         for _ in range(_SILENT_PERIODS):
             self.clock.time += self._period
             self._send("joint_states")
             self._cycle("silence")
-        if self._guard.guard.takeovers != takeovers + 1:
-            raise InvariantViolation(
-                f"guard {self._guard.guard.mode.value} {_SILENT_PERIODS} periods after a command; required: takeover"
-            )
+        if guard.takeovers != takeovers + 1:
+            periods = f"{_SILENT_PERIODS} periods after a command"
+            raise InvariantViolation(f"guard {guard.mode.value} {periods}; required: takeover")
         self._command()
         self._cycle("the return")
-        if self._guard.guard.mode is not GuardMode.WATCHING:
-            raise InvariantViolation(
-                f"the guard is {self._guard.guard.mode.value} after a new command: {self._guard.guard.reason}"
-            )
+        if guard.mode is not GuardMode.WATCHING:
+            raise InvariantViolation(f"the guard is {guard.mode.value} after a new command: {guard.reason}")
 
     def _send(self, key: str) -> None:
         self.send(key, self.example(self.by_key[key]))

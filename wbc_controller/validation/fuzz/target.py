@@ -135,12 +135,11 @@ def check_torques(tau: Array, before: Array, limits: Array, step: Array, what: s
     """Check that torques are finite, within limits, and changed by at most `step`; raise `InvariantViolation`."""
     if not np.isfinite(tau).all():
         raise InvariantViolation(f"{what} sent non-finite torques: {tau.tolist()}")
-    if not (np.abs(tau) <= limits + _ROUNDING).all():
-        raise InvariantViolation(f"{what} exceeded a torque limit by {float((np.abs(tau) - limits).max()):g} N·m")
-    if not (np.abs(tau - before) <= step + _ROUNDING).all():
-        raise InvariantViolation(
-            f"{what} exceeded the torque step by {float((np.abs(tau - before) - step).max()):g} N·m"
-        )
+    over, fast = np.abs(tau) - limits, np.abs(tau - before) - step
+    if not (over <= _ROUNDING).all():
+        raise InvariantViolation(f"{what} exceeded a torque limit by {float(over.max()):g} N·m")
+    if not (fast <= _ROUNDING).all():
+        raise InvariantViolation(f"{what} exceeded the torque step by {float(fast.max()):g} N·m")
 
 
 @contextlib.contextmanager
