@@ -192,15 +192,9 @@ class _Comparison:
         self._undetected.append(error > WRONG and self._trial.report.fault is None)
 
     def outcome(self, recovery: float) -> Outcome:
-        return Outcome(
-            max(self._errors, default=0.0),
-            self._trial.controller.period * longest_run(np.array(self._undetected, dtype=np.bool_)),
-            tuple(self._left_out),
-            tuple(self._fault_texts.values()),
-            self.ended,
-            self._fell,
-            recovery,
-        )
+        undetected = self._trial.controller.period * longest_run(np.array(self._undetected, dtype=np.bool_))
+        left_out, texts = tuple(self._left_out), tuple(self._fault_texts.values())
+        return Outcome(max(self._errors, default=0.0), undetected, left_out, texts, self.ended, self._fell, recovery)
 
 
 def longest_run(flags: np.ndarray) -> int:

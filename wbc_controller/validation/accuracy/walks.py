@@ -113,13 +113,9 @@ class WalkMeter:
         if not self._torques:
             return WalkFigures()
         torques = np.array(self._torques)
-        return WalkFigures(
-            torque=float(np.max(np.abs(torques) / self._limits)),
-            rate=self._rate,
-            chatter=chatter(torques, self._trial.settings.control.rate, self._limits, CHATTER),
-            slip=self._slip,
-            outside=self._outside,
-        )
+        largest = float(np.max(np.abs(torques) / self._limits))
+        above = chatter(torques, self._trial.settings.control.rate, self._limits, CHATTER)
+        return WalkFigures(largest, self._rate, above, self._slip, self._outside)
 
 
 class WalkTrial(EstimationTrial):

@@ -30,11 +30,7 @@ def faults(robots: tuple[str, ...], kinds: str, seeds: int, seed: int | None, wa
     """
     from wbc_controller.validation.campaign.run import run_campaign
 
-    good = run_campaign(
-        robots or (("g1", "talos") if walking else ("g1", "talos", "go2")),
-        [kind.strip() for kind in kinds.split(",") if kind.strip()],
-        range(seeds) if seed is None else (seed,),
-        walking=walking,
-        **options,
-    )
-    sys.exit(0 if good else 1)
+    usual = ("g1", "talos") if walking else ("g1", "talos", "go2")
+    named = [kind.strip() for kind in kinds.split(",") if kind.strip()]
+    numbers = range(seeds) if seed is None else (seed,)
+    sys.exit(0 if run_campaign(robots or usual, named, numbers, walking=walking, **options) else 1)

@@ -100,18 +100,13 @@ def run_trial(
     """
     require_known(kind, ALL_KINDS, "unknown kind of fault")
     rng = np.random.default_rng([seed, zlib.crc32(f"{robot}/{kind}".encode())])
-    given = {
-        "start": rng.uniform(*_START_RANGE),
-        "duration": rng.uniform(*_DURATION_RANGE),
-        "seed": int(rng.integers(2**32)),
-        **(parameters or {}),
-    }
-    fault = draw(ALL_KINDS[kind], rng, **given)
+    times = {"start": rng.uniform(*_START_RANGE), "duration": rng.uniform(*_DURATION_RANGE)}
+    fault = draw(ALL_KINDS[kind], rng, **{**times, "seed": int(rng.integers(2**32)), **(parameters or {})})
     place = None if recordings is None else TrialRecordings(recordings, f"{Path(robot).stem}-{kind}-{seed}")
     if place is not None:
         place.clear()
     with logged_errors() as logged, np.errstate(all="ignore"):  # absurd values overflow before their refusal
-        trial = _Trial(robot, fault, rng, place, walking=walking, synchronized=seed % 2 == 1)
+        trial = _Trial(robot, seed, fault, rng, place, walking)
         prepare(trial.controller)
         gc.collect()
         gc.freeze()
@@ -130,20 +125,13 @@ def run_trial(
 
 class _Trial(MonitoredRobot):
     def __init__(
-        self,
-        robot: str,
-        fault: Fault,
-        rng: np.random.Generator,
-        place: TrialRecordings | None,
-        *,
-        walking: bool,
-        synchronized: bool,
+        self, robot: str, seed: int, fault: Fault, rng: np.random.Generator, place: TrialRecordings | None, walks: bool
     ) -> None:
         changes = {
             **({} if place is None else {"recorder.folder": str(place.folder.absolute())}),
             "safety.activation_ramp": 0.0,
             "safety.bring_up_time": 0.0,
-            "safety.synchronized_clocks": synchronized,
+            "safety.synchronized_clocks": seed % 2 == 1,
             "control.markers_rate": 0.0,
             "control.trigger": "joint_states",
         }
@@ -158,9 +146,9 @@ class _Trial(MonitoredRobot):
             timer=time.thread_time,
             recorder=self._recorder,
         )
-        if walking and self.controller.walker is None:
+        if walks and self.controller.walker is None:
             raise ConfigurationError(f"{robot} cannot walk: its configuration has no section 'walking'")
-        self._walking, self._commanded = walking, math.inf  # time of the next velocity, s
+        self._walking, self._commanded = walks, math.inf  # time of the next velocity, s
         self._fault, self._expected = fault, expect(fault, settings)
         self._request_state = RequestFaultState(self.user, rng)
         self._began = math.inf  # start of the fault on the monitor's time

@@ -75,10 +75,10 @@ def fuzz_files(
     """Read hostile ``configurations``, ``urdf`` or ``recordings`` of the robots in turn, in a child process."""
     due, failures, began = first, 0, time.monotonic()
     while due < first + count and failures < _MOST_FAILURES:
-        ours, theirs = multiprocessing.get_context("spawn").Pipe()
-        child = multiprocessing.get_context("spawn").Process(
-            target=_work, args=(theirs, read_case, kind, robots, seed, due, first + count, folder), daemon=True
-        )
+        context = multiprocessing.get_context("spawn")
+        ours, theirs = context.Pipe()
+        work = theirs, read_case, kind, robots, seed, range(due, first + count), folder
+        child = context.Process(target=_work, args=work, daemon=True)
         child.start()
         theirs.close()
         try:
@@ -122,14 +122,7 @@ def _results(child: Any, ours: Connection, number: int) -> Iterator[tuple[int, s
 
 
 def _work(
-    pipe: Connection,
-    reader: Callable[[Path], str],
-    kind: str,
-    robots: tuple[str, ...],
-    seed: int,
-    number: int,
-    end: int,
-    folder: Path,
+    pipe: Connection, read: Callable[[Path], str], kind: str, robots: Sequence[str], seed: int, due: range, folder: Path
 ) -> None:
     end_with_parent()
     resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
@@ -137,10 +130,10 @@ def _work(
     logging.disable(logging.CRITICAL)  # replays log the faults of a controller
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # C++ parsers print their refusals
     pipe.send(_READY)
-    for i in range(number, end):
-        place = case_folder(folder, kind, i)
-        make_case(kind, robots[i % len(robots)], seed, i, place)
-        pipe.send((i, reader(place)))
+    for number in due:
+        place = case_folder(folder, kind, number)
+        make_case(kind, robots[number % len(robots)], seed, number, place)
+        pipe.send((number, read(place)))
     pipe.close()
 
 

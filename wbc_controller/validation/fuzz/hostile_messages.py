@@ -123,9 +123,8 @@ def _episode(key: str, robot: str, seed: str, outcome: Outcome, count: int) -> F
     messages: list[Message] = []
 
     def draw(target: Target) -> Iterator[Message]:
-        names = fuzzed_robot(robot)[1].joints
         while target.alive and len(messages) < _EPISODE_LENGTH and outcome.sent < count:
-            topic, payload = draw_by_key(requests(target, names), seed, len(messages))
+            topic, payload = draw_by_key(requests(target, fuzzed_robot(robot)[1].joints), seed, len(messages))
             messages.append((topic.name, payload))
             outcome.counts[f"{key}: {topic.key}"] += 1
             yield messages[-1]

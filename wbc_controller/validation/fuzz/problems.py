@@ -150,16 +150,10 @@ def feasibility_margin(problem: QuadraticProgram) -> float:
     rows = np.vstack([np.eye(n), problem.C])
     above, below = np.isfinite(upper), np.isfinite(lower)
     G, h = np.vstack([rows[above], -rows[below]]), np.concatenate([upper[above], -lower[below]])
-    program = (
-        np.append(np.zeros(n), -1.0),
-        np.hstack([G, np.ones((len(G), 1))]),
-        h,
-        np.hstack([problem.A, np.zeros((len(problem.A), 1))]),
-        problem.b,
-        [(None, None)] * n + [(None, 1.0)],
-    )
+    unequal, equal = (np.c_[G, np.ones(len(G))], h), (np.c_[problem.A, np.zeros(len(problem.A))], problem.b)
+    cost, limits = np.append(np.zeros(n), -1.0), [(None, None)] * n + [(None, 1.0)]
     for method in ("highs-ds", "highs-ipm"):
-        result = linprog(*program, method=method)
+        result = linprog(cost, *unequal, *equal, limits, method=method)
         if result.status == 0:
             return float(result.x[-1])
     raise WbcError(f"the linear program failed: {result.message}")

@@ -184,16 +184,8 @@ class _Bench:
                 found = self._echo_meter.measure(seconds / blocks, self._period)
             bare.append(found())
             progress(count * seconds / blocks, ours[-1], bare[-1])
-        return Latency(
-            controller=joined(ours),
-            echo=joined(bare),
-            active=active / blocks,
-            inactive=inactive,
-            waiting=waiting / blocks,
-            memory=(first, last),
-            scheduling=scheduling,
-            inactive_states=tuple(inactive_states),
-        )
+        shares = active / blocks, inactive, waiting / blocks
+        return Latency(joined(ours), joined(bare), *shares, (first, last), scheduling, tuple(inactive_states))
 
     def _inactive_share(self, seconds: float) -> float:
         self._processes.until(lambda: self._mode() == "inactive", "the inactive mode")
