@@ -26,11 +26,6 @@ class RequestFaultState:
     com: Array = field(default_factory=lambda: np.zeros(3))  # initial, (3,) in m
     periods: int = 0  # since the beginning
 
-    def send_text(self, key: str, text: str, count: int = 1) -> None:
-        """Send a text `count` times."""
-        for _ in range(count):
-            self.user.send_text(key, text)
-
 
 class RequestFault(Fault):
     """A fault of requests, for campaigns only."""
@@ -75,7 +70,7 @@ class UnknownWords(RequestFault):
 
     def _send(self, state: RequestFaultState, com: Array) -> None:
         words = ("", "ACTIVATE", "e-stop", "resett", "start", "\n", "активировать", "a" * 1000)
-        state.send_text("command", str(state.rng.choice(words)))
+        state.user.send_text("command", str(state.rng.choice(words)))
 
 
 class RequestFlood(RequestFault):
@@ -84,7 +79,8 @@ class RequestFlood(RequestFault):
     messages: int = number(20, 1, 200, "messages", "in each control period")
 
     def _send(self, state: RequestFaultState, com: Array) -> None:
-        state.send_text("command", "activate", self.messages)
+        for _ in range(self.messages):
+            state.user.send_text("command", "activate")
 
 
 class FarSetpoint(_OneTimeFault):
@@ -123,15 +119,15 @@ class HugeMessage(_OneTimeFault):
     size: int = number(4_000_000, 300_000, 10_000_000, "bytes", "of each message")
 
     def _send(self, state: RequestFaultState, com: Array) -> None:
-        state.send_text("command", "a" * self.size)
-        state.send_text("update", "{tasks: [" + "1," * (self.size // 2) + "]}")
+        state.user.send_text("command", "a" * self.size)
+        state.user.send_text("update", "{tasks: [" + "1," * (self.size // 2) + "]}")
 
 
 class Estop(_OneTimeFault):
     """One emergency stop."""
 
     def _send(self, state: RequestFaultState, com: Array) -> None:
-        state.send_text("command", "estop")
+        state.user.send_text("command", "estop")
 
 
 class EstopInFlood(RequestFault):
@@ -140,8 +136,9 @@ class EstopInFlood(RequestFault):
     messages: int = number(100, 1, 500, "messages", "before it, in the same control period")
 
     def _send(self, state: RequestFaultState, com: Array) -> None:
-        state.send_text("command", "activate", self.messages)
-        state.send_text("command", "estop")
+        for _ in range(self.messages):
+            state.user.send_text("command", "activate")
+        state.user.send_text("command", "estop")
 
 
 class ContactOff(_OneTimeFault):
@@ -164,9 +161,9 @@ class ConflictingUpdates(RequestFault):
         tasks, rng = state.user.settings.tasks, state.rng
         name = list(tasks)[int(rng.integers(len(tasks)))]
         weight, factor = tasks[name].weight, float(np.exp(rng.uniform(-1.0, 1.0)))
-        state.send_text("update", f"{{tasks: {{{name}: {{weight: {weight * factor}}}}}}}")
-        state.send_text("update", f"{{control: {{weight_ramp: {rng.uniform(0.0, 2.0)}}}}}")
-        state.send_text("update", f"{{tasks: {{{name}: {{weight: {weight / factor}, wieght: 1}}}}}}")
+        state.user.send_text("update", f"{{tasks: {{{name}: {{weight: {weight * factor}}}}}}}")
+        state.user.send_text("update", f"{{control: {{weight_ramp: {rng.uniform(0.0, 2.0)}}}}}")
+        state.user.send_text("update", f"{{tasks: {{{name}: {{weight: {weight / factor}, wieght: 1}}}}}}")
 
 
 REQUEST_KINDS: Mapping[str, type[Fault]] = {

@@ -102,7 +102,7 @@ def messages(robot: str, count: int, nodes: str, first: int, replay: Path | None
         run.save(failure, robot, path)
         note = "" if failure.repeated else " (not reproduced)"
         click.echo(f"{failure.target}, {len(failure.messages)} messages{note}: {failure.why[:500]}\n  --replay {path}")
-    sys.exit(0 if not outcome.failures and outcome.flat else 1)
+    sys.exit(0 if not outcome.failures and outcome.growth <= run.MAX_GROWTH else 1)
 
 
 def _files(kind: str, robots: str, count: int, first: int, seed: int, folder: Path) -> None:

@@ -41,7 +41,7 @@ TARGETS: Mapping[str, tuple[Callable[[str], Target], float]] = {
 }
 _EPISODE_LENGTH = 400
 _EPISODE_TIMEOUT = 120.0  # wall time, s; then the process ends with a traceback
-WARM_UP, _MAX_GROWTH = 0.2, 40_000  # share of messages, and growth of the memory afterwards, kB
+WARM_UP, MAX_GROWTH = 0.2, 40_000  # share of messages, and growth of the memory afterwards, kB
 
 Message = tuple[str, bytes]
 
@@ -70,11 +70,6 @@ class Outcome:
     def sent(self) -> int:
         """Number of all messages."""
         return sum(self.counts.values())
-
-    @property
-    def flat(self) -> bool:
-        """True if the memory was constant after the warm-up."""
-        return self.growth <= _MAX_GROWTH
 
 
 def fuzz_messages(

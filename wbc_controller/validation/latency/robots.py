@@ -6,7 +6,7 @@ import math
 import os
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -32,8 +32,7 @@ _BASE = ("odom", "imu")
 _SWAY, _PACE = 5.0e-4, 2.0 * math.pi
 
 
-@contextlib.contextmanager
-def open_transport(kind: str, node: str, domain: int) -> Iterator[Transport]:
+def open_transport(kind: str, node: str, domain: int) -> contextlib.AbstractContextManager[Transport]:
     """Open a transport on a domain of this computer.
 
     Raises:
@@ -44,10 +43,7 @@ def open_transport(kind: str, node: str, domain: int) -> Iterator[Transport]:
     if kind == "dds":
         from wbc_controller.middleware.transports.dds import DdsTransport
 
-        transport = DdsTransport(node, domain_id=domain, discovery_range="LOCALHOST")
-        with contextlib.closing(transport):
-            yield transport
-        return
+        return contextlib.closing(DdsTransport(node, domain_id=domain, discovery_range="LOCALHOST"))
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"  # rclpy reads only this variable
     refuse_mixed_installations()
     try:
@@ -57,8 +53,7 @@ def open_transport(kind: str, node: str, domain: int) -> Iterator[Transport]:
             f"transport rclpy: ROS 2 not found ({error}); source it, with its Python version, or install its wheels "
             "(docs/ros2.md), or use --transport dds"
         ) from error
-    with node_without_services(node, domain) as alone:
-        yield alone
+    return node_without_services(node, domain)
 
 
 class StandingRobot:
