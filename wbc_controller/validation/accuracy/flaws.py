@@ -1,8 +1,6 @@
 """Errors of the centre of mass by flaws."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -15,7 +13,7 @@ from wbc_controller.simulation.faults.base_sensors import ImuNoise
 from wbc_controller.simulation.faults.fault import LONGEST, Fault
 from wbc_controller.simulation.faults.joint_sensors import JointNoise
 from wbc_controller.simulation.faults.world import MassError, SoftFloor
-from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
+from wbc_controller.validation.accuracy.estimation_trial import Changes, EstimationTrial
 
 SWAY, SQUAT, _BEAT = 0.03, 0.05, 1.5  # amplitudes, m, and time between points, s
 CHATTER = 8.0  # Hz
@@ -26,7 +24,7 @@ class Flaw:
     """A difference between robot and model."""
 
     name: str
-    changes: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))  # by dotted key
+    changes: Changes = field(default_factory=dict)
     faults: tuple[Fault, ...] = ()  # of the mock robot
     gain: float = 1.0  # factor of all torques
     force_sensors: bool = False  # True for force sensors at the contacts

@@ -1,5 +1,6 @@
 """Hostile recordings with valid checksums."""
 
+import contextlib
 import copy
 import json
 import struct
@@ -42,22 +43,16 @@ _VALUES: SearchStrategy[Any] = st.one_of(
 def record_run(robot: str, path: Path) -> None:
     """Record a short run: activation, motion, a refused request, and a stop."""
     settings = load(robot).replace({"recorder.seconds": 0.0}).settings
-    recorder = Recorder(settings, path, patient=True, name=robot)
-    try:
+    requests = [("command", "fly"), ("update", "{limits: {acceleration: 200.0}}")]
+    texts = {3: [("command", "activate")], 20: requests, _CYCLES - 3: [("command", "estop")]}  # by cycle
+    with contextlib.closing(Recorder(settings, path, patient=True, name=robot)) as recorder:
         run = Lockstep(settings, recorder=recorder)
         for i in range(_CYCLES):
-            if i == 3:
-                run.user.send_text("command", "activate")
-            elif i == 10:
+            for key, text in texts.get(i, ()):
+                run.user.send_text(key, text)
+            if i == 10:
                 run.user.move(run.com())
-            elif i == 20:
-                run.user.send_text("command", "fly")
-                run.user.send_text("update", "{limits: {acceleration: 200.0}}")
-            elif i == _CYCLES - 3:
-                run.user.send_text("command", "estop")
             run.cycle()
-    finally:
-        recorder.close()
 
 
 @cache
