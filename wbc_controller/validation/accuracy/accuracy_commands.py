@@ -1,13 +1,10 @@
 """Commands of `wbc accuracy`."""
 
-from __future__ import annotations
-
-import dataclasses
 import math
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, get_args
+from typing import Any, TypeVar, get_args
 
 import click
 import numpy as np
@@ -19,15 +16,10 @@ from wbc_controller.nodes.processes import end_with_parent
 from wbc_controller.nodes.signals import exit_by_signals
 from wbc_controller.settings.service import SensorQuality
 
-if TYPE_CHECKING:
-    from wbc_controller.validation.accuracy.walks import Walk
-
 T = TypeVar("T")
 
 #: Acceptance of standing on `good`: roll and pitch in °, height in m, velocity in m/s, drift in m per minute.
 TILT, HEIGHT, VELOCITY, DRIFT = 0.2, 0.003, 0.02, 0.01
-#: Headings of the cells of `figures_of`.
-FIGURES = ("torque", "rate at touchdown", "chatter", "slip", "outside the cone")
 RATIO, DIRECTIONS = 1.5, 0.75  # required impulse as a multiple of a standing robot's, and in how many directions of 8
 #: Largest share of falls: of 10 walks on a ground, and of the walks with changes of velocity.
 FALLS, FALLS_BY_CHANGES = 0.1, 0.05
@@ -152,12 +144,6 @@ def mishaps(robots: tuple[str, ...], sensors: str, jobs: int, seeds: int, force_
     sys.exit(1 if any(each.silently_wrong or math.isinf(each.recovery) for each in found) else 0)
 
 
-def figures_of(walks: Sequence[Walk]) -> tuple[str, ...]:
-    """Return the largest figures of walks as cells."""
-    torque, rate, chatter, slip, outside = np.max([dataclasses.astuple(each.figures) for each in walks], axis=0)
-    return f"{torque:.2f}", f"{rate:.2f}", f"{100.0 * chatter:.1f} %", f"{1e3 * slip:.1f} mm", f"{outside:.1g} N"
-
-
 def walking_robots(robots: Sequence[str]) -> Sequence[str]:
     """Return the robots, by default all that walk; an unknown one raises `ConfigurationError`."""
     from wbc_controller.validation.accuracy.walks import COMMANDS
@@ -180,7 +166,7 @@ def walking(
     Prints commanded and mean velocity, drift as a share of the path, cycles with relaxed limits, `WalkFigures`, falls,
     and the shortest time from a fault to the ground contact of another link. Exit status 1: a robot fell.
     """
-    from wbc_controller.validation.accuracy.walks import COMMANDS, RANDOM, walk
+    from wbc_controller.validation.accuracy.walks import COMMANDS, FIGURES, RANDOM, figures_of, walk
 
     kinds = walking_robots(robots)
     require_known(names, sorted({name for kind in kinds for name in (*COMMANDS[kind], RANDOM)}), "unknown command")
@@ -223,7 +209,7 @@ def walking_grounds(
     Grounds: cells with random heights of ±2 cm, slopes of 5° up, down and across, friction 0.4, soft ground. Exit
     status 1: more than one of ten walks ended early.
     """
-    from wbc_controller.validation.accuracy.walks import GROUNDS, walk_on
+    from wbc_controller.validation.accuracy.walks import FIGURES, GROUNDS, figures_of, walk_on
 
     require_known(names, GROUNDS, "unknown ground")
     click.echo(f"{seeds} seeds on {sensors}, {seconds:g} s\n")

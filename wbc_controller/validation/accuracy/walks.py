@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -39,6 +39,8 @@ SHARE, _ASIDE = 0.6, 0.35
 MOST_STEPS = 3  # largest number of steps until the robot has stopped
 #: Shortest and longest time of a walk, and of standing, s; longest time of a stop, s.
 _WALK, _STAND, _STOP = (0.5, 4.0), (0.0, 1.0), 6.0
+#: Headings of the cells of `figures_of`.
+FIGURES = ("torque", "rate at touchdown", "chatter", "slip", "outside the cone")
 CHATTER = 25.0  # frequency above which torques are chatter, Hz
 _AT_TOUCHDOWN, _SETTLING = 0.01, 0.05  # time after a touchdown for the torque rate, and until slip counts, s
 
@@ -116,6 +118,12 @@ class WalkMeter:
         largest = float(np.max(np.abs(torques) / self._limits))
         above = chatter(torques, self._trial.settings.control.rate, self._limits, CHATTER)
         return WalkFigures(largest, self._rate, above, self._slip, self._outside)
+
+
+def figures_of(walks: Sequence[Walk]) -> tuple[str, ...]:
+    """Return the largest figures of walks as cells."""
+    torque, rate, above, slip, outside = np.max([astuple(each.figures) for each in walks], axis=0)
+    return f"{torque:.2f}", f"{rate:.2f}", f"{100.0 * above:.1f} %", f"{1e3 * slip:.1f} mm", f"{outside:.1g} N"
 
 
 class WalkTrial(EstimationTrial):
