@@ -125,7 +125,28 @@ def test_table_and_plot_of_pushes(monkeypatch, run, tmp_path, walking, falls, st
 
 @pytest.mark.parametrize("command", ["walking-grounds", "walking-starts", "walking-pushes"])
 def test_an_unknown_robot_is_refused(run, command):
-    assert "unknown walking robot 'nobody'" in str(run(command, "nobody").exception)
+    assert "unknown configuration 'nobody'" in str(run(command, "nobody").exception)
+
+
+@pytest.fixture
+def saved(tmp_path):
+    """Return a function that writes the configuration of G1 with changes, and returns the path."""
+
+    def save(**walking):
+        path = tmp_path / "robot.yaml"
+        path.write_text(load("g1").replace({"walking": walking or None}).to_yaml(), encoding="utf-8")
+        return str(path)
+
+    return save
+
+
+def test_other_robots_walk_at_their_largest_speeds(saved):
+    commands = walks.commands_of(saved(max_speed=0.3))
+    assert (commands["forward"], commands["backward"]) == ((0.3, 0.0, 0.0), (-0.15, 0.0, 0.0))
+
+
+def test_a_robot_without_walking_is_refused(saved):
+    assert "cannot walk: its configuration has no section 'walking'" in refusal(walks.commands_of, saved())
 
 
 def test_an_unknown_command_beside_a_valid_one_is_refused(run):

@@ -145,11 +145,10 @@ def mishaps(robots: tuple[str, ...], sensors: str, jobs: int, seeds: int, force_
 
 
 def walking_robots(robots: Sequence[str]) -> Sequence[str]:
-    """Return the robots, by default all that walk; an unknown one raises `ConfigurationError`."""
-    from wbc_controller.validation.accuracy.walks import COMMANDS
+    """Return the robots, by default the supplied ones; one that does not walk raises `ConfigurationError`."""
+    from wbc_controller.validation.accuracy.walks import COMMANDS, commands_of
 
-    require_known(robots, COMMANDS, "unknown walking robot")
-    return robots or tuple(COMMANDS)
+    return [robot for robot in robots or COMMANDS if commands_of(robot)]
 
 
 @accuracy.command()
@@ -166,21 +165,22 @@ def walking(
     Prints commanded and mean velocity, drift as a share of the path, cycles with relaxed limits, `WalkFigures`, falls,
     and the shortest time from a fault to the ground contact of another link. Exit status 1: a robot fell.
     """
-    from wbc_controller.validation.accuracy.walks import COMMANDS, FIGURES, RANDOM, figures_of, walk
+    from wbc_controller.validation.accuracy.walks import FIGURES, RANDOM, commands_of, figures_of, walk
 
     kinds = walking_robots(robots)
-    require_known(names, sorted({name for kind in kinds for name in (*COMMANDS[kind], RANDOM)}), "unknown command")
-    rows = [(kind, name) for kind in kinds for name in (*COMMANDS[kind], RANDOM) if not names or name in names]
+    rows = [(kind, name) for kind in kinds for name in (*commands_of(kind), RANDOM)]
+    require_known(names, sorted({name for _, name in rows}), "unknown command")
+    rows = [(kind, name) for kind, name in rows if not names or name in names]
     click.echo(f"{seeds} seeds on {sensors}, {seconds:g} s, velocities times {scale:g}\n")
     columns = ("m/s, m/s, rad/s", "reached", "drift of the path", "relaxed")
     print_header("Robot", "Command", *columns, *FIGURES, "fell", "lead")
     fallen = 0
     for kind, name in rows:
-        given = COMMANDS[kind].get(name)  # None for random velocities
+        given = commands_of(kind).get(name)  # None for random velocities
         found = run_parallel(walk, [(kind, given, sensors, seed, seconds, scale) for seed in range(seeds)], jobs)
         fell = [each for each in found if each.ended]
         fallen += len(fell)
-        commanded = ", ".join(f"{scale * each:g}" for each in given or ())
+        commanded = ", ".join(f"{scale * each:.3g}" for each in given or ())
         whole = [each for each in found if not each.ended]
         speeds = [walk.speed for walk in whole if given is not None]
         reached = ", ".join(f"{each:.2f}" for each in np.mean(speeds, axis=0)) if speeds else ""

@@ -3,10 +3,12 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass, field
+from functools import cache
 from typing import Any
 
 import numpy as np
 
+from wbc_controller.controller.controller import Controller
 from wbc_controller.errors import ConfigurationError, WbcError, require_known
 from wbc_controller.middleware.setpoints import velocity_message
 from wbc_controller.recording.report.run_data import heading, mean_velocity
@@ -18,8 +20,9 @@ from wbc_controller.validation.accuracy.standing import sensor_settings
 from wbc_controller.walking.footsteps import BACKWARD, Velocity
 from wbc_controller.walking.gait import Phase
 
-#: Velocities forward, to the left and turning, m/s and rad/s, by name; `random` changes every `_CHANGE` seconds.
-COMMANDS: dict[str, dict[str, tuple[float, float, float]]] = {
+Commands = Mapping[str, tuple[float, float, float]]  # velocities forward, to the left and turning, by name
+#: Of the supplied robots, m/s and rad/s; `random` changes every `_CHANGE` seconds.
+COMMANDS: Mapping[str, Commands] = {
     "g1": {
         "forward": (0.5, 0.0, 0.0), "backward": (-0.25, 0.0, 0.0), "sideways": (0.0, 0.2, 0.0), "turn": (0.0, 0.0, 0.5)
     },
@@ -43,6 +46,19 @@ _WALK, _STAND, _STOP = (0.5, 4.0), (0.0, 1.0), 6.0
 FIGURES = ("torque", "rate at touchdown", "chatter", "slip", "outside the cone")
 CHATTER = 25.0  # frequency above which torques are chatter, Hz
 _AT_TOUCHDOWN, _SETTLING = 0.01, 0.05  # time after a touchdown for the torque rate, and until slip counts, s
+
+
+@cache
+def commands_of(robot: str) -> Commands:
+    """Return the commands of a robot: its largest speeds unless in `COMMANDS`; refuse one that does not walk."""
+    if robot in COMMANDS:
+        return COMMANDS[robot]
+    walker = Controller(robot, preflight=False).walker
+    if walker is None:
+        raise ConfigurationError(f"{robot} cannot walk: its configuration has no section 'walking'")
+    x, y, turn = walker.gait.speed
+    commands = {"forward": (x, 0.0, 0.0), "backward": (-BACKWARD * x, 0.0, 0.0)}
+    return {**commands, "sideways": (0.0, y, 0.0), "turn": (0.0, 0.0, turn)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +149,7 @@ class WalkTrial(EstimationTrial):
         self, robot: str, sensors: SensorQuality, seed: int, changes: Changes = NO_CHANGES, scale: float = 1.0
     ) -> None:
         """Build a robot; raise `ConfigurationError` if this fails."""
-        fastest = np.max([np.abs(each) for each in COMMANDS[robot].values()], axis=0)
+        fastest = np.max([np.abs(each) for each in commands_of(robot).values()], axis=0)
         self.fastest = scale * fastest  # forward, sideways and turning, (3,) in m/s and rad/s
         own = {"estimation.base_state": "imu", "mock.sensors": sensors, "mock.sensor_seed": seed}
         limits = {"walking.max_speed": float(max(1.0, scale) * fastest[0])}
@@ -248,7 +264,7 @@ def terrain_of(ground: str, seed: int) -> Mapping[str, Any]:
 
 def walk_on(robot: str, ground: str, sensors: SensorQuality, seed: int, seconds: float) -> Walk:
     """Walk onto a ground, stop and stand; across a slope also sideways."""
-    ahead = COMMANDS[robot]["forward"][0]
+    ahead = commands_of(robot)["forward"][0]
     commanded = ahead, _ASIDE * ahead if ground == "across" else 0.0, 0.0
     return walk(robot, commanded, sensors, seed, seconds, SHARE, terrain_of(ground, seed))
 
