@@ -25,7 +25,7 @@ from wbc_controller.validation.fuzz.controller_target import ControllerTarget
 from wbc_controller.validation.fuzz.hostile_messages import TARGETS, fuzz_messages, load, replay
 from wbc_controller.validation.fuzz.other_targets import UrdfTarget
 from wbc_controller.validation.fuzz.strategies import draw_by_key
-from wbc_controller.validation.fuzz.target import Target, fuzzed_robot
+from wbc_controller.validation.fuzz.target import Target, collected_errors, fuzzed_robot
 
 ROBOT = "go2"
 #: Number of messages; `wbc fuzz messages` sends a million.
@@ -49,10 +49,12 @@ def test_nodes_survive_hostile_messages(monkeypatch):
 def test_valid_requests_are_accepted_by_tasks_of_every_type():
     assert {task.type for task in fuzzed_robot("g1")[0].tasks.values()} == set(topics.TASK_TYPES)
     target = ControllerTarget("g1")
-    for topic in target.topics.values():
-        if topic.key not in ("joint_states", "odom", "clock", "command", "update"):
+    others = ("joint_states", "odom", "clock", "command", "update")
+    with collected_errors() as errors:  # without garbage collections, whose time would count
+        for topic in [topic for topic in target.topics.values() if topic.key not in others]:
             target.deliver(topic, encode(target.example(topic)))
             assert not target._refused, topic.name
+    assert not errors
 
 
 def test_unexplained_motion_after_a_false_external_wrench_sends_zeros_at_once():
@@ -60,10 +62,11 @@ def test_unexplained_motion_after_a_false_external_wrench_sends_zeros_at_once():
     topic = target.topics["/wbc_controller/external_wrenches/right_rubber_hand"]
     content = target.example(topic)
     content.wrench.force.z = 3000.0
-    target.deliver(topic, encode(content))
-    while target.alive and target._robot.clock.now() < 0.1:
-        target._cycle("a false wrench", publish=True)
-        target.finish()
+    with collected_errors():
+        target.deliver(topic, encode(content))
+        while target.alive and target._robot.clock.now() < 0.1:
+            target._cycle("a false wrench", publish=True)
+            target.finish()
     assert target._controller.fault.code == "UNEXPLAINED_MOTION"
     assert not target._tau.any()
 
