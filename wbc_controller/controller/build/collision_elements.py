@@ -32,8 +32,9 @@ def read_collision_elements(
     try:
         read = pin.buildGeomFromUrdfString(model.pinocchio, shapes, pin.COLLISION, None, folders, _MESHES)
     except (ValueError, RuntimeError) as error:
-        reason = " ".join(str(error).rpartition("message:")[2].split())
-        raise ConfigurationError(f"{key}: a collision element cannot be read: {reason}") from error
+        reason = " ".join(str(error).rpartition("message:")[2].split()).rstrip(".")
+        remedy = "correct the file name, or remove the element"
+        raise ConfigurationError(f"{key}: a collision element cannot be read: {reason}; {remedy}") from error
     return list(read.geometryObjects)
 
 
