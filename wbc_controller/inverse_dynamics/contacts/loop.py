@@ -69,11 +69,11 @@ class LoopClosure(Contact):
 
     def jacobian(self, dynamics: Dynamics) -> Array:
         """Return the Jacobian of γ along the held axes, (k, nv)."""
-        return self._along_held_axes(dynamics, self._mount.jacobian(dynamics))
+        return self._along_held_axes(dynamics, self._mount.relative(dynamics, dynamics.jacobian))
 
     def drift(self, dynamics: Dynamics) -> Array:
         """Return γ̇ at v̇ = 0 along the held axes, (k,)."""
-        nu, nu_dot = self._mount.twist(dynamics), self._mount.drift(dynamics)
+        nu, nu_dot = self._mount.relative(dynamics, dynamics.velocity), self._mount.drift(dynamics)
         nu_dot[:3] += pin.skew(nu[3:]) @ nu[:3]  # ω × ω = 0
         return self._along_held_axes(dynamics, nu_dot)
 

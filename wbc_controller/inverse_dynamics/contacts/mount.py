@@ -1,7 +1,7 @@
 """Placement of a contact on its link."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -91,27 +91,20 @@ class Mount:
         link, placement = self._on_link
         return Instruction(SURFACE, rows, link, self._other_link, constants=placement_numbers(placement))
 
-    def jacobian(self, dynamics: Dynamics) -> Array:
-        """Return the Jacobian of ν, (6, nv)."""
-        J = self._placement.toActionMatrixInverse() @ dynamics.jacobian(self._id, pin.LOCAL)
+    def relative(self, dynamics: Dynamics, of_frame: Callable[[int, pin.ReferenceFrame], Array]) -> Array:
+        """Return ν, (6,), from `Dynamics.velocity`, or its Jacobian, (6, nv), from `Dynamics.jacobian`."""
+        found = self._placement.toActionMatrixInverse() @ of_frame(self._id, pin.LOCAL)
         if self._other is not None:
-            J -= self._from_other(dynamics, self._other) @ dynamics.jacobian(self._other, pin.LOCAL)
-        return np.asarray(J)
-
-    def twist(self, dynamics: Dynamics) -> Array:
-        """Return ν, (6,)."""
-        nu = self._placement.toActionMatrixInverse() @ dynamics.velocity(self._id, pin.LOCAL)
-        if self._other is not None:
-            nu -= self._from_other(dynamics, self._other) @ dynamics.velocity(self._other, pin.LOCAL)
-        return np.asarray(nu)
+            found -= self._from_other(dynamics, self._other) @ of_frame(self._other, pin.LOCAL)
+        return np.asarray(found)
 
     def drift(self, dynamics: Dynamics) -> Array:
         """Return ν̇ at v̇ = 0, (6,)."""
         drift = self._placement.toActionMatrixInverse() @ dynamics.drift_local(self._id)
         if self._other is not None:
             X = self._from_other(dynamics, self._other)
-            nu, carried = pin.Motion(self.twist(dynamics)), pin.Motion(X @ dynamics.velocity(self._other, pin.LOCAL))
-            drift += nu.cross(carried).vector - X @ dynamics.drift_local(self._other)
+            nu, carried = self.relative(dynamics, dynamics.velocity), X @ dynamics.velocity(self._other, pin.LOCAL)
+            drift += pin.Motion(nu).cross(pin.Motion(carried)).vector - X @ dynamics.drift_local(self._other)
         return np.asarray(drift)
 
     def _from_other(self, dynamics: Dynamics, other: int) -> Array:
@@ -135,7 +128,7 @@ class MountedContact(AnchoredContact):
 
     def jacobian(self, dynamics: Dynamics) -> Array:
         """Return J of the relative twist in contact axes, (k, nv)."""
-        return self._mount.jacobian(dynamics)[self._rows]
+        return self._mount.relative(dynamics, dynamics.jacobian)[self._rows]
 
     def drift(self, dynamics: Dynamics) -> Array:
         """Return J̇v, (k,)."""
