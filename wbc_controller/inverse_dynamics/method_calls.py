@@ -30,14 +30,14 @@ def call(owner: Named, method: str, *arguments: Any) -> Any:
     """Call a method; translate its exception to a `MethodError`."""
     try:
         return getattr(owner, method)(*arguments)
-    except MethodError:
-        raise
     except Exception as error:
         raise raised(owner, method, error) from error
 
 
 def raised(owner: Named, method: str, error: Exception) -> MethodError:
-    """Return the error for an exception in a method."""
+    """Return the error for an exception in a method: a `MethodError` itself."""
+    if isinstance(error, MethodError):
+        return error
     return MethodError(f"{_title(owner, method)} raised {type(error).__name__}: {error}")
 
 
@@ -62,8 +62,9 @@ def arrays_of(owner: Named, method: str, values: Any, shapes: Sequence[Shape]) -
     return tuple(checked(owner, method, value, shape) for value, shape in zip(values, shapes, strict=True))
 
 
-def bounds_of(owner: Named, method: str, bounds: Any, size: int) -> tuple[Array, Array]:
-    """Check bounds (size,) returned by a method: lower ≤ upper, possibly infinite."""
+def bounds_from(owner: Named, method: str, size: int, *arguments: Any) -> tuple[Array, Array]:
+    """Call a method that returns bounds (size,): lower ≤ upper, possibly infinite."""
+    bounds = call(owner, method, *arguments)
     if not isinstance(bounds, tuple | list) or len(bounds) != 2:
         raise MethodError(f"{_title(owner, method)} returned {_short(bounds)}, expected lower and upper bounds")
     lower, upper = (checked(owner, method, bound, (size,)) for bound in bounds)

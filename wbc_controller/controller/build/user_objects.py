@@ -150,7 +150,7 @@ def evaluate_methods(
     for contact in contacts:
         evaluate_contact(contact, dynamics)
         for activation in (0.5, 1.0):
-            method_calls.bounds_of(contact, "bounds", method_calls.call(contact, "bounds", activation), contact.size)
+            method_calls.bounds_from(contact, "bounds", contact.size, activation)
         points_of(contact, dynamics)
         method_calls.array_from(contact, "wrench_in_world", (6,), dynamics, np.zeros(contact.size))
         if isinstance(contact, AnchoredContact) and contact.stiffness > 0.0:

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.errors import ConfigurationError, MethodError
+from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.method_calls import (
     array_from,
-    bounds_of,
+    bounds_from,
     call,
     checked,
     is_finite,
@@ -140,8 +140,7 @@ def contact_motion(contact: Contact, dynamics: Dynamics) -> tuple[Array, Array]:
         acceleration = checked(contact, "acceleration_at_rest", contact.acceleration_at_rest(dynamics), k)
     except Exception as error:
         evaluate(contact, dynamics)
-        method = "acceleration_at_rest"
-        raise error if isinstance(error, MethodError) else raised(contact, method, error) from error
+        raise raised(contact, "acceleration_at_rest", error) from error
     if not (is_finite(J) and is_finite(acceleration)):
         evaluate(contact, dynamics)
     return J, acceleration
@@ -183,7 +182,7 @@ def anchor_feedback(
 
 def needed_activation(contact: Contact, force: Array) -> float:
     """Return the smallest activation with bounds that admit a force, (k,)."""
-    lower, upper = bounds_of(contact, "bounds", call(contact, "bounds", 1.0), contact.size)
+    lower, upper = bounds_from(contact, "bounds", contact.size, 1.0)
     bound = np.where(force > 0.0, upper, -lower)
     bounded = (force != 0.0) & (bound > 0.0)
     return float(np.max(np.abs(force[bounded]) / bound[bounded], initial=0.0).clip(0.0, 1.0))

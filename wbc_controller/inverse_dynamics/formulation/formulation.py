@@ -17,7 +17,7 @@ from wbc_controller.inverse_dynamics.formulation.layout import ContactPlace, Lay
 from wbc_controller.inverse_dynamics.formulation.plain_qp import Regularization, bias_forces
 from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT, Level
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit, RowLimit, TorqueLimit
-from wbc_controller.inverse_dynamics.method_calls import bounds_of, call, require_finite
+from wbc_controller.inverse_dynamics.method_calls import bounds_from, call, require_finite
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.frame_kernels import fill_rows
 from wbc_controller.inverse_dynamics.robot.link_motion_kernels import link_terms
@@ -235,8 +235,8 @@ class Formulation:
 
     def _bound_force(self, place: ContactPlace, activations: Mapping[str, float]) -> None:
         contact = place.contact
-        bounds = call(contact, "bounds", 1.0 if contact.permanent else activations[contact.name])
-        lower, upper = bounds_of(contact, "bounds", bounds, contact.size)
+        activation = 1.0 if contact.permanent else activations[contact.name]
+        lower, upper = bounds_from(contact, "bounds", contact.size, activation)
         np.divide(lower, FORCE_UNIT, out=place.lower)
         np.divide(upper, FORCE_UNIT, out=place.upper)
 

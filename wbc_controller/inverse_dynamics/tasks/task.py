@@ -172,7 +172,7 @@ def task_motion(task: AccelerationTask, dynamics: Dynamics, reference: Reference
         J, right, error = arrays_of(task, "equation", equation, ((*k, dynamics.model.nv), k, k))
     except Exception as failure:
         evaluate(task, dynamics, reference)
-        raise failure if isinstance(failure, MethodError) else raised(task, "equation", failure) from failure
+        raise raised(task, "equation", failure) from failure
     wanted = reference.position, reference.velocity, reference.acceleration
     if not (is_finite(J) and is_finite(right)) and all(map(is_finite, wanted)):
         evaluate(task, dynamics, reference)
