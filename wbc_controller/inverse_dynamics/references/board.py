@@ -20,7 +20,7 @@ from wbc_controller.inverse_dynamics.references.changes import (
     SetTrajectory,
     SetWeight,
 )
-from wbc_controller.inverse_dynamics.references.ranges import PositionRange
+from wbc_controller.inverse_dynamics.references.ranges import PositionRange, check_position, position_range
 from wbc_controller.inverse_dynamics.references.relative import in_world
 from wbc_controller.inverse_dynamics.references.trajectories import Knot, SoftRamp, Trajectory, TuningRamp
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
@@ -155,7 +155,7 @@ class ReferenceBoard:
     def check(self, change: Change, dynamics: Dynamics, time: float) -> None:
         """Check a change; refuses a trajectory in the past, and a setpoint or first point out of range."""
         if isinstance(change, SetSetpoint):
-            self._range_of(change.task, dynamics).check(self._in_task_frame(change, dynamics, time).position, dynamics)
+            position = self._in_task_frame(change, dynamics, time).position
         elif isinstance(change, SetTrajectory):
             end = (time if change.start is None else change.start) + change.points[-1].time
             if end < time:
@@ -163,11 +163,14 @@ class ReferenceBoard:
                     f"trajectory for task {change.task!r} ended {time - end:.3f} s ago on the clock of the states "
                     "(header.stamp 0 means: start now)"
                 )
-            self._range_of(change.task, dynamics).check(change.points[0].position, dynamics)
+            position = change.points[0].position
+        else:
+            return
+        check_position(self.plans[change.task].task, position, self._range_of(change.task, dynamics), dynamics)
 
     def _range_of(self, task: str, dynamics: Dynamics) -> PositionRange:
         if task not in self._ranges:
-            self._ranges[task] = PositionRange.of(self.plans[task].task, dynamics.model)
+            self._ranges[task] = position_range(self.plans[task].task, dynamics.model)
         return self._ranges[task]
 
     def _apply(self, change: Change, dynamics: Dynamics, time: float) -> None:

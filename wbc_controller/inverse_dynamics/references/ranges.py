@@ -5,7 +5,6 @@ Values in range may still be unreachable.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -31,26 +30,15 @@ _LARGEST_UNKNOWN = 1.0e6  # without a known unit
 _STANDARD_GRAVITY = 9.81
 
 
-@dataclass(frozen=True, slots=True)
-class PositionRange:
-    """Range of a task's position vector."""
+#: Middle of the range of a task's position vector, (n,) or one number, None for the centre of mass; reach from there.
+PositionRange = tuple[Array | float | None, Array | float]
 
-    task: Task
-    reach: Array  # of each component from the middle, (n,)
-    middle: Array | None  # (n,); None for the centre of mass
 
-    @classmethod
-    def of(cls, task: Task, model: RobotModel) -> "PositionRange":
-        """Return the range of a task's references."""
-        middle, reach = _middle_and_reach(task, model)
-        n = task.form.vector
-        return cls(task, np.broadcast_to(reach, n), None if middle is None else np.broadcast_to(middle, n))
-
-    def check(self, position: Array, dynamics: Dynamics) -> None:
-        """Check a position at the present state; raises `InputRefused`."""
-        n = len(self.reach)
-        middle = dynamics.com[:n] if self.middle is None else self.middle
-        _require_within(position[:n], middle, self.reach, f"{self.task.full_name}: a reference", self.task.unit)
+def check_position(task: Task, position: Array, allowed: PositionRange, dynamics: Dynamics) -> None:
+    """Check a position at the present state; raises `InputRefused`."""
+    n, (middle, reach) = task.form.vector, allowed
+    middle = dynamics.com[:n] if middle is None else middle
+    _require_within(position[:n], middle, reach, f"{task.full_name}: a reference", task.unit)
 
 
 def check_change(change: Change, tasks: Mapping[str, Task], model: RobotModel) -> None:
@@ -70,7 +58,7 @@ def check_change(change: Change, tasks: Mapping[str, Task], model: RobotModel) -
             f"{SHORTEST:g} s or more, to {LONGEST:g} s at most"
         )
     vectors = np.array([point.position[:n] for point in points])
-    middle, reach = _middle_and_reach(task, model)
+    middle, reach = position_range(task, model)
     if middle is None:  # a walking robot moves far
         middle, reach = vectors[0], reach * (1.0 + times - times[0])[:, None]
     _require_within(vectors, middle, reach, f"{task.full_name}: a reference", task.unit)
@@ -83,14 +71,14 @@ def check_rates(task: Task, model: RobotModel, *rates: Array) -> None:
     """Check velocity and acceleration of a reference; raises `InputRefused`."""
     largest = np.full(task.form.rate_size, _LARGEST_ANGULAR_VELOCITY)
     if not (isinstance(task, PostureTask) or task.form.direction):
-        largest[: task.form.vector] = _middle_and_reach(task, model)[1] / _SHORTEST_TIME
+        largest[: task.form.vector] = position_range(task, model)[1] / _SHORTEST_TIME
     for order, (name, values) in enumerate(zip(("velocity", "acceleration"), rates, strict=False)):
         what, bound = f"{task.full_name}: a reference's {name}", largest[: values.shape[-1]] / _SHORTEST_TIME**order
         _require_within(values, np.zeros(len(bound)), bound, what, f"per s{'²' * order}")
 
 
-def _middle_and_reach(task: Task, model: RobotModel) -> tuple[Array | float | None, Array | float]:
-    """Return the middle of the position range, None for the centre of mass, and the reach."""
+def position_range(task: Task, model: RobotModel) -> PositionRange:
+    """Return the range of a task's references."""
     far = _LARGEST_DISTANCE * model.size
     if isinstance(task, PostureTask):
         indices = [model.joints.index(joint) for joint in task.joints]
