@@ -39,12 +39,6 @@ class Drive:
         self._is_identity = self.motors is not None and np.array_equal(self.motors, np.arange(ratios.shape[1]))
         self._from_joints = np.linalg.solve(ratios @ ratios.T, ratios)
 
-    def motors_of(self, joints: np.ndarray) -> np.ndarray | None:
-        """Return the indices (k,) of the motors of joints; None if `motors` is None."""
-        if self.motors is None:
-            return None
-        return np.array([int(np.flatnonzero(self.motors == joint)[0]) for joint in joints], dtype=np.intp)
-
     def rates(self, joint_velocities: Array) -> Array:
         """Return the actuator speeds R q̇, (nj,) to (na,)."""
         return np.asarray(joint_velocities[self.motors] if self.motors is not None else self.ratios @ joint_velocities)

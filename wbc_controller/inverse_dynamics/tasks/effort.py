@@ -56,11 +56,12 @@ class TorqueTask(EffortTask):
         self.size = len(columns)
         self.joints = tuple(joints) or model.driven_joints
         self._ratios = model.actuation.ratios[:, columns].T  # (k, na)
-        self._rows = model.actuation.motors_of(columns)
+        motors = model.actuation.motors
+        self._motors = None if motors is None else np.array([motors.tolist().index(joint) for joint in columns])
 
     def equation(self, efforts: Efforts, reference: Reference) -> tuple[Array, Array]:
         """Return the rows of the joint torques, (k, n), and their right-hand sides, (k,)."""
         rows, offset = efforts.torque_map
-        if self._rows is not None:
-            return rows[self._rows], reference.position - offset[self._rows]
+        if self._motors is not None:
+            return rows[self._motors], reference.position - offset[self._motors]
         return self._ratios @ rows, reference.position - self._ratios @ offset
