@@ -109,14 +109,6 @@ def _ball_rows(motion: LinkMotion, link: int, numbers: Array, out: Array) -> Non
 
 
 @part
-def _momentum_rows(motion: LinkMotion, out: Array) -> None:
-    copy_rows(motion.centroidal.T, out)
-    drift = motion.drift
-    for i in range(len(out)):
-        out[i, out.shape[1] - 1] = -drift[i]
-
-
-@part
 def _frame_rows(
     motion: LinkMotion, link: int, first: int, size: int, numbers: Array, rows: Indices, out: Array, error: Array,
     memory: Array,
@@ -130,7 +122,12 @@ def _frame_rows(
     at, twist, drift, wanted = memory[0], memory[1], memory[2], memory[3]
     place(motion.joints[link], numbers, at)
     _frame_jacobian(motion, link, three(at, 9), first, rows, out, memory[4])
-    _frame_motion(motion.links[link], three(at, 9), twist, drift)
+    on_link = motion.links[link]
+    angular = three(on_link, 3)
+    linear = add(three(on_link, 0), cross(angular, three(at, 9)))
+    put_motion(twist, (linear, angular))
+    spatial = add(three(on_link, 6), cross(three(on_link, 9), three(at, 9)))
+    put_motion(drift, (add(spatial, cross(angular, linear)), three(on_link, 9)))
     reference, right = 12 + 2 * size, out.shape[1] - 1
     velocity = reference
     if first == 0:
@@ -162,15 +159,6 @@ def _frame_jacobian(
             put_motion(column, (add(three(twists[j], 0), cross(angular, p)), angular))
             for i in range(len(rows)):
                 out[i, j] = column[first + rows[i]]
-
-
-@part
-def _frame_motion(link: Array, p: Vector3, twist: Array, drift: Array) -> None:
-    angular = three(link, 3)
-    linear = add(three(link, 0), cross(angular, p))
-    put_motion(twist, (linear, angular))
-    spatial = add(three(link, 6), cross(three(link, 9), p))
-    put_motion(drift, (add(spatial, cross(angular, linear)), three(link, 9)))
 
 
 @part
@@ -246,5 +234,8 @@ def fill_rows(table: FrameRows, q: Vector, v: Vector, errors: OutVector) -> floa
         elif kind == BALL:
             _ball_rows(motion, link, numbers, out)
         elif kind == MOMENTUM:
-            _momentum_rows(motion, out)
+            copy_rows(motion.centroidal.T, out)
+            drift = motion.drift
+            for i in range(len(out)):
+                out[i, out.shape[1] - 1] = -drift[i]
     return rest
