@@ -266,19 +266,15 @@ def _phrase(constraint: Constraint, row: int, slack: float, *, upper: bool) -> s
     side = f"{'at most' if upper else 'at least'} {bound:.4g} {unit}"
     amount = f"{slack:.3g} {unit}"
     gives = f"{amount} {'more' if upper else 'less'} needed"
-    if kind == "torque":
-        return f"torque of {owner} (limit {abs(bound):.4g} {unit}, {amount} more needed)"
-    if kind == "torque_rate":
-        return f"torque rate of {owner} ({side} in this cycle, {gives})"
-    if kind in ("normal_force", "yaw_moment", "force", "moment"):
-        return f"{kind.replace('_', ' ')} of {owner} ({side}, {gives})"
-    if kind == "motion":
-        return f"joint motion of {owner} ({side}, {gives})"
-    if kind == "self_collision":
-        return f"distance of {owner.replace('/', ' and ')} (has to change by {side}, {gives})"
-    if kind not in ("cone", "contact_motion"):  # a row limit
-        return f"{kind} limit of {owner} ({side}, {gives})"
     if kind == "cone" and contact is not None:
         what = "friction and centre of pressure" if contact.moments.any() else "friction"
         return f"{what} of {owner} (friction {contact.friction:g}, {amount} more needed)"
-    return f"motion of {owner} (must not move, would move by {amount})"
+    phrases = {
+        "torque": f"torque of {owner} (limit {abs(bound):.4g} {unit}, {amount} more needed)",
+        "torque_rate": f"torque rate of {owner} ({side} in this cycle, {gives})",
+        "motion": f"joint motion of {owner} ({side}, {gives})",
+        "contact_motion": f"motion of {owner} (must not move, would move by {amount})",
+        "self_collision": f"distance of {owner.replace('/', ' and ')} (has to change by {side}, {gives})",
+    }
+    of_force = kind in ("normal_force", "yaw_moment", "force", "moment")  # other kinds are row limits
+    return phrases.get(kind, f"{kind.replace('_', ' ') if of_force else f'{kind} limit'} of {owner} ({side}, {gives})")
