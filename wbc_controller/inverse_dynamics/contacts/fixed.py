@@ -59,7 +59,7 @@ class FixedContact(MountedContact):
 
     def displacement(self, dynamics: Dynamics, anchor: Array) -> Array:
         """Return e along the held axes of the contact frame, (k,)."""
-        there = self._mount.anchor_in_contact_frame(dynamics, anchor)
+        there = self.pose(dynamics).actInv(pin.XYZQUATToSE3(anchor))  # the anchor in the contact frame
         # Remove sliding along the axes that were free at activation, e.g. a rail.
         Q = there.rotation
         there.translation = Q @ (self._held * (Q.T @ there.translation))

@@ -82,10 +82,6 @@ class Mount:
         placement = self.placement(dynamics)
         return placement if self._other is None else dynamics.placement(self._other).actInv(placement)
 
-    def anchor_in_contact_frame(self, dynamics: Dynamics, anchor: Array) -> pin.SE3:
-        """Return the pose in C of an anchor, (7,), an earlier `pose`."""
-        return self.pose(dynamics).actInv(pin.XYZQUATToSE3(anchor))
-
     def instruction(self, rows: np.ndarray) -> Instruction:
         """Return the instruction for the components `rows` (r,) of ν."""
         link, placement = self._on_link

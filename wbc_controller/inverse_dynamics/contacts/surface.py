@@ -57,7 +57,7 @@ class SurfaceContact(MountedContact, UnilateralContact):
 
     def displacement(self, dynamics: Dynamics, anchor: Array) -> Array:
         """Return e, (6,)."""
-        return pose_displacement(self._mount.anchor_in_contact_frame(dynamics, anchor))
+        return pose_displacement(self.pose(dynamics).actInv(pin.XYZQUATToSE3(anchor)))
 
     def instruction(self) -> Instruction | None:
         """Return the instruction."""

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
-from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of, rotation_of
+from wbc_controller.inverse_dynamics.robot.orientation import about_z, quaternion_of, rotation_of
 from wbc_controller.inverse_dynamics.tasks.form import ReferenceForm
 from wbc_controller.records import Array
 
@@ -44,5 +44,4 @@ def _heading(dynamics: Dynamics) -> Array:
     if not model.floating_base:
         return np.eye(3)
     x = rotation_of(dynamics.q[3:7])[:, 0]
-    yaw = math.atan2(x[1], x[0])
-    return np.array([[math.cos(yaw), -math.sin(yaw), 0.0], [math.sin(yaw), math.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
+    return about_z(math.atan2(x[1], x[0]))

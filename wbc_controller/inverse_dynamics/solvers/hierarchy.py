@@ -7,7 +7,6 @@ import numpy as np
 from scipy.linalg import qr
 
 from wbc_controller.inverse_dynamics.formulation.problem import NOT_FINITE, Answer, Level, QuadraticProgram
-from wbc_controller.inverse_dynamics.formulation.problem_kernels import LeastSquares
 from wbc_controller.inverse_dynamics.solvers import Solver
 from wbc_controller.inverse_dynamics.solvers import active_set_kernels as kernel
 from wbc_controller.inverse_dynamics.solvers.active_set import ActiveSet, LevelWorkspace
@@ -80,12 +79,8 @@ class Hierarchy:
         if self._skips_left:
             self._skips_left -= 1
             return None
-        costs: list[LeastSquares] = []
-        for level in levels:
-            if level.cost.squares is None or len(level.G):
-                return None
-            costs.append(level.cost.squares)
-        if len(problem.b) >= problem.n:
+        costs = [level.cost.squares for level in levels if level.cost.squares is not None and not len(level.G)]
+        if len(costs) != len(levels) or len(problem.b) >= problem.n:
             return None
         size = problem.n + len(problem.upper)
         if [len(each.side) for each in self._active_sets] != [size] * len(levels):
