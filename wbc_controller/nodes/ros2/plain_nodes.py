@@ -1,10 +1,11 @@
 """The executables `mock_robot`, `guard` and `base_estimator`."""
 
+import importlib
 import logging
 import sys
 import threading
 from collections.abc import Callable, Mapping
-from types import MappingProxyType
+from functools import partial
 from typing import Any
 
 from rclpy.node import Node
@@ -24,43 +25,22 @@ _MOCK_PARAMETERS: Mapping[str, tuple[Any, str]] = {
     "lockstep": (False, "Wait for the controller's command after each state."),
     "patient": (False, "Let simulated time wait for a late controller with use_sim_time."),
 }
+#: By node: module of the service, imported on use as the guard runs without Pinocchio; function; message at the start,
+#: with the ``{source}`` of the settings and the full name of the ``{node}``; own parameters.
+_SERVICES: Mapping[str, tuple[str, str, str, Mapping[str, tuple[Any, str]]]] = {
+    MOCK_NODE: (
+        "simulation.mock_service", "run_mock",
+        "the robot of {source} is held: release it with false on {node}/hold", _MOCK_PARAMETERS,
+    ),
+    GUARD_NODE: ("nodes.guard_service", "run_guard", "guarding the robot of {source}", {}),
+    ESTIMATOR_NODE: ("nodes.estimator_service", "run_estimator", "estimating the base of the robot of {source}", {}),
+}  # fmt: skip
 
 
-def serve_mock(executor: Any, stop: threading.Event, leave: Callable[[int], None]) -> None:
-    """Run the mock robot until the event is set."""
-    from wbc_controller.simulation.mock_service import run_mock
-
-    start_message = "the robot of {source} is held: release it with false on {node}/hold"
-    _serve(executor, stop, leave, MOCK_NODE, start_message, run_mock, _MOCK_PARAMETERS)
-
-
-def serve_guard(executor: Any, stop: threading.Event, leave: Callable[[int], None]) -> None:
-    """Run the guard until the event is set."""
-    from wbc_controller.nodes.guard_service import run_guard
-
-    _serve(executor, stop, leave, GUARD_NODE, "guarding the robot of {source}", run_guard)
-
-
-def serve_estimator(executor: Any, stop: threading.Event, leave: Callable[[int], None]) -> None:
-    """Run the base estimator until the event is set."""
-    from wbc_controller.nodes.estimator_service import run_estimator
-
-    _serve(executor, stop, leave, ESTIMATOR_NODE, "estimating the base of the robot of {source}", run_estimator)
-
-
-def _serve(
-    executor: Any,
-    stop: threading.Event,
-    leave: Callable[[int], None],
-    name: str,
-    start_message: str,
-    service: Callable[..., None],
-    parameters: Mapping[str, tuple[Any, str]] = MappingProxyType({}),
-) -> None:
-    """Run a service with settings, transport, `stop`, namespace and the values of `parameters`, on its own node.
-
-    The start message may contain the ``{source}`` of the settings and the full name of the ``{node}``.
-    """
+def _serve(name: str, executor: Any, stop: threading.Event, leave: Callable[[int], None]) -> None:
+    """Run a service on its own node until the event is set."""
+    module, function, start_message, parameters = _SERVICES[name]
+    service = getattr(importlib.import_module(f"wbc_controller.{module}"), function)
     node = Node(name, **FROM_OVERRIDES)
     own, full_name = declare(node, parameters), node.get_fully_qualified_name()
     transport = Ros2Transport(node)
@@ -76,3 +56,8 @@ def _serve(
             leave(2)
     transport.close()
     node.destroy_node()
+
+
+serve_mock = partial(_serve, MOCK_NODE)
+serve_guard = partial(_serve, GUARD_NODE)
+serve_estimator = partial(_serve, ESTIMATOR_NODE)
