@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.inverse_dynamics.contacts.mount import Mount, MountedContact, hinge_of, pose_displacement
+from wbc_controller.inverse_dynamics.contacts.mount import Mount, MountedContact, held_axes, pose_displacement
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.instruction import Instruction
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
@@ -35,9 +35,7 @@ class FixedContact(MountedContact):
         damping: float = 20.0,
         stiffness: float = 0.0,  # K, 1/s², for holonomic masks only (see `_nonholonomic_axes`)
     ) -> None:
-        self._rows = np.flatnonzero(mask)
-        if not len(self._rows):
-            raise ConfigurationError(f"contacts.{name}.mask = {list(mask)}: at least one axis must be held")
+        self._rows, self._hinge = held_axes(mask, f"contacts.{name}.mask")
         reached = _nonholonomic_axes(self._rows)
         if stiffness > 0.0 and reached:
             raise ConfigurationError(
@@ -48,7 +46,6 @@ class FixedContact(MountedContact):
         k = len(self._rows)
         basis, internal = np.eye(6)[:, self._rows], against is not None
         super().__init__(name, basis, np.zeros((0, k)), frame, stiffness=stiffness, damping=damping, internal=internal)
-        self._hinge = hinge_of(mask)
         self._held = np.array(mask[:3], dtype=np.float64)
         self._mount = Mount(model, name, frame, placement, against)
         self.max_force = max_force

@@ -8,7 +8,7 @@ import pinocchio as pin
 
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts.contact import Contact
-from wbc_controller.inverse_dynamics.contacts.mount import Mount, hinge_of, pose_displacement
+from wbc_controller.inverse_dynamics.contacts.mount import Mount, held_axes, pose_displacement
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
@@ -44,9 +44,7 @@ class LoopClosure(Contact):
         stiffness: float = 400.0,  # K, 1/s²
     ) -> None:
         """Make a loop closure; raises `ConfigurationError` also if no joint is between the frames."""
-        self._rows = np.flatnonzero(mask)
-        if not len(self._rows):
-            raise ConfigurationError(f"loops.{name}.mask = {list(mask)}: at least one axis must be held")
+        self._rows, self._hinge = held_axes(mask, f"loops.{name}.mask")
         basis, cone, damping = np.eye(6)[:, self._rows], np.zeros((0, len(self._rows))), 2.0 * math.sqrt(stiffness)
         super().__init__(name, basis, cone, frames[0], damping=damping, stiffness=stiffness, internal=True)
         self._a = model.frame_id(frames[0], f"loops.{name}.frame_a")
@@ -57,7 +55,6 @@ class LoopClosure(Contact):
             )
         self._placement = placements[0]
         self._mount = Mount(model, name, frames[1], placements[1], frames[0])
-        self._hinge = hinge_of(mask)
 
     def _pose(self, dynamics: Dynamics) -> pin.SE3:
         return self._placement.actInv(self._mount.pose(dynamics))

@@ -47,10 +47,12 @@ def pose_displacement(pose: pin.SE3, hinge: Array | None = None) -> Array:
     return np.concatenate([pose.translation, turn])
 
 
-def hinge_of(mask: Sequence[bool]) -> Array | None:
-    """Return the single free rotation axis of a mask of held axes, (3,), or None."""
-    free = np.flatnonzero(~np.asarray(mask[3:], dtype=bool))
-    return np.eye(3)[free[0]] if len(free) == 1 else None
+def held_axes(mask: Sequence[bool], key: str) -> tuple[npt.NDArray[np.intp], Array | None]:
+    """Return the held axes of a mask, (k,), at least one; and the single free rotation axis, (3,), or None."""
+    rows, free = np.flatnonzero(mask), np.flatnonzero(~np.asarray(mask[3:], dtype=bool))
+    if not len(rows):
+        raise ConfigurationError(f"{key} = {list(mask)}: at least one axis must be held")
+    return rows, np.eye(3)[free[0]] if len(free) == 1 else None
 
 
 class Mount:
