@@ -95,9 +95,9 @@ class EstimatorService:
                     self._publish["tf"](encode(transform(stamp, MAP, FRAME, poses.map_to_odometry)))
         elif found is None:
             self._stamp = -math.inf  # the next estimate may have another clock
-        self._publish_diagnostics(self._inputs.notes(), latched.estimate)
+        self._publish_diagnostics(latched.estimate)
 
-    def _publish_diagnostics(self, notes: Mapping[str, str], about: Mapping[str, str]) -> None:
+    def _publish_diagnostics(self, about: Mapping[str, str]) -> None:
         estimator, now = self.estimator, self._clock.now()
         text = estimator.waits_for if estimator.odometry is None else "the base is estimated"
         if estimator.odometry is not None and estimator.waits_for:
@@ -118,7 +118,7 @@ class EstimatorService:
             tilt, speed = np.sqrt(np.diag(found[0])[3:5].max()), np.sqrt(np.diag(found[1])[:3].max())
             values["tilt"] = f"standard deviation {tilt:.5f} rad"
             values["velocity"] = f"standard deviation {speed:.5f} m/s"
-        values |= {f"note/{name}": note for name, note in notes.items()} | dict(about)
+        values |= {f"note/{name}": note for name, note in self._inputs.notes().items()} | dict(about)
         values |= {f"refused/{topic}": reason for topic, reason in refused.items()}
         level = WARN if estimator.base is None or estimator.slipping or refused else OK
         content = diagnostics(time.time_ns(), level, self._name, text, self._hardware, values)
