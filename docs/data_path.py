@@ -13,8 +13,8 @@ PATH = (
     "nodes/inputs.py:Inputs.latch",
     "nodes/inputs.py:Inputs._collect",
     "nodes/inputs.py:Inputs._decode",
-    "middleware/joint_states.py:JointStateReader.read",
-    "middleware/joint_states.py:StateReader._decode",
+    "middleware/states.py:JointStateReader.read",
+    "middleware/states.py:StateReader._decode",
     "inverse_dynamics/robot/model.py:RobotModel.state",
     "controller/cycle.py:ControlCycle.cycle",
     "controller/cycle.py:ControlCycle._compute",
@@ -29,5 +29,5 @@ PATH = (
     "safety/supervisor.py:Supervisor._follow",
     "nodes/outputs.py:Outputs.publish_command",
     "inverse_dynamics/robot/transmission.py:Drive.command",
-    "middleware/message_layout.py:Template.write",
+    "middleware/codec.py:Template.write",
 )

@@ -25,9 +25,8 @@ from waiting import until
 
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.middleware.codec import decode, encode, message, nanoseconds
-from wbc_controller.middleware.joint_states import JointStateReader
 from wbc_controller.middleware.stamps import header_time
-from wbc_controller.middleware.states import OdometryReader
+from wbc_controller.middleware.states import JointStateReader, OdometryReader
 from wbc_controller.middleware.topics import Direction, Endpoint, counterpart
 from wbc_controller.middleware.transports.memory import MemoryTransport
 from wbc_controller.nodes.lockstep import Lockstep

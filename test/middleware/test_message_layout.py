@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wbc_controller.middleware.codec import encode, message, torques
-from wbc_controller.middleware.message_layout import START, MessageLayout, Template
+from wbc_controller.middleware.codec import START, MessageLayout, Template, encode, message, torques
 from wbc_controller.middleware.setpoints import WRENCH, wrench_stamped
 
 

@@ -8,10 +8,9 @@ from refusals import input_refusal
 
 from wbc_controller.errors import InputRefused
 from wbc_controller.middleware.codec import decode, encode, header, message
-from wbc_controller.middleware.joint_states import JointStateReader
 from wbc_controller.middleware.setpoints import wrench_stamped
-from wbc_controller.middleware.states import ContactForceReader, ImuReader, OdometryReader
-from wbc_controller.simulation.measurement import imu_message
+from wbc_controller.middleware.states import ContactForceReader, ImuReader, JointStateReader, OdometryReader
+from wbc_controller.simulation.sensors import imu_message
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 JOINTS = ("hip", "knee", "ankle")

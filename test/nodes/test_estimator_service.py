@@ -12,7 +12,7 @@ from wbc_controller.middleware.codec import nanoseconds
 from wbc_controller.middleware.setpoints import wrench_stamped
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.clock import ManualClock
-from wbc_controller.simulation.measurement import measure
+from wbc_controller.simulation.sensors import measure
 
 FEET = {"front_left_foot", "front_right_foot", "rear_left_foot", "rear_right_foot"}
 

@@ -19,7 +19,7 @@ from wbc_controller.recording.cycle_layout import FORMAT, HEAD
 from wbc_controller.recording.mcap_file import McapMessages, write_messages
 from wbc_controller.recording.recording_file import Recording, add_topics
 from wbc_controller.recording.replay.cycle_replay import Replay
-from wbc_controller.recording.report.run_from_recording import PHASES, make_run_data, truth_topics
+from wbc_controller.recording.report.run_data import PHASES, make_run_data, truth_topics
 from wbc_controller.validation.fuzz.hostile_recordings import read_recording
 
 STRING = "std_msgs/msg/String"

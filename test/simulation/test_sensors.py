@@ -10,10 +10,9 @@ from refusals import refusal
 
 from wbc_controller.middleware.transports.memory import MemoryBus
 from wbc_controller.settings.service import SensorQuality
-from wbc_controller.simulation.measurement import measure
 from wbc_controller.simulation.mock_robot import MockRobot
 from wbc_controller.simulation.plant import Plant
-from wbc_controller.simulation.sensors import PARTS, ImperfectSensors
+from wbc_controller.simulation.sensors import PARTS, ImperfectSensors, measure
 
 PERIOD, MANY = 0.002, 4000
 

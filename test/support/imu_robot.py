@@ -3,7 +3,7 @@
 import numpy as np
 
 from wbc_controller.middleware.codec import pose_with_covariance
-from wbc_controller.simulation.measurement import imu_message
+from wbc_controller.simulation.sensors import imu_message
 
 IMU = {"estimation": {"base_state": "imu", "settling": 0.1, "imu_frame": ""}}
 GRAVITY = (0.0, 0.0, 9.81)

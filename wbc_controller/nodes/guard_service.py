@@ -25,8 +25,8 @@ from wbc_controller.controller.build.robot_description import Description, descr
 from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.estimation.joint_velocity import VelocityFilter
 from wbc_controller.middleware.codec import ERROR, OK, WARN, decode, diagnostics, encode, header, message, torques
-from wbc_controller.middleware.joint_states import JointStateReader
 from wbc_controller.middleware.log_limit import LogLimit
+from wbc_controller.middleware.states import JointStateReader
 from wbc_controller.middleware.topics import GUARD_NODE, GUARD_TOPICS, Direction, Endpoint, endpoints
 from wbc_controller.middleware.transports.graph_watch import GraphWatch, OtherPublishers
 from wbc_controller.middleware.transports.transport import Publish, Transport

@@ -30,9 +30,16 @@ from wbc_controller.inverse_dynamics.references.changes import Change
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware import decoding
 from wbc_controller.middleware.codec import decode
-from wbc_controller.middleware.joint_states import JointStateReader, JointStates, StateReader
 from wbc_controller.middleware.stamps import StampTracker
-from wbc_controller.middleware.states import ContactForceReader, ImuReader, OdometryReader, PoseReader
+from wbc_controller.middleware.states import (
+    ContactForceReader,
+    ImuReader,
+    JointStateReader,
+    JointStates,
+    OdometryReader,
+    PoseReader,
+    StateReader,
+)
 from wbc_controller.middleware.topics import CONTACT_SENSORS, Direction, Endpoint
 from wbc_controller.middleware.transports.transport import Stream, Transport
 from wbc_controller.nodes.clock import Clock

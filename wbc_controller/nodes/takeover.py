@@ -8,7 +8,7 @@ import numpy as np
 
 from wbc_controller.errors import InputRefused
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.middleware.joint_states import JointStateReader
+from wbc_controller.middleware.states import JointStateReader
 from wbc_controller.middleware.topics import Endpoint
 from wbc_controller.middleware.transports.transport import Transport
 from wbc_controller.records import Array

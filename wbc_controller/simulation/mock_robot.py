@@ -28,11 +28,9 @@ from wbc_controller.middleware.transports.transport import Publish, Stream, Tran
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 from wbc_controller.simulation.faults.catalogue import read_faults
-from wbc_controller.simulation.faults.fault import Fault
-from wbc_controller.simulation.faults.injector import Injector
-from wbc_controller.simulation.measurement import STREAMS, WORLD_FRAME, measure
+from wbc_controller.simulation.faults.fault import Fault, Injector
 from wbc_controller.simulation.plant import Plant
-from wbc_controller.simulation.sensors import PARTS, ImperfectSensors, PoseSource
+from wbc_controller.simulation.sensors import PARTS, STREAMS, WORLD_FRAME, ImperfectSensors, PoseSource, measure
 
 SLOW_RATE = 100.0  # rate of contact wrenches and transform for viewers, Hz of simulated time
 REPUBLISH_AFTER = 0.05  # wall time between repetitions of an unanswered state in lockstep, s

@@ -10,10 +10,9 @@ from command_line import wbc
 from recorded_run import copied, make_run
 
 from wbc_controller.controller.cycle import ControlCycle
-from wbc_controller.recording.replay.comparison import compare
-from wbc_controller.recording.replay.cycle_replay import Replay
+from wbc_controller.recording.replay.cycle_replay import Replay, compare
 from wbc_controller.recording.replay.recording_summary import summarize
-from wbc_controller.recording.report.run_from_recording import make_run_data
+from wbc_controller.recording.report.run_data import make_run_data
 
 
 def busy(run, make) -> None:

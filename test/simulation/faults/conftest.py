@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from wbc_controller.simulation.faults.catalogue import KINDS
-from wbc_controller.simulation.faults.injector import Injector
-from wbc_controller.simulation.measurement import measure
+from wbc_controller.simulation.faults.fault import Injector
 from wbc_controller.simulation.plant import Plant
+from wbc_controller.simulation.sensors import measure
 
 
 class Bench:

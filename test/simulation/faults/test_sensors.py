@@ -7,7 +7,7 @@ from stepping import has_faults
 
 from wbc_controller.simulation.faults import base_sensors, joint_sensors, stamps
 from wbc_controller.simulation.faults.catalogue import kinds_of
-from wbc_controller.simulation.measurement import STREAMS
+from wbc_controller.simulation.sensors import STREAMS
 
 JOINT = "FL_calf_joint"
 VALUES = (

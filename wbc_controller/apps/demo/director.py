@@ -15,14 +15,13 @@ from wbc_controller.inverse_dynamics.references.trajectories import Knot, Trajec
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
 from wbc_controller.middleware.codec import decode, encode, message
-from wbc_controller.middleware.joint_states import JointStateReader
 from wbc_controller.middleware.setpoints import com_trajectory, setpoint_message, velocity_message, wrench_stamped
 from wbc_controller.middleware.stamps import header_stamp, header_time
-from wbc_controller.middleware.states import OdometryReader
+from wbc_controller.middleware.states import JointStateReader, OdometryReader
 from wbc_controller.middleware.topics import Direction, Endpoint, counterpart
 from wbc_controller.middleware.transports.transport import Publish, Transport
 from wbc_controller.nodes.wiring import topics_of
-from wbc_controller.recording.report.run_from_recording import PHASES, truth_topics
+from wbc_controller.recording.report.run_data import PHASES, truth_topics
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 

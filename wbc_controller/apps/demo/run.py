@@ -28,8 +28,7 @@ from wbc_controller.nodes.lockstep import Lockstep
 from wbc_controller.nodes.processes import Processes
 from wbc_controller.recording.recorder import Recorder
 from wbc_controller.recording.recording_file import Recording, add_topics
-from wbc_controller.recording.report.run_data import Result
-from wbc_controller.recording.report.run_from_recording import PHASES, make_run_data, truth_topics
+from wbc_controller.recording.report.run_data import PHASES, Result, make_run_data, truth_topics
 from wbc_controller.recording.report.run_report import write_run_report
 from wbc_controller.settings.config import Config, load
 

@@ -16,9 +16,8 @@ from wbc_controller.controller.visualization.scene import Shape
 from wbc_controller.errors import InputRefused
 from wbc_controller.middleware.codec import decode
 from wbc_controller.middleware.decoding import READERS
-from wbc_controller.middleware.joint_states import JointStateReader, JointStates, StateReader
 from wbc_controller.middleware.stamps import stamp_of
-from wbc_controller.middleware.states import BaseState, OdometryReader
+from wbc_controller.middleware.states import BaseState, JointStateReader, JointStates, OdometryReader, StateReader
 from wbc_controller.nodes.diagnostics.markers import read_shapes
 from wbc_controller.nodes.wiring import make_vocabulary
 from wbc_controller.records import Array, Reference, References

@@ -82,8 +82,8 @@ def new(urdf: str, srdf: str | None, base: Any, feet: tuple[str, ...]) -> None:
 @click.argument("recording", type=click.Path(path_type=Path, exists=True, dir_okay=False))
 def identify(config: str, recording: Path) -> None:
     """Fit masses, armature and joint frictions, with standard errors, to a RECORDING of `wbc run --record`."""
-    from wbc_controller.recording.identification.identify import identify as fit
-    from wbc_controller.recording.identification.identify import report
+    from wbc_controller.recording.identification import identify as fit
+    from wbc_controller.recording.identification import report
 
     with common.naming_file(config):
         click.echo(report(*fit(common.load_named(config), recording)), nl=False)

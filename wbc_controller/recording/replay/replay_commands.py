@@ -26,7 +26,7 @@ def replay(file: Path, number: int | None, other: str | None, plot: Path | None,
     The exit status is 1 if a cycle differs that must be equal bit for bit.
     """
     from wbc_controller.recording.recording_file import Recording
-    from wbc_controller.recording.replay.comparison import compare
+    from wbc_controller.recording.replay.cycle_replay import compare
     from wbc_controller.recording.replay.recording_summary import replay_all, replay_cycle, summarize
     from wbc_controller.settings.config import load
 

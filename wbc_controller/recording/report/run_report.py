@@ -9,8 +9,7 @@ from wbc_controller.controller.visualization.page_report import PageReport, Resu
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.recording.recording_file import Recording
 from wbc_controller.recording.report.motion import make_motion
-from wbc_controller.recording.report.run_data import RunData
-from wbc_controller.recording.report.run_from_recording import make_run_data
+from wbc_controller.recording.report.run_data import RunData, make_run_data
 from wbc_controller.recording.report.run_plots import run_plots
 
 NO_TRUTH_NOTE = "The recording does not contain the true contact forces and the targets of a demo."

@@ -9,7 +9,7 @@ from pydantic import Field
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of, rotation_of
 from wbc_controller.records import Array
 from wbc_controller.simulation.faults.fault import Fault, FaultContext, number
-from wbc_controller.simulation.measurement import Measurement
+from wbc_controller.simulation.sensors import Measurement
 
 
 class _BaseSensor(Fault):

@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import Field
 
 from wbc_controller.simulation.faults.fault import Fault, FaultContext, JointFault, number
-from wbc_controller.simulation.measurement import Measurement
+from wbc_controller.simulation.sensors import Measurement
 
 
 class _AllJoints(Fault):

@@ -5,7 +5,7 @@ from typing import Any, Literal
 from pydantic import Field
 
 from wbc_controller.simulation.faults.fault import Fault, FaultContext, number
-from wbc_controller.simulation.measurement import Measurement
+from wbc_controller.simulation.sensors import Measurement
 
 _LAST, _FIRST = (2**31 - 1) * 1_000_000_000, 0  # largest ROS stamp, ns, and smallest stamp of the mock robot
 

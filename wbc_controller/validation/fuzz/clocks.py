@@ -12,7 +12,7 @@ from wbc_controller.records import Mode
 from wbc_controller.settings.config import load
 from wbc_controller.simulation.faults.catalogue import KINDS, draw
 from wbc_controller.simulation.faults.fault import Fault, FaultContext, number
-from wbc_controller.simulation.measurement import Measurement
+from wbc_controller.simulation.sensors import Measurement
 from wbc_controller.validation.campaign.monitor import MonitoredRobot, logged_errors
 
 CLOCKS = ("simulated", "synchronized", "own")  # clocks of the controller

@@ -23,7 +23,7 @@ from wbc_controller.recording.recorder import Recorder
 from wbc_controller.recording.recording_file import Recording
 from wbc_controller.recording.replay.cycle_replay import Replay
 from wbc_controller.recording.replay.recording_summary import explain_cycle, summarize
-from wbc_controller.recording.report.run_from_recording import make_run_data
+from wbc_controller.recording.report.run_data import make_run_data
 from wbc_controller.settings.config import load
 from wbc_controller.validation.fuzz.strategies import mutated_bytes, mutated_text
 from wbc_controller.validation.fuzz.values import FLOATS, SCALARS, STRINGS

@@ -19,9 +19,9 @@ from wbc_controller.records import Array
 from wbc_controller.safety.guard import GuardMode
 from wbc_controller.settings import NODE_NAME
 from wbc_controller.settings.config import load
-from wbc_controller.simulation.measurement import STREAMS, measure
 from wbc_controller.simulation.mock_robot import MockRobot
 from wbc_controller.simulation.plant import Plant
+from wbc_controller.simulation.sensors import STREAMS, measure
 from wbc_controller.validation.fuzz.target import (
     CYCLE_LIMIT,
     READ_LIMIT,

@@ -14,8 +14,7 @@ import numpy as np
 from wbc_controller.controller.build.estimation import imu_frame
 from wbc_controller.errors import ConfigurationError, require_known
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.middleware.codec import encode, torques
-from wbc_controller.middleware.message_layout import Template
+from wbc_controller.middleware.codec import Template, encode, torques
 from wbc_controller.middleware.topics import Endpoint, counterpart
 from wbc_controller.middleware.transports.transport import Transport
 from wbc_controller.nodes.processes import end_with_parent
@@ -23,8 +22,8 @@ from wbc_controller.nodes.realtime import apply_realtime
 from wbc_controller.nodes.ros2.installation import refuse_mixed_installations
 from wbc_controller.settings import Settings
 from wbc_controller.settings.service import RealtimeSettings
-from wbc_controller.simulation.measurement import measure
 from wbc_controller.simulation.plant import Plant
+from wbc_controller.simulation.sensors import measure
 
 TRANSPORTS = ("dds", "rclpy")
 _BASE = ("odom", "imu")

@@ -9,8 +9,7 @@ from refusals import refusal
 from wbc_controller import Simulation
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.robot import make_model
-from wbc_controller.recording.identification.equations import Equations, select_samples
-from wbc_controller.recording.identification.identify import fit, fit_cycles, identify, report
+from wbc_controller.recording.identification import Equations, fit, fit_cycles, identify, report, select_samples
 from wbc_controller.settings.config import load
 from wbc_controller.simulation.faults.fault import FaultContext
 from wbc_controller.simulation.faults.world import MassError

@@ -1,1 +1,0 @@
-"""Identification of dynamic parameters: `wbc identify`."""
