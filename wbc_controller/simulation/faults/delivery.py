@@ -1,24 +1,30 @@
 """Faults of message delivery."""
 
 from collections import deque
-from collections.abc import Callable
-from typing import Literal
+from functools import partial
+from typing import Any, Literal
 
 from pydantic import Field
 
 from wbc_controller.simulation.faults.fault import Effect, Fault, FaultContext, QueuedMessage, number
 
 COMMAND = "effort"  # stream of the received torques
-_Post = Callable[[QueuedMessage], list[QueuedMessage]]  # maps one message to the delivered messages
 _MOST_KEPT = 1000  # largest number of stored messages of a replay
 
 
 class _DeliveryFault(Fault):
     def begin(self, context: FaultContext) -> Effect:
-        return Effect(posted={stream: self._post(context) for stream in self._streams(COMMAND)})
+        states = {stream: self._start(context) for stream in self._streams(COMMAND)}
+        return Effect(
+            posted={stream: partial(self._post, context=context, state=state) for stream, state in states.items()}
+        )
 
-    def _post(self, context: FaultContext) -> _Post:
-        raise NotImplementedError
+    def _post(self, message: QueuedMessage, context: FaultContext, state: Any) -> list[QueuedMessage]:
+        """Return the delivered messages: by default a share is lost, and others are delayed or have a second copy."""
+        if context.rng.random() < getattr(self, "share", 0.0):
+            return []
+        delay, gap = getattr(self, "delay", 0.0), getattr(self, "gap", None)
+        return [_delayed(message, seconds) for seconds in ([delay] if gap is None else [delay, gap])]
 
 
 class _StreamFault(_DeliveryFault):
@@ -37,17 +43,14 @@ class MessageDelay(_StreamFault):
 
     delay: float = number(0.02, 0.002, 0.5, "s", "delay")
 
-    def _post(self, context: FaultContext) -> _Post:
-        return lambda message: [_delayed(message, self.delay)]
-
 
 class MessageGrowingDelay(_StreamFault):
     """Growing delay, as of an overloaded queue."""
 
     growth: float = number(0.2, 0.02, 3.0, "s/s", "growth rate")
 
-    def _post(self, context: FaultContext) -> _Post:
-        return lambda message: [_delayed(message, self.growth * context.elapsed)]
+    def _post(self, message: QueuedMessage, context: FaultContext, state: Any) -> list[QueuedMessage]:
+        return [_delayed(message, self.growth * context.elapsed)]
 
 
 class MessageJitter(_StreamFault):
@@ -55,8 +58,8 @@ class MessageJitter(_StreamFault):
 
     jitter: float = number(0.01, 0.002, 0.2, "s", "largest delay, uniformly distributed")
 
-    def _post(self, context: FaultContext) -> _Post:
-        return lambda message: [_delayed(message, context.rng.uniform(0.0, self.jitter))]
+    def _post(self, message: QueuedMessage, context: FaultContext, state: Any) -> list[QueuedMessage]:
+        return [_delayed(message, context.rng.uniform(0.0, self.jitter))]
 
 
 class MessageLoss(_StreamFault):
@@ -64,24 +67,18 @@ class MessageLoss(_StreamFault):
 
     share: float = number(0.1, 0.01, 1.0, "", "share of messages")
 
-    def _post(self, context: FaultContext) -> _Post:
-        return lambda message: [] if context.rng.random() < self.share else [message]
-
 
 class MessageDropout(_StreamFault):
     """All messages are lost."""
 
-    def _post(self, context: FaultContext) -> _Post:
-        return lambda message: []
+    def _post(self, message: QueuedMessage, context: FaultContext, state: Any) -> list[QueuedMessage]:
+        return []
 
 
 class MessageDuplication(_StreamFault):
     """Each message is delivered twice."""
 
     gap: float = number(0.002, 0.0, 0.2, "s", "time between duplicates")
-
-    def _post(self, context: FaultContext) -> _Post:
-        return lambda message: [message, _delayed(message, self.gap)]
 
 
 class MessageReordering(_StreamFault):
@@ -90,9 +87,9 @@ class MessageReordering(_StreamFault):
     share: float = number(0.2, 0.01, 1.0, "", "share of overtaken messages")
     periods: int = number(2, 1, 20, "periods", "delay")
 
-    def _post(self, context: FaultContext) -> _Post:
+    def _post(self, message: QueuedMessage, context: FaultContext, state: Any) -> list[QueuedMessage]:
         late = self.periods * context.period
-        return lambda message: [_delayed(message, late) if context.rng.random() < self.share else message]
+        return [_delayed(message, late) if context.rng.random() < self.share else message]
 
 
 class MessageReplay(_StreamFault):
@@ -100,24 +97,22 @@ class MessageReplay(_StreamFault):
 
     length: float = number(0.1, 0.002, 1.0, "s", "length of the repeated part")
 
-    def _post(self, context: FaultContext) -> _Post:
-        kept: deque[QueuedMessage] = deque()
+    def _start(self, context: FaultContext) -> deque[QueuedMessage]:
+        return deque()
 
-        def replay(message: QueuedMessage) -> list[QueuedMessage]:
-            if (not kept or context.elapsed < self.length) and len(kept) < _MOST_KEPT:
-                kept.append(message)
-                return [message]
-            kept.rotate(-1)
-            return [kept[-1]._replace(due=message.due)]
-
-        return replay
+    def _post(self, message: QueuedMessage, context: FaultContext, state: deque[QueuedMessage]) -> list[QueuedMessage]:
+        if (not state or context.elapsed < self.length) and len(state) < _MOST_KEPT:
+            state.append(message)
+            return [message]
+        state.rotate(-1)
+        return [state[-1]._replace(due=message.due)]
 
 
 class MessageQueue(_StreamFault):
     """Messages are queued, and delivered together at the end."""
 
-    def _post(self, context: FaultContext) -> _Post:
-        return lambda message: [message._replace(due=max(message.due, context.end))]
+    def _post(self, message: QueuedMessage, context: FaultContext, state: Any) -> list[QueuedMessage]:
+        return [message._replace(due=max(message.due, context.end))]
 
 
 class CommandLoss(_CommandFault):
@@ -125,26 +120,17 @@ class CommandLoss(_CommandFault):
 
     share: float = number(0.1, 0.01, 1.0, "", "share of commands")
 
-    def _post(self, context: FaultContext) -> _Post:
-        return lambda message: [] if context.rng.random() < self.share else [message]
-
 
 class CommandDelay(_CommandFault):
     """Constant delay of all commands."""
 
     delay: float = number(0.004, 0.002, 0.2, "s", "delay")
 
-    def _post(self, context: FaultContext) -> _Post:
-        return lambda message: [_delayed(message, self.delay)]
-
 
 class CommandTwice(_CommandFault):
     """Each command is delivered twice."""
 
     gap: float = number(0.002, 0.0, 0.1, "s", "time between duplicates")
-
-    def _post(self, context: FaultContext) -> _Post:
-        return lambda message: [message, _delayed(message, self.gap)]
 
 
 def _delayed(message: QueuedMessage, seconds: float) -> QueuedMessage:
