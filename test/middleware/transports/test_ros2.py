@@ -23,7 +23,7 @@ try:
 except ImportError as error:
     pytest.skip(f"rclpy is not importable: {error}", allow_module_level=True)
 
-from wbc_controller.middleware.transports import ros2_graph
+from wbc_controller.middleware.transports import ros2
 from wbc_controller.middleware.transports.ros2 import Ros2Transport
 from wbc_controller.nodes.ros2.process import Pacer, spinning
 
@@ -144,7 +144,7 @@ def test_wake_ups_without_a_callback_are_paced(spun):
 def warned(monkeypatch, caplog, eventually):
     """Open a subscription and a publisher of another node; return the warnings."""
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    monkeypatch.setattr(ros2_graph, "PERIOD", 0.02)
+    monkeypatch.setattr(ros2, "PERIOD", 0.02)
     caplog.set_level(logging.WARNING, "wbc_controller")
     participants = Ros2Participants(), Ros2Participants()  # on Fast DDS a topic has one type per participant
     reader, writer = (
@@ -205,11 +205,11 @@ class GraphOfKilted:
 
 
 @pytest.mark.parametrize(
-    ("bare", "named"), [(0, ["/own"]), (1, ["/own", "/r1/dds"]), (2, [ros2_graph.UNNAMED, "/own", "/r1/dds"])]
+    ("bare", "named"), [(0, ["/own"]), (1, ["/own", "/r1/dds"]), (2, [ros2.UNNAMED, "/own", "/r1/dds"])]
 )
 def test_publishers_that_kilted_does_not_name_are_named_by_the_topics_of_the_nodes(bare, named):
     nodes = {("dds", "/r1"): [("/effort", [STRING])], ("other", "/"): [("/state", [STRING])]}
-    assert ros2_graph.publisher_names(GraphOfKilted(bare, nodes), "/effort") == named
+    assert ros2.publisher_names(GraphOfKilted(bare, nodes), "/effort") == named
 
 
 def test_tf_is_omitted_without_its_package(monkeypatch, caplog):
