@@ -48,7 +48,8 @@ def main() -> int:
 
     def observe(robot: wbc.Simulation) -> None:
         robot.plant.forward()
-        apart.append(robot.plant.coupling_error())
+        first, second = (robot.plant.data.joint(f"panda_finger_joint{i}").qpos.item() for i in (1, 2))
+        apart.append(abs(first - second))
         forecast.append(np.linalg.norm(robot.result.v_dot - robot.plant.acceleration()))
 
     for move, turn, finger in REACHES:
