@@ -20,16 +20,21 @@ from wbc_controller.inverse_dynamics.robot.urdf_structure import mass_of, vector
 from wbc_controller.records import Array
 from wbc_controller.settings import contacts as schema
 from wbc_controller.settings.service import MockSettings
-from wbc_controller.simulation.attachments import Attachment, add_attachment, add_equality, frame_on_joint
+from wbc_controller.simulation.attachments import (
+    HOIST,
+    IMPEDANCE,
+    STIFF_STEPS,
+    Attachment,
+    add_attachment,
+    add_equality,
+    frame_on_joint,
+)
 from wbc_controller.simulation.shapes import CORNER_RADIUS, RIM_RADIUS, Shape, add_shape, rotation_to, wxyz
 from wbc_controller.simulation.terrain import add_terrain
 
 _log = logging.getLogger(__name__)
 
-HOIST = "hoist"
 FLOOR = "floor"
-STIFF_STEPS = 4.0  # time constant of contacts, joint stops and hoist, in simulation steps, at least two
-IMPEDANCE = 0.98  # MuJoCo's impedance; below 1, redundant contacts are well posed
 SLAB, SLAB_DEPTH = 0.15, 0.01  # half side and half thickness of the slab of a contact between two links, m
 #: Mass of a link without inertia, as a share of the robot's, and inertia per mass, m²; MuJoCo refuses zero.
 _BARE_MASS, _BARE_INERTIA = 1.0e-6, 1.0e-2

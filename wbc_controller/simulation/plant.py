@@ -26,9 +26,8 @@ from wbc_controller.safety.damping import damping_matrix, stable_damping
 from wbc_controller.settings import Settings
 from wbc_controller.settings.contacts import FixedContact, SurfaceContact
 from wbc_controller.settings.resources import folder_of
-from wbc_controller.simulation.attachments import closures_of, frame_on_joint, grips_of, place, wrench
+from wbc_controller.simulation.attachments import RAMP, Hoist, closures_of, frame_on_joint, grips_of, place, wrench
 from wbc_controller.simulation.contact_forces import ContactForces
-from wbc_controller.simulation.hoist import RAMP, Hoist
 from wbc_controller.simulation.mechanism import add_friction, compile_mechanism
 from wbc_controller.simulation.shapes import read_shapes
 from wbc_controller.simulation.terrain import soften
@@ -166,14 +165,6 @@ class Plant:
             v[:3] = self._base().rotation.T @ self.data.qvel[:3]
             v[3:6] = self.data.qvel[3:6]
         return q, v
-
-    def coupling_error(self) -> float:
-        """Return the largest position error of a mimic joint, rad or m."""
-        followers = self._robot.followers
-        if followers is None:
-            return 0.0
-        qpos, _ = self._addresses(followers.names)
-        return float(np.max(np.abs(self.data.qpos[qpos] - self.state()[0][followers.q_index])))
 
     def acceleration(self) -> Array:
         """Return the generalized acceleration, (nv,), in Pinocchio's conventions: v̇ = Rᵀ a − ω × v of the base."""
