@@ -12,7 +12,7 @@ from wbc_controller.middleware.codec import nanoseconds
 from wbc_controller.middleware.setpoints import wrench_stamped
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.clock import ManualClock
-from wbc_controller.simulation.sensors import measure
+from wbc_controller.simulation.sensors import Measurement
 
 FEET = {"front_left_foot", "front_right_foot", "rear_left_foot", "rear_right_foot"}
 
@@ -31,7 +31,7 @@ class Robot(Peer):
     def sense(self, imu=True):
         stamp = round(1e9 * self.simulation.time) + 1
         self.clock.time = 1e-9 * stamp
-        found = measure(self.model, self.simulation.plant, stamp, self.node.estimator.imu_frame)
+        found = Measurement(self.model, self.simulation.plant, stamp, self.node.estimator.imu_frame)
         if imu:
             self.send("imu", found.message("imu"))
         self.send("joint_states", found.message("joint_states"))

@@ -12,7 +12,7 @@ from wbc_controller.middleware.transports.memory import MemoryBus
 from wbc_controller.settings.service import SensorQuality
 from wbc_controller.simulation.mock_robot import MockRobot
 from wbc_controller.simulation.plant import Plant
-from wbc_controller.simulation.sensors import PARTS, ImperfectSensors, measure
+from wbc_controller.simulation.sensors import PARTS, ImperfectSensors, Measurement
 
 PERIOD, MANY = 0.002, 4000
 
@@ -21,7 +21,7 @@ PERIOD, MANY = 0.002, 4000
 def standing(robot_of):
     settings, model = robot_of("go2")
     plant = Plant(model, settings)
-    return model, lambda stamp: measure(model, plant, stamp, model.base_link)
+    return model, lambda stamp: Measurement(model, plant, stamp, model.base_link)
 
 
 @pytest.mark.parametrize("quality", PARTS)

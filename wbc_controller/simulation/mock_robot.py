@@ -30,7 +30,7 @@ from wbc_controller.settings import Settings
 from wbc_controller.simulation.faults.catalogue import read_faults
 from wbc_controller.simulation.faults.fault import Fault, Injector
 from wbc_controller.simulation.plant import Plant
-from wbc_controller.simulation.sensors import PARTS, STREAMS, WORLD_FRAME, ImperfectSensors, PoseSource, measure
+from wbc_controller.simulation.sensors import PARTS, STREAMS, WORLD_FRAME, ImperfectSensors, Measurement, PoseSource
 
 SLOW_RATE = 100.0  # rate of contact wrenches and transform for viewers, Hz of simulated time
 REPUBLISH_AFTER = 0.05  # wall time between repetitions of an unanswered state in lockstep, s
@@ -159,7 +159,7 @@ class MockRobot:
         """Publish time and present state, the joint states last."""
         stamp, base = self.stamp, self._robot.base_link
         self.faults.update()
-        measured = measure(self._robot, self.plant, stamp, self._imu_frame)
+        measured = Measurement(self._robot, self.plant, stamp, self._imu_frame)
         measured.has_velocity = self._mock.joint_velocity
         if self._sensors is not None:
             self._sensors.measure(measured)

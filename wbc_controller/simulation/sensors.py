@@ -1,7 +1,7 @@
 """Measurements of the sensors, their messages, and errors of sensors and motors (sources: docs/estimation.md)."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,28 +24,28 @@ _DEGREE, _G = math.pi / 180.0, 9.80665
 _SAME = 1e-9  # resolution of times, s
 
 
-@dataclass(slots=True)
 class Measurement:
     """Values of all sensors at one instant, before faults change them."""
 
-    true_time: int  # simulated, ns
-    stamps: dict[str, int]  # by stream, ns
-    names: list[str]
-    position: Array  # joints, (nj,) in rad
-    velocity: Array  # joints, (nj,) in rad/s
-    effort: Array  # joints, (nj,) in N·m
-    base: str  # link of the odometry
-    pose: Array  # in the world, (7,)
-    twist: Array  # in base axes, (6,)
-    imu_frame: str
-    orientation: Array  # of the IMU, quaternion, (4,)
-    angular_velocity: Array  # (3,) in rad/s
-    specific_force: Array  # (3,) in m/s²
-    absolute: Array  # pose in the world, (7,)
-    silent: set[str]  # streams without a message
-    pose_sigma: tuple[float, float] = (0.0, 0.0)  # standard deviations of `absolute`, m and rad
-    absent: set[str] = field(default_factory=set)  # joints missing in the joint states
-    has_velocity: bool = True  # of the joint states
+    def __init__(self, robot: RobotModel, plant: Plant, stamp: int, imu_frame: str) -> None:
+        """Measure the present state exactly; `stamp` in ns."""
+        q, v = plant.state()
+        self.true_time = stamp  # simulated, ns
+        self.stamps = dict.fromkeys(STREAMS, stamp)  # by stream, ns
+        self.names, self.absent = list(robot.joints), set[str]()  # joints, and joints missing in the joint states
+        self.position: Array = q[robot.q_index]  # joints, (nj,) in rad
+        self.velocity: Array = v[robot.v_index]  # joints, (nj,) in rad/s
+        self.effort: Array = robot.actuation.at_joints(plant.applied_torques)  # joints, (nj,) in N·m
+        self.has_velocity = True  # of the joint states
+        self.base = robot.base_link  # link of the odometry
+        self.pose, self.twist = q[:7], v[:6]  # in the world, (7,), and in base axes, (6,)
+        self.imu_frame = imu_frame
+        #: Of the IMU: quaternion, (4,), angular velocity, (3,) in rad/s, and specific force, (3,) in m/s².
+        self.orientation, self.angular_velocity, self.specific_force = plant.imu(imu_frame)
+        self.absolute = np.array(q[:7])  # pose in the world, (7,)
+        self.pose_sigma = 0.0, 0.0  # standard deviations of `absolute`, m and rad
+        #: Streams without a message; poses have a lower rate.
+        self.silent = {"pose"} if robot.floating_base else {"odom", "pose"}
 
     def message(self, stream: str) -> Any:
         """Return the message of a stream."""
@@ -67,30 +67,6 @@ class Measurement:
             velocity=self.velocity[present] if self.has_velocity else np.zeros(0),
             effort=self.effort[present],
         )
-
-
-def measure(robot: RobotModel, plant: Plant, stamp: int, imu_frame: str) -> Measurement:
-    """Measure the present state exactly; `stamp` in ns."""
-    q, v = plant.state()
-    orientation, angular_velocity, specific_force = plant.imu(imu_frame)
-    silent = {"pose"} if robot.floating_base else {"odom", "pose"}  # poses have a lower rate
-    return Measurement(
-        true_time=stamp,
-        stamps=dict.fromkeys(STREAMS, stamp),
-        names=list(robot.joints),
-        position=q[robot.q_index],
-        velocity=v[robot.v_index],
-        effort=robot.actuation.at_joints(plant.applied_torques),
-        base=robot.base_link,
-        pose=q[:7],
-        twist=v[:6],
-        imu_frame=imu_frame,
-        orientation=orientation,
-        angular_velocity=angular_velocity,
-        specific_force=specific_force,
-        absolute=np.array(q[:7]),
-        silent=silent,
-    )
 
 
 def imu_message(stamp: int, frame: str, attitude: Array, angular_velocity: Array, specific_force: Array) -> Any:

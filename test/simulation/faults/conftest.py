@@ -8,7 +8,7 @@ import pytest
 from wbc_controller.simulation.faults.catalogue import KINDS
 from wbc_controller.simulation.faults.fault import Injector
 from wbc_controller.simulation.plant import Plant
-from wbc_controller.simulation.sensors import measure
+from wbc_controller.simulation.sensors import Measurement
 
 
 class Bench:
@@ -39,7 +39,7 @@ class Bench:
         """Return the measured and the true values."""
         stamp = self.plant.stamp + 1_000_000_000
         self.faults.update()
-        measured, true = (measure(self.model, self.plant, stamp, self.model.base_link) for _ in range(2))
+        measured, true = (Measurement(self.model, self.plant, stamp, self.model.base_link) for _ in range(2))
         time = self.plant.time
         for values in (measured, true):
             values.position = self.model.posture + self.true_speed * time

@@ -21,7 +21,7 @@ from wbc_controller.settings import NODE_NAME
 from wbc_controller.settings.config import load
 from wbc_controller.simulation.mock_robot import MockRobot
 from wbc_controller.simulation.plant import Plant
-from wbc_controller.simulation.sensors import STREAMS, measure
+from wbc_controller.simulation.sensors import STREAMS, Measurement
 from wbc_controller.validation.fuzz.target import (
     CYCLE_LIMIT,
     READ_LIMIT,
@@ -130,7 +130,7 @@ class EstimatorTarget(Target):
         super().__init__(opened, ("odom", "diagnostics"))
         self._node = EstimatorService(settings, self._model, opened, MemoryTransport(self.bus), self.clock)
         self._period = 1.0 / settings.control.rate
-        self._standing = measure(self._model, Plant(self._model, settings), 0, self._node.estimator.imu_frame)
+        self._standing = Measurement(self._model, Plant(self._model, settings), 0, self._node.estimator.imu_frame)
         for _ in range(round(2.0 * _SETTLING / self._period)):
             self._advance("the start")
         for _ in range(round(AGREEMENT_TIME / _POSE_PERIOD) + 2):

@@ -23,7 +23,7 @@ from wbc_controller.nodes.ros2.installation import refuse_mixed_installations
 from wbc_controller.settings import Settings
 from wbc_controller.settings.service import RealtimeSettings
 from wbc_controller.simulation.plant import Plant
-from wbc_controller.simulation.sensors import measure
+from wbc_controller.simulation.sensors import Measurement
 
 TRANSPORTS = ("dds", "rclpy")
 _BASE = ("odom", "imu")
@@ -59,7 +59,7 @@ class StandingRobot:
     """Sends the states of a standing and slightly swaying robot, independently of the torques."""
 
     def __init__(self, model: RobotModel, settings: Settings, transport: Transport, topics: Sequence[Endpoint]) -> None:
-        standing = measure(model, Plant(model, settings), 0, imu_frame(settings, model))
+        standing = Measurement(model, Plant(model, settings), 0, imu_frame(settings, model))
         self._period = 1.0 / settings.control.rate
         self._position = standing.position
         self._joint_states = Template(standing.message("joint_states"), ["position"], ["velocity"])
