@@ -17,8 +17,7 @@ from wbc_controller.controller.visualization.page_report import resource
 from wbc_controller.controller.visualization.plots import POINTS, thin_out
 from wbc_controller.recording.report.motion import MAX_FRAMES, encode_poses, frame_indices, joint_poses, make_motion
 from wbc_controller.recording.report.run_data import Result
-from wbc_controller.recording.report.run_plots import friction_use, run_plots
-from wbc_controller.recording.report.run_report import write_run_report
+from wbc_controller.recording.report.run_report import friction_use, run_plots, write_run_report
 
 
 @pytest.fixture(scope="module")
