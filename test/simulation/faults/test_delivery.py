@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from stepping import has_faults
 
-from wbc_controller.simulation.faults import delivery
+from wbc_controller.simulation.faults import messages
 from wbc_controller.simulation.faults.catalogue import kinds_of
 
 
@@ -31,11 +31,11 @@ from wbc_controller.simulation.faults.catalogue import kinds_of
 def test_messages_arrive_as_the_fault_says(bench, kind, given, arrivals):
     command = kind.startswith("command")
     bench.plan(kind, **{"duration": 1.0, **({} if command else {"stream": "joint_states"}), **given})
-    assert bench.arrivals(delivery.COMMAND if command else "joint_states", len(arrivals)) == arrivals
+    assert bench.arrivals(messages.COMMAND if command else "joint_states", len(arrivals)) == arrivals
 
 
 def test_shares_and_streams_of_delivery_faults(bench):
-    assert {kind.kind() for kind in kinds_of(delivery)} == {
+    assert {kind.kind() for kind in kinds_of(messages) if kind.place != "stamps and clock"} == {
         "message_delay", "message_growing_delay", "message_jitter", "message_loss", "message_dropout",
         "message_duplication", "message_reordering", "message_replay", "message_queue", "command_loss", "command_delay",
         "command_twice",

@@ -12,7 +12,7 @@ from pydantic.fields import FieldInfo
 
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.settings.files import read_yaml
-from wbc_controller.simulation.faults import actuators, base_sensors, delivery, joint_sensors, stamps, world
+from wbc_controller.simulation.faults import actuators, base_sensors, joint_sensors, messages, world
 from wbc_controller.simulation.faults.fault import Fault
 
 
@@ -25,7 +25,7 @@ def kinds_of(module: ModuleType) -> list[type[Fault]]:
 #: Kinds of fault by name.
 KINDS: Mapping[str, type[Fault]] = {
     kind.kind(): kind
-    for module in (joint_sensors, base_sensors, delivery, stamps, actuators, world)
+    for module in (joint_sensors, base_sensors, messages, actuators, world)
     for kind in kinds_of(module)
 }
 _WIDE = 15.0  # ratio of a range's ends above which its logarithm is drawn

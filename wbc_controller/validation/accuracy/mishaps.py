@@ -11,9 +11,9 @@ from wbc_controller.errors import WbcError
 from wbc_controller.records import IN_CONTROL, Mode
 from wbc_controller.settings.config import Config
 from wbc_controller.simulation.faults.base_sensors import ImuBias, ImuShock
-from wbc_controller.simulation.faults.delivery import MessageDropout
 from wbc_controller.simulation.faults.fault import LONGEST, Fault
 from wbc_controller.simulation.faults.joint_sensors import JointBias
+from wbc_controller.simulation.faults.messages import MessageDropout
 from wbc_controller.simulation.faults.world import SlipperyFloor
 from wbc_controller.validation.accuracy.estimation_trial import NO_CHANGES, Changes, EstimationTrial
 
