@@ -10,7 +10,7 @@ from command_line import wbc
 from recorded_run import copied, make_run
 
 from wbc_controller.controller.cycle import ControlCycle
-from wbc_controller.recording.replay.cycle_replay import Replay, compare
+from wbc_controller.recording.replay.cycle_replay import Comparison, Replay
 from wbc_controller.recording.replay.recording_summary import summarize
 from wbc_controller.recording.report.run_data import make_run_data
 
@@ -208,7 +208,7 @@ def test_comparison_with_another_configuration(recorded, tmp_path):
     assert "different modes in 0 cycles, " in said
     assert float(re.search(r"largest torque difference ([\d.]+) N", said).group(1)) > 1e-3
     assert "Plotly.newPlot" in plots.read_text()
-    same = compare(recorded, recorded.config)
+    same = Comparison(recorded, recorded.config)
     np.testing.assert_allclose(same.other[:20], same.recorded[:20], atol=1e-9)
     assert {type(count) for counts in same.binding for count in counts.values()} == {int}
     same = recorded.config.replace({"tasks.com.stiffness": 150.0})  # after its update

@@ -26,7 +26,7 @@ def replay(file: Path, number: int | None, other: str | None, plot: Path | None,
     The exit status is 1 if a cycle differs that must be equal bit for bit.
     """
     from wbc_controller.recording.recording_file import Recording
-    from wbc_controller.recording.replay.cycle_replay import compare
+    from wbc_controller.recording.replay.cycle_replay import Comparison
     from wbc_controller.recording.replay.recording_summary import replay_all, replay_cycle, summarize
     from wbc_controller.settings.config import load
 
@@ -36,7 +36,7 @@ def replay(file: Path, number: int | None, other: str | None, plot: Path | None,
         require_libraries("plotly")
     recorded = Recording(file)
     if other is not None:
-        comparison = compare(recorded, load(other))
+        comparison = Comparison(recorded, load(other))
         click.echo(str(comparison))
         if plot is not None:
             comparison.plot(plot, f"{recorded.path.name}: as recorded, and with {other}")
