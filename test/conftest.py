@@ -17,8 +17,15 @@ from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.check.preflight import stance
 from wbc_controller.controller.controller import Controller
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.middleware.codec import decode, encode, header, message, odometry  # noqa: F401 - for benchmarks
-from wbc_controller.middleware.setpoints import setpoint_message, trajectory_message
+from wbc_controller.middleware.codec import (  # noqa: F401 - for benchmarks
+    decode,
+    encode,
+    header,
+    message,
+    odometry,
+    setpoint_message,
+    trajectory_message,
+)
 from wbc_controller.middleware.topics import Endpoint
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.clock import Clock, ManualClock

@@ -5,8 +5,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wbc_controller.middleware.codec import START, MessageLayout, Template, encode, message, torques
-from wbc_controller.middleware.setpoints import WRENCH, wrench_stamped
+from wbc_controller.middleware.codec import (
+    START,
+    WRENCH,
+    MessageLayout,
+    Template,
+    encode,
+    message,
+    torques,
+    wrench_stamped,
+)
 
 
 @settings(max_examples=100)

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from refusals import input_refusal
 
 from wbc_controller.errors import InputRefused
-from wbc_controller.middleware.codec import decode, encode, header, message
-from wbc_controller.middleware.setpoints import wrench_stamped
+from wbc_controller.middleware.codec import decode, encode, header, message, wrench_stamped
 from wbc_controller.middleware.states import ContactForceReader, ImuReader, JointStateReader, OdometryReader
 from wbc_controller.simulation.sensors import imu_message
 

@@ -12,7 +12,7 @@ from wbc_controller.controller.build.contacts import make_contact
 from wbc_controller.controller.build.estimation import contact_normals, estimates_base, make_estimator
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
-from wbc_controller.middleware.setpoints import wrench_stamped
+from wbc_controller.middleware.codec import wrench_stamped
 from wbc_controller.records import Mode
 
 

@@ -8,8 +8,7 @@ from services import make_estimator, topics_of
 from starved import StarvedThread
 
 from wbc_controller import Simulation
-from wbc_controller.middleware.codec import nanoseconds
-from wbc_controller.middleware.setpoints import wrench_stamped
+from wbc_controller.middleware.codec import nanoseconds, wrench_stamped
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.clock import ManualClock
 from wbc_controller.simulation.sensors import Measurement

@@ -13,8 +13,7 @@ from refusals import refusal
 import wbc_controller
 from wbc_controller.controller.cycle import ControlCycle
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.middleware.codec import decode, encode, message, odometry
-from wbc_controller.middleware.setpoints import wrench_stamped
+from wbc_controller.middleware.codec import decode, encode, message, odometry, wrench_stamped
 from wbc_controller.recording.cycle_layout import FORMAT, HEAD
 from wbc_controller.recording.mcap_file import McapMessages, write_messages
 from wbc_controller.recording.recording_file import Recording, add_topics

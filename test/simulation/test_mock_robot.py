@@ -13,7 +13,7 @@ from stepping import step
 from waiting import until
 
 from wbc_controller.middleware import codec as messages
-from wbc_controller.middleware.setpoints import setpoint_message, wrench_stamped
+from wbc_controller.middleware.codec import setpoint_message, wrench_stamped
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.settings.config import load
 from wbc_controller.simulation import mock_robot as module

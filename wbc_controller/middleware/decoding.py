@@ -20,8 +20,7 @@ from wbc_controller.inverse_dynamics.references import changes
 from wbc_controller.inverse_dynamics.references.relative import own_frames
 from wbc_controller.inverse_dynamics.references.trajectories import Knot
 from wbc_controller.inverse_dynamics.tasks.form import ReferenceForm, unit_quaternion
-from wbc_controller.middleware.codec import nanoseconds
-from wbc_controller.middleware.setpoints import JOINT_FIELDS
+from wbc_controller.middleware.codec import JOINT_FIELDS, nanoseconds
 from wbc_controller.middleware.stamps import stamp_of
 from wbc_controller.middleware.states import require_unique
 from wbc_controller.records import Array, ChangeSettings

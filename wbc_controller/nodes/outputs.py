@@ -12,9 +12,8 @@ import numpy as np
 from wbc_controller.controller.controller import Controller
 from wbc_controller.controller.report import CycleReport
 from wbc_controller.controller.result import CycleResult
-from wbc_controller.middleware.codec import Template, encode, message, torques
+from wbc_controller.middleware.codec import WRENCH, Template, encode, message, torques, wrench_stamped
 from wbc_controller.middleware.decoding import Vocabulary
-from wbc_controller.middleware.setpoints import WRENCH, wrench_stamped
 from wbc_controller.middleware.topics import Direction, Endpoint
 from wbc_controller.middleware.transports.transport import Publish, Transport
 from wbc_controller.nodes.diagnostics.markers import MarkerScene

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.middleware.codec import encode, message
-from wbc_controller.middleware.setpoints import com_trajectory, joint_trajectory
+from wbc_controller.middleware.codec import com_trajectory, encode, joint_trajectory, message
 from wbc_controller.middleware.topics import Direction, Endpoint, counterpart
 from wbc_controller.middleware.transports.transport import Transport
 from wbc_controller.records import Array

@@ -20,9 +20,8 @@ from wbc_controller.controller.build.estimation import imu_frame
 from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware import codec as messages
-from wbc_controller.middleware.codec import transform
+from wbc_controller.middleware.codec import transform, wrench_stamped
 from wbc_controller.middleware.log_limit import LogLimit
-from wbc_controller.middleware.setpoints import wrench_stamped
 from wbc_controller.middleware.topics import MOCK_NODE, MOCK_TOPICS, Direction, Endpoint, endpoints
 from wbc_controller.middleware.transports.transport import Publish, Stream, Transport
 from wbc_controller.records import Array

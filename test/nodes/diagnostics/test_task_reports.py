@@ -11,8 +11,7 @@ from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.references import make_board
 from wbc_controller.controller.controller import Controller
 from wbc_controller.inverse_dynamics.tasks import AccelerationTask
-from wbc_controller.middleware.codec import encode
-from wbc_controller.middleware.setpoints import setpoint_message
+from wbc_controller.middleware.codec import encode, setpoint_message
 from wbc_controller.middleware.topics import TASK_TYPES
 from wbc_controller.nodes.diagnostics import task_reports
 from wbc_controller.nodes.wiring import make_vocabulary

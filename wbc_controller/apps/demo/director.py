@@ -14,8 +14,15 @@ from wbc_controller.errors import WbcError
 from wbc_controller.inverse_dynamics.references.trajectories import Knot, Trajectory
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
-from wbc_controller.middleware.codec import decode, encode, message
-from wbc_controller.middleware.setpoints import com_trajectory, setpoint_message, velocity_message, wrench_stamped
+from wbc_controller.middleware.codec import (
+    com_trajectory,
+    decode,
+    encode,
+    message,
+    setpoint_message,
+    velocity_message,
+    wrench_stamped,
+)
 from wbc_controller.middleware.stamps import header_stamp, header_time
 from wbc_controller.middleware.states import JointStateReader, OdometryReader
 from wbc_controller.middleware.topics import Direction, Endpoint, counterpart

@@ -9,7 +9,7 @@ import viser
 from wbc_controller.apps.page.request_sender import RequestSender
 from wbc_controller.apps.page.snapshot import Robot, Snapshot
 from wbc_controller.apps.terminal.request_parser import Request
-from wbc_controller.middleware.setpoints import velocity_message
+from wbc_controller.middleware.codec import velocity_message
 from wbc_controller.settings import Settings
 from wbc_controller.settings.walking import WalkingSettings
 

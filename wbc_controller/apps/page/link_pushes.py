@@ -11,7 +11,7 @@ from wbc_controller.apps.page.drawing import Drawing
 from wbc_controller.apps.page.request_sender import RequestSender
 from wbc_controller.apps.page.snapshot import Robot
 from wbc_controller.apps.terminal.request_parser import Request
-from wbc_controller.middleware.setpoints import wrench_stamped
+from wbc_controller.middleware.codec import wrench_stamped
 from wbc_controller.records import Array
 
 KEY = "shift"  # modifier key; a drag without it turns the view

@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 import click
 
 from wbc_controller.apps.terminal.session import Session
-from wbc_controller.middleware.codec import encode
-from wbc_controller.middleware.setpoints import velocity_message
+from wbc_controller.middleware.codec import encode, velocity_message
 
 PERIOD = 0.1  # time between two messages, s
 #: Direction forward, to the left and turning, by key.

@@ -8,8 +8,7 @@ import numpy as np
 
 from wbc_controller.apps.terminal import quantity_parser as quantity
 from wbc_controller.errors import InputRefused, require_known
-from wbc_controller.middleware.codec import message
-from wbc_controller.middleware.setpoints import JOINT_FIELDS, setpoint_message, wrench_stamped
+from wbc_controller.middleware.codec import JOINT_FIELDS, message, setpoint_message, wrench_stamped
 from wbc_controller.middleware.topics import TASK_TYPES
 from wbc_controller.records import REQUESTS, Array
 from wbc_controller.settings import Settings

@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 from wbc_controller.apps.terminal import DISCOVERY_PATIENCE
 from wbc_controller.apps.terminal.request_parser import Request
 from wbc_controller.errors import TransportError, WbcError
-from wbc_controller.middleware.codec import decode, encode
-from wbc_controller.middleware.setpoints import velocity_message
+from wbc_controller.middleware.codec import decode, encode, velocity_message
 from wbc_controller.middleware.stamps import header_time
 from wbc_controller.middleware.topics import STATE_IN, Direction, Endpoint, counterpart
 from wbc_controller.middleware.transports.dds import DdsPublication, DdsTransport

@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from wbc_controller.apps.terminal.session import Session
-from wbc_controller.middleware.setpoints import JOINT_FIELDS
+from wbc_controller.middleware.codec import JOINT_FIELDS
 from wbc_controller.nodes.diagnostics.task_reports import describe_constraint
 from wbc_controller.settings import Settings
 

@@ -9,9 +9,8 @@ import numpy as np
 from wbc_controller.inverse_dynamics.method_calls import array_from
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.tasks import AccelerationTask, MotionTask, Task
-from wbc_controller.middleware.codec import encode
+from wbc_controller.middleware.codec import encode, setpoint_message
 from wbc_controller.middleware.decoding import Vocabulary
-from wbc_controller.middleware.setpoints import setpoint_message
 from wbc_controller.middleware.topics import TASK_TYPES
 from wbc_controller.records import Array, References, Solution
 

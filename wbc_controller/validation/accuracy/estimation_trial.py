@@ -11,7 +11,7 @@ from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.report import CycleReport
 from wbc_controller.errors import NoSolution
 from wbc_controller.estimation.base_estimator import BaseEstimator
-from wbc_controller.middleware.setpoints import com_trajectory
+from wbc_controller.middleware.codec import com_trajectory
 from wbc_controller.nodes.lockstep import Lockstep
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.records import Array, Mode

@@ -10,7 +10,7 @@ import numpy as np
 
 from wbc_controller.controller.controller import Controller
 from wbc_controller.errors import ConfigurationError, WbcError, require_known
-from wbc_controller.middleware.setpoints import velocity_message
+from wbc_controller.middleware.codec import velocity_message
 from wbc_controller.recording.report.run_data import heading, mean_velocity
 from wbc_controller.records import Array
 from wbc_controller.settings.service import SensorQuality

@@ -17,7 +17,7 @@ import numpy as np
 
 from wbc_controller.controller.controller import Controller
 from wbc_controller.errors import ConfigurationError, WbcError, require_known
-from wbc_controller.middleware.setpoints import velocity_message
+from wbc_controller.middleware.codec import velocity_message
 from wbc_controller.recording.recorder import Recorder
 from wbc_controller.recording.recording_file import Recording
 from wbc_controller.recording.replay.cycle_replay import Replay

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from wbc_controller.errors import WbcError, require_known
-from wbc_controller.middleware.codec import encode, message
-from wbc_controller.middleware.setpoints import com_trajectory
+from wbc_controller.middleware.codec import com_trajectory, encode, message
 from wbc_controller.middleware.topics import Endpoint, counterpart
 from wbc_controller.middleware.transports.dds import DdsTransport
 from wbc_controller.nodes.processes import end_with_parent

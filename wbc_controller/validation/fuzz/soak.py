@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from wbc_controller.middleware.setpoints import setpoint_message
+from wbc_controller.middleware.codec import setpoint_message
 from wbc_controller.nodes.processes import memory
 from wbc_controller.validation.fuzz.robot_processes import MACHINE, RobotProcesses
 

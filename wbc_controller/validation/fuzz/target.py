@@ -11,8 +11,7 @@ import numpy as np
 
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.middleware.codec import decode, encode, header, message
-from wbc_controller.middleware.setpoints import com_trajectory, joint_trajectory
+from wbc_controller.middleware.codec import com_trajectory, decode, encode, header, joint_trajectory, message
 from wbc_controller.middleware.topics import TASK_TYPES, Direction, Endpoint, counterpart
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.clock import ManualClock
