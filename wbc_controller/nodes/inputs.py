@@ -28,18 +28,9 @@ from wbc_controller.estimation.running_estimate import ImuSample
 from wbc_controller.inverse_dynamics.contacts import Contact
 from wbc_controller.inverse_dynamics.references.changes import Change
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.middleware import decoding
+from wbc_controller.middleware import decoding, states
 from wbc_controller.middleware.codec import decode
 from wbc_controller.middleware.stamps import StampTracker
-from wbc_controller.middleware.states import (
-    ContactForceReader,
-    ImuReader,
-    JointStateReader,
-    JointStates,
-    OdometryReader,
-    PoseReader,
-    StateReader,
-)
 from wbc_controller.middleware.topics import CONTACT_SENSORS, Direction, Endpoint
 from wbc_controller.middleware.transports.transport import Stream, Transport
 from wbc_controller.nodes.clock import Clock
@@ -69,7 +60,7 @@ class _Input:
     stream: Stream
     pending: deque[tuple[float, bytes]]  # arrival, s, and serialized message
     stamps: StampTracker
-    reader: StateReader | None  # None for a contact switch
+    reader: states.StateReader | None  # None for a contact switch
     check: SampleCheck | None  # plausibility of the samples
     newest: Any = None
 
@@ -113,16 +104,17 @@ class Inputs:
         self._refusals: dict[str, str] = {}  # by topic with a refused newest message
         self.shared: Callable[[], Mapping[str, str]] = dict  # publishers of inputs with several, by topic name
         columns = ("position", "velocity") if velocity_filter is None else ("position",)
-        readers: dict[tuple[str, str], StateReader] = {("joint_states", ""): JointStateReader(model.joints, *columns)}
+        readers: dict[tuple[str, str], states.StateReader] = {}
+        readers["joint_states", ""] = states.JointStateReader(model.joints, *columns)
         checks = {"joint_states": SampleCheck.of_joints(model, safety, measured=velocity_filter is None)}
         if estimator is not None:
-            readers["imu", ""] = ImuReader(estimator.imu_frame)
+            readers["imu", ""] = states.ImuReader(estimator.imu_frame)
             if estimator.uses_poses:
-                readers["pose", ""] = PoseReader()
+                readers["pose", ""] = states.PoseReader()
             for name, normals in self._detector.normals.items():
-                readers["measured_wrench", name] = ContactForceReader(name, normals)
+                readers["measured_wrench", name] = states.ContactForceReader(name, normals)
         elif model.floating_base:
-            readers["odom", ""] = OdometryReader(model.base_link)
+            readers["odom", ""] = states.OdometryReader(model.base_link)
             checks["odom"] = SampleCheck.of_base(safety)
         self._inputs: dict[tuple[str, str], _Input] = {}
         for topic in endpoints:
@@ -217,7 +209,7 @@ class Inputs:
                 self._decode(source, refused)
         if self.estimator is not None:
             refused += self._estimate(self.estimator, holding, controlled=controlled, walking=walking)
-        joints: JointStates | None = self.joints.newest
+        joints: states.JointStates | None = self.joints.newest
         base, state = self._newest_base(), None
         if joints is not None and base is not None:
             q, v = self._model.state(joints.position, joints.velocity, *base)
@@ -300,7 +292,7 @@ class Inputs:
         ]
         # A hanging robot has no contact forces at the start.
         self.holding = holding if estimator.filter is None else measured
-        joints: JointStates | None = self.joints.newest
+        joints: states.JointStates | None = self.joints.newest
         imu, self._imu = self._imu, []
         if not imu or joints is None:
             del self._poses[:-_MAX_POSES]

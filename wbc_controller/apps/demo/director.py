@@ -14,15 +14,7 @@ from wbc_controller.errors import WbcError
 from wbc_controller.inverse_dynamics.references.trajectories import Knot, Trajectory
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
-from wbc_controller.middleware.codec import (
-    com_trajectory,
-    decode,
-    encode,
-    message,
-    setpoint_message,
-    velocity_message,
-    wrench_stamped,
-)
+from wbc_controller.middleware import codec
 from wbc_controller.middleware.stamps import header_stamp, header_time
 from wbc_controller.middleware.states import JointStateReader, OdometryReader
 from wbc_controller.middleware.topics import Direction, Endpoint, counterpart
@@ -109,7 +101,7 @@ class Director:
         self._run(1.2)
         if self._model.floating_base:
             self._begin("let go")
-            self._send("mock", "hold", "", message("std_msgs/msg/Bool", data=False))
+            self._send("mock", "hold", "", codec.message("std_msgs/msg/Bool", data=False))
             self._run(1.0)
         self._follow(((0.5, (0.0, 0.0, 0.0)),), self.com())
         self._run(1.0)
@@ -129,7 +121,7 @@ class Director:
             self._measure("stop", 1.0)
             return  # the hoist would pull the robot back to its start
         self._begin("end")
-        self._send("mock", "hold", "", message("std_msgs/msg/Bool", data=True))
+        self._send("mock", "hold", "", codec.message("std_msgs/msg/Bool", data=True))
         self._run(0.5)
         self._send_text("command", "deactivate")
         self._let_pass(1.2)
@@ -140,12 +132,12 @@ class Director:
         return header_time(self._newest[_STATE]) if _STATE in self._newest else 0.0
 
     def _begin(self, phase: str) -> None:
-        self._record(PHASES, _STRING, round(1.0e9 * self.time), encode(message(_STRING, data=phase)))
+        self._record(PHASES, _STRING, round(1.0e9 * self.time), codec.encode(codec.message(_STRING, data=phase)))
         self._report_phase(phase)
 
     def _mode(self) -> str:
         payload = self._newest.get(("controller", "state"))
-        return "" if payload is None else str(decode(payload, _STRING).data)
+        return "" if payload is None else str(codec.decode(payload, _STRING).data)
 
     def _activate(self) -> None:
         # The first request may be lost during discovery, or arrive before the base estimate.
@@ -159,10 +151,10 @@ class Director:
         raise DemoFailed(f"the controller did not become active; its state is {self._mode()!r}")
 
     def _send_text(self, key: str, text: str) -> None:
-        self._send("controller", key, "", message(_STRING, data=text))
+        self._send("controller", key, "", codec.message(_STRING, data=text))
 
     def _send(self, owner: str, key: str, subject: str, content: Any) -> None:
-        self._publish[owner, key, subject](encode(content))
+        self._publish[owner, key, subject](codec.encode(content))
 
     def _wait_for(self, awaited: str, condition: Callable[[], bool]) -> None:
         end = monotonic() + _TIMEOUT  # wall time
@@ -214,7 +206,7 @@ class Director:
         if not self._scenario.com:
             return start
         times, positions = [knot.time - start for knot in knots], np.array([knot.position for knot in knots])
-        content = com_trajectory(times, positions, task=self._scenario.com, stamp=round(start * 1e9))
+        content = codec.com_trajectory(times, positions, task=self._scenario.com, stamp=round(start * 1e9))
         self._send("controller", "trajectory", self._scenario.com, content)
         return start
 
@@ -235,7 +227,7 @@ class Director:
         self.targets[reach.task] = frame, target
         self._send_text("update", f"{{tasks: {{{reach.task}: {{enabled: true}}}}}}")
         pose_value = np.concatenate([target, quaternion_of(pose.rotation)])
-        content = setpoint_message("geometry_msgs/msg/PoseStamped", "frame_pose", pose_value)
+        content = codec.setpoint_message("geometry_msgs/msg/PoseStamped", "frame_pose", pose_value)
         self._send("controller", "setpoint", reach.task, content)
         self._measure(f"reach {reach.task}", reach.duration)
         self._send_text("update", f"{{tasks: {{{reach.task}: {{enabled: false}}}}}}")
@@ -244,7 +236,7 @@ class Director:
     def _shove(self, shove: Shove) -> None:
         self._begin(shove.name)
         force = np.array(shove.impulse) / 0.1
-        self._send("mock", "push", "", wrench_stamped(force, shove.frame or self._model.base_link))
+        self._send("mock", "push", "", codec.wrench_stamped(force, shove.frame or self._model.base_link))
         self._measure(shove.name, self._scenario.recovery + 0.5)
 
     def _walk(self, walk: Walk) -> None:
@@ -252,6 +244,6 @@ class Director:
         start = self.time
         self.references.append((start, None))
         while self.time < start + walk.duration:
-            self._send("controller", "cmd_vel", "", velocity_message(walk.velocity))
+            self._send("controller", "cmd_vel", "", codec.velocity_message(walk.velocity))
             self._run(_COMMAND_PERIOD)
         self.windows[walk.name] = start + walk.acceleration, self.time

@@ -15,17 +15,10 @@ from collections import defaultdict
 from collections.abc import Callable
 from typing import Any
 
+from rclpy import qos as ros_qos
 from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import NodeNameNonExistentError
-from rclpy.qos import (
-    DurabilityPolicy,
-    HistoryPolicy,
-    QoSCompatibility,
-    QoSProfile,
-    ReliabilityPolicy,
-    qos_check_compatible,
-)
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from wbc_controller.errors import TransportError
@@ -123,8 +116,8 @@ class CompatibilityWatch:
 def _problem(info: Any, qos: Any, message_type: str, topic: str) -> str:
     if info.topic_type != message_type:
         return f"type {info.topic_type}; publish {message_type}"
-    compatibility, reasons = qos_check_compatible(info.qos_profile, qos)
-    if compatibility != QoSCompatibility.ERROR:
+    compatibility, reasons = ros_qos.qos_check_compatible(info.qos_profile, qos)
+    if compatibility != ros_qos.QoSCompatibility.ERROR:
         return ""
     policies = [reason.removeprefix(_ERROR).lower() for reason in reasons.split(";") if reason.startswith(_ERROR)]
     return f"incompatible QoS ({', '.join(policies)}); change the publisher's or qos_overrides.{topic}.subscription"
@@ -273,10 +266,10 @@ def _message_class(type_name: str) -> Any:
         raise TransportError(f"message type {type_name} is not installed: {error}") from error
 
 
-def _profile(qos: Qos) -> QoSProfile:
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
+def _profile(qos: Qos) -> ros_qos.QoSProfile:
+    return ros_qos.QoSProfile(
+        history=ros_qos.HistoryPolicy.KEEP_LAST,
         depth=qos.depth,
-        reliability=ReliabilityPolicy.RELIABLE if qos.reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if qos.latched else DurabilityPolicy.VOLATILE,
+        reliability=ros_qos.ReliabilityPolicy.RELIABLE if qos.reliable else ros_qos.ReliabilityPolicy.BEST_EFFORT,
+        durability=ros_qos.DurabilityPolicy.TRANSIENT_LOCAL if qos.latched else ros_qos.DurabilityPolicy.VOLATILE,
     )
