@@ -185,16 +185,15 @@ def close_domain(settings: DomainSettings) -> None:
 def _create(settings: DomainSettings) -> Any:
     uri = os.environ.get("CYCLONEDDS_URI", "")
     # Without a network card Cyclone's choice is the loopback: the first configuration selects it twice, an error.
-    first, fallback = (configuration(settings, uri, network_card=card) for card in (True, False))
-    try:
-        return Domain(settings.domain_id, first)
-    except (DDSException, UnicodeEncodeError) as error:
-        failure = TransportError(f"cannot open DDS domain {settings.domain_id} ({error}) with {first}")
-    if first == fallback:
-        raise failure
-    try:
-        domain = Domain(settings.domain_id, fallback)
-    except (DDSException, UnicodeEncodeError):
-        raise failure from None
-    _log.warning("the loopback is the only network interface: topics stay on this computer")
-    return domain
+    texts = dict.fromkeys(configuration(settings, uri, network_card=card) for card in (True, False))
+    failures = []
+    for text in texts:
+        try:
+            domain = Domain(settings.domain_id, text)
+        except (DDSException, UnicodeEncodeError) as error:
+            failures.append(TransportError(f"cannot open DDS domain {settings.domain_id} ({error}) with {text}"))
+            continue
+        if failures:
+            _log.warning("the loopback is the only network interface: topics stay on this computer")
+        return domain
+    raise failures[0]
