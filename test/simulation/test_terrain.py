@@ -6,9 +6,9 @@ import pytest
 
 from wbc_controller.settings.config import load as load_config
 from wbc_controller.settings.service import TerrainSettings
+from wbc_controller.simulation.mechanism import blocks
 from wbc_controller.simulation.plant import Plant
 from wbc_controller.simulation.simulation import Simulation
-from wbc_controller.simulation.terrain import blocks
 
 TILT = 0.1
 FLAT = {"position": [-1.0, 0.0, 0.3], "size": [3.0, 3.0, 0.2]}

@@ -20,7 +20,7 @@ from wbc_controller.records import Array
 from wbc_controller.settings.contacts import ContactSettings, FixedContact, LoopSettings
 from wbc_controller.simulation.shapes import wxyz
 
-HOIST = "hoist"
+_HOIST = "hoist"
 STIFF_STEPS = 4.0  # time constant of contacts, joint stops and hoist, in simulation steps, at least two
 IMPEDANCE = 0.98  # MuJoCo's impedance; below 1, redundant contacts are well posed
 RAMP = 0.3  # duration of engaging or releasing the hoist, s
@@ -107,10 +107,15 @@ def add_attachment(spec: Any, attachment: Attachment, bodies: tuple[str, str]) -
     """Add the constraints of an attachment to a MuJoCo specification, without placement."""
     kind = mujoco.mjtEq.mjEQ_WELD if attachment.points is None else mujoco.mjtEq.mjEQ_CONNECT
     for constraint in attachment.names:
-        add_equality(spec, constraint, kind, bodies)
+        _add_equality(spec, constraint, kind, bodies)
 
 
-def add_equality(spec: Any, name: str, kind: Any, bodies: tuple[str, str]) -> None:
+def add_hoist(spec: Any, root: str) -> None:
+    """Add the weld of the hoist to the root link; its placement is set at run time."""
+    _add_equality(spec, _HOIST, mujoco.mjtEq.mjEQ_WELD, ("world", root))
+
+
+def _add_equality(spec: Any, name: str, kind: Any, bodies: tuple[str, str]) -> None:
     """Add a weld or a connection at the origins of two bodies to a MuJoCo specification."""
     body = mujoco.mjtObj.mjOBJ_BODY
     equality = spec.add_equality(name=name, type=kind, objtype=body, name1=bodies[0], name2=bodies[1])
@@ -160,7 +165,7 @@ class Hoist:
         self.start = start
         self._model = model
         self._data = data
-        self._id = model.equality(HOIST).id
+        self._id = model.equality(_HOIST).id
         self._step = float(model.opt.timestep)
         self._strength, self._rate = 1.0, 0.0
         self._from, self._progress, self._progress_rate = start, 1.0, 0.0

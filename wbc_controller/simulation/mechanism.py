@@ -1,8 +1,13 @@
-"""MuJoCo's model of the robot."""
+"""MuJoCo's model of the robot and the ground.
+
+A contact of MuJoCo with the impedance d and ``solref`` (-k, -b) has the force (k r + b ṙ) / ((1 - d) A) at the depth r,
+with the inverse mass A of the two bodies (`body_invweight0`): k = K (1 - d) A gives the stiffness K in N/m of soft
+ground.
+"""
 
 import logging
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import mujoco
@@ -19,18 +24,16 @@ from wbc_controller.inverse_dynamics.robot.model import PassiveForces, RobotMode
 from wbc_controller.inverse_dynamics.robot.urdf_structure import mass_of, vector_of
 from wbc_controller.records import Array
 from wbc_controller.settings import contacts as schema
-from wbc_controller.settings.service import MockSettings
+from wbc_controller.settings.service import MockSettings, TerrainSettings
 from wbc_controller.simulation.attachments import (
-    HOIST,
     IMPEDANCE,
     STIFF_STEPS,
     Attachment,
     add_attachment,
-    add_equality,
+    add_hoist,
     frame_on_joint,
 )
 from wbc_controller.simulation.shapes import CORNER_RADIUS, RIM_RADIUS, Shape, add_shape, rotation_to, wxyz
-from wbc_controller.simulation.terrain import add_terrain
 
 _log = logging.getLogger(__name__)
 
@@ -41,6 +44,8 @@ _BARE_MASS, _BARE_INERTIA = 1.0e-6, 1.0e-2
 ON_THE_FLOOR = 1  # collision bit of the ground: floor and terrain
 FRICTION_STIFFNESS = 10.0  # stiffness of friction relative to the normal direction, against creep
 _WORLD, _WORLD_ALIAS = "world", "<world>"
+TERRAIN = "terrain/"  # prefix of the names of blocks' geoms
+SOFT_IMPEDANCE = 0.5  # impedance of soft ground: it adds d / (1 - d) of the mass of a foot
 
 
 def add_friction(model: Any, dof: Any, friction: float, step: float) -> None:
@@ -190,6 +195,40 @@ def _add_slab(
     )  # fmt: skip
 
 
+def blocks(terrain: TerrainSettings) -> list[tuple[pin.SE3, Array]]:
+    """Return placements of centres and half sizes, (3,) in m, of the boxes of a block."""
+    edge = pin.SE3(pin.rpy.rpyToMatrix(*terrain.rpy), np.array(terrain.position))
+    length, width, thickness = terrain.size
+    nx, ny = terrain.cells
+    heights = np.random.default_rng(terrain.seed).uniform(-terrain.unevenness, terrain.unevenness, (nx, ny))
+    half = 0.5 * np.array([length / nx, width / ny, thickness])
+    x, y = length * (np.arange(nx) + 0.5) / nx, width * ((np.arange(ny) + 0.5) / ny - 0.5)
+    centres = [np.array([x[i], y[j], heights[i, j] - half[2]]) for i, j in np.ndindex(nx, ny)]
+    return [(edge * pin.SE3(np.eye(3), centre), half) for centre in centres]
+
+
+def add_terrain(spec: Any, name: str, terrain: TerrainSettings, options: Mapping[str, Any]) -> None:
+    """Add the boxes of a block, with options of their geoms, to a MuJoCo specification."""
+    for index, (placement, half) in enumerate(blocks(terrain)):
+        box = {"type": mujoco.mjtGeom.mjGEOM_BOX, "name": f"{TERRAIN}{name}/{index}", "size": half}
+        spec.worldbody.add_geom(**box, **options, pos=placement.translation, quat=wxyz(placement.rotation))
+
+
+def soften(model: Any, terrain: Mapping[str, TerrainSettings], bodies: Iterable[int]) -> None:
+    """Set stiffness and damping of soft blocks in a compiled model, for the mean inverse mass of the feet's bodies."""
+    feet = list(bodies)
+    if not feet:
+        return
+    scale = (1.0 - SOFT_IMPEDANCE) * float(np.mean(model.body_invweight0[feet, 0]))
+    for name, block in terrain.items():
+        if block.stiffness is None:
+            continue
+        for index in range(len(blocks(block))):
+            geom = model.geom(f"{TERRAIN}{name}/{index}")
+            geom.solref[:] = -scale * block.stiffness, -scale * block.damping
+            geom.solimp[:2] = SOFT_IMPEDANCE
+
+
 def compile_mechanism(
     model: RobotModel,
     contacts: Mapping[str, schema.ContactSettings],
@@ -229,7 +268,7 @@ def compile_mechanism(
         _add_mimic_joints(spec, model.followers)
     if model.floating_base:
         spec.body(root).add_freejoint()
-        add_equality(spec, HOIST, mujoco.mjtEq.mjEQ_WELD, ("world", root))  # pose at run time
+        add_hoist(spec, root)
     if contacts:
         ground = {"contype": ON_THE_FLOOR, "conaffinity": 0}
         rotation, plane = rotation_to(np.array(mock.floor_normal)), mujoco.mjtGeom.mjGEOM_PLANE

@@ -28,9 +28,8 @@ from wbc_controller.settings.contacts import FixedContact, SurfaceContact
 from wbc_controller.settings.resources import folder_of
 from wbc_controller.simulation.attachments import RAMP, Hoist, closures_of, frame_on_joint, grips_of, place, wrench
 from wbc_controller.simulation.contact_forces import ContactForces
-from wbc_controller.simulation.mechanism import add_friction, compile_mechanism
+from wbc_controller.simulation.mechanism import add_friction, compile_mechanism, soften
 from wbc_controller.simulation.shapes import read_shapes
-from wbc_controller.simulation.terrain import soften
 
 PUSH_LIMIT = 1.0e5  # largest force or torque of a push, N or N·m
 _LONGEST_PUSH = 86_400.0  # longest push, s
