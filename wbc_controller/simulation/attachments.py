@@ -103,7 +103,7 @@ def _effective_mask(model: RobotModel, name: str, loop: LoopSettings) -> list[bo
     return [bool(np.linalg.norm(row - span.T @ (span @ row)) < _REDUNDANT) for row in J]
 
 
-def add_attachment(spec: Any, attachment: Attachment, bodies: tuple[str, str]) -> None:
+def attach(spec: Any, attachment: Attachment, bodies: tuple[str, str]) -> None:
     """Add the constraints of an attachment to a MuJoCo specification, without placement."""
     kind = mujoco.mjtEq.mjEQ_WELD if attachment.points is None else mujoco.mjtEq.mjEQ_CONNECT
     for constraint in attachment.names:

@@ -25,14 +25,7 @@ from wbc_controller.inverse_dynamics.robot.urdf_structure import mass_of, vector
 from wbc_controller.records import Array
 from wbc_controller.settings import contacts as schema
 from wbc_controller.settings.service import MockSettings, TerrainSettings
-from wbc_controller.simulation.attachments import (
-    IMPEDANCE,
-    STIFF_STEPS,
-    Attachment,
-    add_attachment,
-    add_hoist,
-    frame_on_joint,
-)
+from wbc_controller.simulation.attachments import IMPEDANCE, STIFF_STEPS, Attachment, add_hoist, attach, frame_on_joint
 from wbc_controller.simulation.shapes import CORNER_RADIUS, RIM_RADIUS, Shape, add_shape, rotation_to, wxyz
 
 _log = logging.getLogger(__name__)
@@ -299,7 +292,7 @@ def compile_mechanism(
             body.add_geom(name=geom_name, pos=placement.act(centre), **ball)
     for attachment in attachments.values():
         holder, link = (_body(spec, model, joint, root).name for joint in attachment.joints)
-        add_attachment(spec, attachment, (holder, link))
+        attach(spec, attachment, (holder, link))
     try:
         compiled = spec.compile()
     except (ValueError, RuntimeError) as error:
