@@ -10,6 +10,8 @@ import numpy as np
 from wbc_controller.errors import InputRefused
 from wbc_controller.records import Array
 
+_QUATERNION_TOLERANCE = 1.0e-2  # of the norm
+
 
 def array_of_numbers(values: Any, subject: str) -> Array:
     """Return an array of real numbers, infinity or NaN; `subject` names it in errors."""
@@ -67,3 +69,11 @@ def shortened(array: Array) -> str:
     flat = array.reshape(-1)
     shown = ", ".join(f"{value:g}" for value in flat[:8])
     return f"[{shown}{', …' if flat.size > 8 else ''}]"
+
+
+def unit_quaternion(values: Array, what: str) -> Array:
+    """Normalize a quaternion; raises `InputRefused` for a norm other than 1 within tolerance."""
+    norm = math.hypot(*values.tolist())
+    if not (abs(norm - 1.0) <= _QUATERNION_TOLERANCE):
+        raise InputRefused(f"{what}{shortened(values)} is not a unit quaternion (norm {norm:.3g})")
+    return values / norm

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from wbc_controller.arguments import finite, number, shortened, sized, str_of
+from wbc_controller.arguments import finite, number, shortened, sized, str_of, unit_quaternion
 from wbc_controller.controller.check.preflight import stance
 from wbc_controller.controller.cycle import ControlCycle, seconds
 from wbc_controller.controller.report import CycleInputs
@@ -18,7 +18,6 @@ from wbc_controller.inverse_dynamics.references import changes
 from wbc_controller.inverse_dynamics.references.ranges import LONGEST, check_change, check_rates
 from wbc_controller.inverse_dynamics.references.trajectories import Knot
 from wbc_controller.inverse_dynamics.tasks import Task
-from wbc_controller.inverse_dynamics.tasks.form import unit_quaternion
 from wbc_controller.records import REQUESTS, Array, Fault, Reference, RobotState, frozen
 from wbc_controller.safety.supervisor import Supervisor
 from wbc_controller.settings.nesting import nested

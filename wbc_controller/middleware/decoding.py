@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 import yaml
 
-from wbc_controller.arguments import finite, number, shortened
+from wbc_controller.arguments import finite, number, shortened, unit_quaternion
 from wbc_controller.errors import ConfigurationError, InputRefused, require_known
 from wbc_controller.inverse_dynamics import tasks
 from wbc_controller.inverse_dynamics.references import changes
 from wbc_controller.inverse_dynamics.references.relative import own_frames
 from wbc_controller.inverse_dynamics.references.trajectories import Knot
-from wbc_controller.inverse_dynamics.tasks.form import ReferenceForm, unit_quaternion
+from wbc_controller.inverse_dynamics.tasks.form import ReferenceForm
 from wbc_controller.middleware.codec import JOINT_FIELDS, nanoseconds
 from wbc_controller.middleware.stamps import stamp_of
 from wbc_controller.middleware.states import require_unique

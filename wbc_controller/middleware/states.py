@@ -8,9 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from wbc_controller.arguments import finite
+from wbc_controller.arguments import finite, unit_quaternion
 from wbc_controller.errors import InputRefused
-from wbc_controller.inverse_dynamics.tasks.form import unit_quaternion
 from wbc_controller.middleware.codec import START, MessageLayout, decode, encode
 from wbc_controller.middleware.stamps import header_stamp
 from wbc_controller.records import Array

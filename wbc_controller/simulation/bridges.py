@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from wbc_controller.arguments import finite, number, sized
+from wbc_controller.arguments import finite, number, sized, unit_quaternion
 from wbc_controller.errors import ConfigurationError, InputRefused, require_known, valid_choices
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
-from wbc_controller.inverse_dynamics.tasks.form import unit_quaternion
 from wbc_controller.records import Array
 
 _FREE = 0  # ``mjtJoint.mjJNT_FREE``

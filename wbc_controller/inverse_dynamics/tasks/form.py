@@ -1,16 +1,14 @@
 """Form of a reference."""
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from wbc_controller.arguments import finite, shortened
+from wbc_controller.arguments import finite, shortened, unit_quaternion
 from wbc_controller.errors import InputRefused
 from wbc_controller.records import Array
 
-_QUATERNION_TOLERANCE = 1.0e-2  # of the norm
 _SHORTEST_DIRECTION = 1.0e-6
 
 
@@ -55,11 +53,3 @@ class ReferenceForm:
         if self.oriented:
             array[self.vector :] = unit_quaternion(array[self.vector :], f"{what}: ")
         return array
-
-
-def unit_quaternion(values: Array, what: str) -> Array:
-    """Normalize a quaternion; raises `InputRefused` for a norm other than 1 within tolerance."""
-    norm = math.hypot(*values.tolist())
-    if not (abs(norm - 1.0) <= _QUATERNION_TOLERANCE):
-        raise InputRefused(f"{what}{shortened(values)} is not a unit quaternion (norm {norm:.3g})")
-    return values / norm
