@@ -7,8 +7,7 @@ from typing import Any, TypeVar
 import click
 from click.shell_completion import CompletionItem
 
-from wbc_controller.apps.terminal.quantity_parser import AXES, HEADINGS, ROTATIONS
-from wbc_controller.apps.terminal.request_parser import FORMS
+from wbc_controller.apps.terminal.request_parser import AXES, FORMS, HEADINGS, ROTATIONS
 from wbc_controller.errors import ConfigurationError, WbcError
 from wbc_controller.middleware.topics import parse_remapping
 from wbc_controller.settings import Settings
