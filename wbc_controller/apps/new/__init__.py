@@ -3,7 +3,7 @@
 `draft.py` runs the steps. Each adds values with notes on their origin (`notes.py`).
 
 1. `mechanism.py`: joints in URDF order. Joints that move less than 1/200 of the mass, such as fingers, are locked.
-   Missing limits get placeholders (`missing_limits.py`).
+   Missing limits get placeholders.
 2. `feet.py`: feet are the lowest ends of the kinematic tree, of similar height on similar limbs. With two or more feet,
    no other part as low, and a root link not called ``world``, the base floats.
 3. `foot_shape.py`: a flat sole makes a surface contact, a round foot a point contact, and a body of revolution about a
