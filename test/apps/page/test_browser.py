@@ -19,8 +19,7 @@ playwright = pytest.importorskip("playwright.sync_api", reason="a browser is dri
 from browser import projected
 from domains import own_domain
 
-from wbc_controller.apps.page.camera import camera
-from wbc_controller.apps.page.drawing import GROUPS
+from wbc_controller.apps.page.drawing import GROUPS, camera
 from wbc_controller.apps.page.meshes import build_meshes
 from wbc_controller.apps.page.snapshot import Robot
 from wbc_controller.apps.terminal.session import Session

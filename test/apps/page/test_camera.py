@@ -10,7 +10,7 @@ import pytest
 from browser import projected
 
 from wbc_controller.apps.new.draft import new_configuration
-from wbc_controller.apps.page.camera import CameraFollower, camera
+from wbc_controller.apps.page.drawing import CameraFollower, camera
 from wbc_controller.apps.page.snapshot import Robot
 from wbc_controller.controller.visualization.geometry import Part
 from wbc_controller.settings.config import load

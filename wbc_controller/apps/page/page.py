@@ -13,11 +13,9 @@ import viser
 import viser.uplot
 
 from wbc_controller.apps.page import panels
-from wbc_controller.apps.page.camera import CameraFollower, camera
 from wbc_controller.apps.page.controls import Controls
-from wbc_controller.apps.page.drawing import GROUPS, Drawing
-from wbc_controller.apps.page.handles import KINDS, Handle
-from wbc_controller.apps.page.link_pushes import KEY, LinkPushes
+from wbc_controller.apps.page.drawing import GROUPS, CameraFollower, Drawing, camera
+from wbc_controller.apps.page.handles import KEY, KINDS, Handle, LinkPushes
 from wbc_controller.apps.page.playback import Playback, TimeLine
 from wbc_controller.apps.page.request_sender import RequestSender
 from wbc_controller.apps.page.snapshot import Robot, Snapshot
