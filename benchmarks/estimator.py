@@ -22,7 +22,8 @@ def measure(robot: str, seconds: float) -> tuple[list[float], list[float], int]:
     trial.stand()
     updates: list[float] = []
     cycles: list[float] = []
-    estimator, loop = trial.estimator, trial.loop
+    loop = trial.loop
+    estimator = loop.estimator
     if estimator is None or estimator.filter is None:
         raise SystemExit(f"{robot} has no base estimate")
 

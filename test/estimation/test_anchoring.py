@@ -86,12 +86,12 @@ def test_a_robot_whose_estimate_drifts_by_3_cm_a_second_keeps_its_feet():
     errors = []
 
     def check():
-        found = trial.estimator.filter
+        found = trial.loop.estimator.filter
         found.rotation = turn @ found.rotation
         found.columns = turn @ found.columns
         found.columns[:, 1:] += drift[:, None]
         errors.append(np.linalg.norm(trial.com() - began))
 
     trial.run(1.2, check)
-    assert np.linalg.norm(trial.estimator.filter.position - trial.mock.plant.state()[0][:3]) > 0.03
+    assert np.linalg.norm(trial.loop.estimator.filter.position - trial.mock.plant.state()[0][:3]) > 0.03
     assert max(errors) < 0.012  # lag of 0.2 s at 30 mm/s

@@ -40,7 +40,7 @@ def test_ideal_sensors_and_a_wrong_estimate():
     error, P = error_of(trial)
     assert np.abs(error[:6]).max() < 2e-3
     assert (np.diag(P) > 0.0).all()
-    filter = trial.estimator.filter
+    filter = trial.loop.estimator.filter
     filter.columns[:, 0] += [0.1, 0.0, 0.0]
     filter.columns[:, 1] += [0.0, 0.2, 0.0]
     np.testing.assert_allclose(error_of(trial)[0] - error, [0, 0, 0, 0.1, 0, 0, 0, 0.2, 0], atol=1e-9)

@@ -10,7 +10,6 @@ import numpy as np
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.report import CycleReport
 from wbc_controller.errors import NoSolution
-from wbc_controller.estimation.base_estimator import BaseEstimator
 from wbc_controller.middleware.codec import com_trajectory
 from wbc_controller.nodes.lockstep import Lockstep
 from wbc_controller.nodes.wiring import controller_endpoints
@@ -45,11 +44,6 @@ class EstimationTrial(Lockstep):
         self.true_state = self.mock.plant.state()  # true q and v of the last cycle
         self._com = next(iter(self.user.tasks("com")), "")
 
-    @property
-    def estimator(self) -> BaseEstimator | None:
-        """The base estimator, or None."""
-        return self.loop.estimator
-
     def cycle(self) -> CycleReport:
         """Execute one control period."""
         self.true_state = self.mock.plant.state()
@@ -77,7 +71,7 @@ class EstimationTrial(Lockstep):
 
     def settle(self) -> None:
         """Wait for the estimate, with the base held."""
-        settled = 0.0 if self.estimator is None else self.settings.estimation.settling
+        settled = 0.0 if self.loop.estimator is None else self.settings.estimation.settling
         for _ in range(math.ceil((settled + 0.05) * self.settings.control.rate)):
             self.cycle()
 
@@ -95,7 +89,7 @@ class EstimationTrial(Lockstep):
         self.mock.plant.hold(False)
         self.run(_REST_TIME)
         self.origin = self.reference_com()
-        base = None if self.estimator is None else self.estimator.base
+        base = None if self.loop.estimator is None else self.loop.estimator.base
         self.shift = np.zeros(3) if base is None else base[0][:3] - self.true_state[0][:3]
 
     def reference_com(self) -> Array:

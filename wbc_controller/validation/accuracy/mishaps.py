@@ -178,7 +178,7 @@ class _Comparison:
                 self._compare()
 
     def _compare(self) -> None:
-        state, estimator = self._trial.report.inputs.state, self._trial.estimator
+        state, estimator = self._trial.report.inputs.state, self._trial.loop.estimator
         if estimator is None:
             return
         if state is None:

@@ -94,7 +94,7 @@ def error_of(trial: EstimationTrial) -> tuple[Array, Array]:
     The right-invariant error X̂ X⁻¹ = exp(ξ) has the columns R̂ Rᵀ, v̂ - R̂ Rᵀ v and p̂ - R̂ Rᵀ p at the time of the
     last cycle's state.
     """
-    estimator = trial.estimator
+    estimator = trial.loop.estimator
     if estimator is None or estimator.filter is None:
         raise ConfigurationError("the robot has no base estimate; required: estimation.base_state: imu")
     model, (q, v), found = trial.controller.model, trial.true_state, estimator.filter

@@ -228,7 +228,7 @@ def walk(
     except WbcError as error:
         ended, lead = trial.when(error), trial.lead_time()
     way = np.array(trial.way).reshape(-1, 4)
-    base = None if trial.estimator is None else trial.estimator.base
+    base = None if trial.loop.estimator is None else trial.loop.estimator.base
     drift = np.nan
     if base is not None and len(way):
         drift = float(np.linalg.norm(base[0][:2] - trial.shift[:2] - way[-1, 1:3]))
