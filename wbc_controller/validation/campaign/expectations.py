@@ -108,9 +108,6 @@ def _refused_for(key: str) -> _Rule:
     return lambda fault, context: context.expect_stale(min(getattr(fault, key), fault.duration))
 
 
-_missing = _refused_for("duration")
-
-
 def _harmless_below(limits: Mapping[str, float], otherwise: Expectation = EITHER) -> _Rule:
     return lambda fault, context: (
         HARMLESS if all(abs(getattr(fault, key)) <= limit for key, limit in limits.items()) else otherwise
@@ -154,14 +151,6 @@ def _frozen(fault: Any, context: RuleContext) -> Expectation:
     return context.expect_detection(fault.duration > lasts, lasts)
 
 
-def _absurd(fault: Any, context: RuleContext) -> Expectation:
-    return context.expect_detection(True, context.sequence)
-
-
-def _estop(fault: Any, context: RuleContext) -> Expectation:
-    return Expectation(frozenset({"ESTOP"}), context.cycle)
-
-
 _FAR_AHEAD = 0.26  # advance of a refused stamp, s (middleware/stamps.py)
 _SLOW_DRIFT = 0.01  # m/s or rad/s
 _ALONG = float(np.sqrt(0.5))  # smallest share of a horizontal direction along an axis
@@ -175,10 +164,21 @@ _HARMLESS = (
     "imu_noise", "imu_bias", "imu_shock", "message_duplication", "command_twice", "garbage", "unknown_words",
     "request_flood", "long_trajectory", "huge_message",
 )  # fmt: skip
+_MISSING = (
+    "joint_missing", "odom_bad_quaternion", "odom_wrong_frame", "message_dropout", "message_queue", "stamp_zero",
+    "stamp_frozen",
+)  # fmt: skip
 #: Expected outcome of each kind of fault, or its rule.
 RULES: Mapping[str, Expectation | _Rule] = {
     **dict.fromkeys(_EITHER, EITHER),
     **dict.fromkeys(_HARMLESS, HARMLESS),
+    **dict.fromkeys(_MISSING, _refused_for("duration")),
+    **dict.fromkeys(
+        ("joint_absurd", "odom_absurd"), lambda fault, context: context.expect_detection(True, context.sequence)
+    ),
+    **dict.fromkeys(
+        ("estop", "estop_in_flood"), lambda fault, context: Expectation(frozenset({"ESTOP"}), context.cycle)
+    ),
     "joint_noise": _harmless_below({"sigma": 1e-4, "velocity_sigma": 1e-3}),
     "joint_bias": _ramp("bias", "joint_mismatch"),
     "joint_quantization": _harmless_below({"step": 2e-4}),
@@ -186,8 +186,6 @@ RULES: Mapping[str, Expectation | _Rule] = {
     "joint_jump": _jump("size", "joint_mismatch"),
     "joint_states_frozen": _frozen,
     "joint_not_a_number": _lost,
-    "joint_absurd": _absurd,
-    "joint_missing": _missing,
     "velocity_lag": _harmless_below({"time_constant": 0.002}),
     "odom_noise": _harmless_below({"sigma": 1e-4, "turn_sigma": 1e-4}),
     "odom_velocity_noise": _harmless_below({"sigma": 1e-3}),
@@ -199,21 +197,14 @@ RULES: Mapping[str, Expectation | _Rule] = {
     "odom_frozen": _frozen,
     "odom_lag": _harmless_below({"time_constant": 0.002}),
     "odom_slow": _refused_for("period"),
-    "odom_bad_quaternion": _missing,
     "odom_not_a_number": _lost,
-    "odom_absurd": _absurd,
-    "odom_wrong_frame": _missing,
     "message_delay": _refused_for("delay"),
     "message_growing_delay": _growing_delay,
     "message_jitter": STALE_OR_BALANCE,
     "message_loss": lambda fault, context: HARMLESS if fault.share <= 0.1 else _lost(fault, context),
-    "message_dropout": _missing,
     "message_reordering": STALE_OR_BALANCE,
     "message_replay": lambda fault, context: context.expect_stale(fault.duration - fault.length, fault.length),
-    "message_queue": _missing,
     "command_loss": _harmless_below({"share": 0.02}),
-    "stamp_zero": _missing,
-    "stamp_frozen": _missing,
     "stamp_back": _refused_for("by"),
     "stamp_ahead": _stamp_ahead,
     "stamp_drift": _harmless_below({"rate": 1e-3}, STALE_OR_BALANCE),
@@ -230,6 +221,4 @@ RULES: Mapping[str, Expectation | _Rule] = {
     "floor_tilt": _harmless_below({"angle": 0.01}),
     "push": _harmless_below({"share": 0.01}),
     "kick": _harmless_below({"speed": 0.03}),
-    "estop": _estop,
-    "estop_in_flood": _estop,
 }
