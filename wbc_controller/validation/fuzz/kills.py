@@ -70,7 +70,7 @@ def _kill_once(nodes: RobotProcesses, victim: str, method: str, rng: np.random.G
     moment = float(rng.uniform(*_KILL_TIME))
     stopped = float(np.exp(rng.uniform(*np.log(_STOP_DURATION)))) if method == "stop" else 0.0
     _stand(nodes, moment)
-    nodes.lateness.reset()
+    nodes.lateness.worst = 0.0
     process = nodes.processes[victim]
     killed_at = time.monotonic()
     process.send_signal(METHODS[method])
@@ -105,14 +105,10 @@ def _stand(nodes: RobotProcesses, seconds: float) -> None:
 
 def _longest_hold(nodes: RobotProcesses, since: float) -> float:
     times, torques = nodes.efforts(since - 0.1)
-    times = np.append(times, time.monotonic())
-    longest, began = 0.0, times[0]
-    for i in range(len(torques)):
-        if i and (torques[i] != torques[i - 1]).any():
-            began = times[i]
-        if torques[i].any():
-            longest = max(longest, float(times[i + 1] - began))
-    return longest
+    ends = np.append(times, time.monotonic())[1:]
+    changed = np.diff(torques, axis=0, prepend=np.nan).any(axis=1)  # True for the first torques
+    began = np.maximum.accumulate(np.where(changed, times, -np.inf))
+    return float((ends - began)[torques.any(axis=1)].max(initial=0.0))
 
 
 def _stalest(nodes: RobotProcesses, since: float) -> float:
