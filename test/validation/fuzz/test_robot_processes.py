@@ -21,8 +21,8 @@ def lateness():
 def test_waiting_processes_are_late(lateness):
     with busy_processes(3 * len(os.sched_getaffinity(0))) as many:
         for process in many:
-            lateness.watch(process.pid)
-        lateness.reset()
+            lateness.processes.add(process.pid)
+        lateness.worst = 0.0
         # Three processes share each processor: each waits for about 33 ms of the 50 ms window.
         until(lambda: lateness.worst > 0.015, "lateness")
 
@@ -37,7 +37,7 @@ def test_process_may_end_during_the_measurement(lateness, monkeypatch):
         return glob(path, pattern)
 
     monkeypatch.setattr(Path, "glob", look)
-    lateness.watch(0)
+    lateness.processes.add(0)
     until(lambda: ended in looks, "the check of the ended process")
     after = len(looks) + 2  # more than the rest of this round
     until(lambda: len(looks) > after, "the next check")

@@ -76,7 +76,7 @@ class RobotProcesses(Processes):
     def launch(self, name: str, command: Sequence[str]) -> subprocess.Popen[bytes]:
         """Start a process by its command line, and measure its lateness."""
         process = super().launch(name, command)
-        self.lateness.watch(process.pid)
+        self.lateness.processes.add(process.pid)
         return process
 
     def start_and_wait(self, *names: str) -> None:
@@ -133,28 +133,20 @@ class RobotProcesses(Processes):
 
 
 class Lateness:
-    """Lateness of sleeps and of watched processes; `worst` is the largest since `reset`, s."""
+    """Lateness of sleeps and of the threads of processes; `worst` is the largest since its last reset to 0, s."""
 
     _NAP, _LOOK, _WINDOW = 0.001, 0.01, 0.05
 
     def __init__(self) -> None:
         self.worst = 0.0
         self._lock = threading.Lock()
-        self._processes = {os.getpid()}
+        self.processes = {os.getpid()}
         self._waited: dict[Path, deque[tuple[float, float]]] = {}
         self._ended = False
         naps = [threading.Thread(target=self._nap, args=(cpu,), daemon=True) for cpu in os.sched_getaffinity(0)]
         self._threads = [*naps, threading.Thread(target=self._check_processes, name="lateness", daemon=True)]
         for thread in self._threads:
             thread.start()
-
-    def watch(self, process: int) -> None:
-        """Also measure the threads of a process."""
-        self._processes.add(process)
-
-    def reset(self) -> None:
-        """Reset the largest lateness."""
-        self.worst = 0.0
 
     def end(self) -> None:
         """End the threads."""
@@ -173,10 +165,10 @@ class Lateness:
         while not self._ended:
             time.sleep(self._LOOK)
             now, before, self._waited = time.monotonic(), self._waited, {}
-            for process in list(self._processes):
+            for process in list(self.processes):
                 times = waiting_times(process)
                 if not times:
-                    self._processes.discard(process)
+                    self.processes.discard(process)
                 for thread, total in times.items():
                     waited = self._waited[thread] = before.get(thread, deque())
                     waited.append((now, total))
