@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import Any
 
 import click
 
@@ -16,14 +16,6 @@ from wbc_controller.nodes.signals import exit_by_signals
 
 _EVERY = 10.0  # time between two progress lines, s
 _DOMAIN = 91  # DDS domain of live trials
-
-
-class _Trial(Protocol):
-    @property
-    def failed(self) -> bool: ...
-
-
-T = TypeVar("T", bound=_Trial)
 
 
 @click.group()
@@ -217,8 +209,8 @@ def problems(robots: str, count: int, first: int, seed: int) -> None:
     _report(run.fuzz_problems(robots.split(","), range(first, first + count), seed), run.summary)
 
 
-def _report(trials: Iterable[T], summary: Callable[[Sequence[T]], Iterable[str]], every: float = _EVERY) -> None:
-    progress, done, failed = _Progress(every), list[T](), 0
+def _report(trials: Iterable[Any], summary: Callable[[Sequence[Any]], Iterable[str]], every: float = _EVERY) -> None:
+    progress, done, failed = _Progress(every), list[Any](), 0
     for trial in trials:
         done.append(trial)
         failed += trial.failed
