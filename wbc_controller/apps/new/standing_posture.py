@@ -181,13 +181,12 @@ class Legs:
         """Return the share of a bend, m, that leaves room for a squat of flat feet under the hips."""
         for share in _SHARES:
             lowest = self._best(starts, longest - share * bend / _TRAVEL_SHARE)
-            if lowest is not None and self._is_natural(self.place_feet(lowest)):
-                return share
+            if lowest is not None:
+                placement = self.place_feet(lowest)
+                aside = np.abs(placement.middles[:, 1] - self._targets[:, 1]).max()
+                if placement.level_error <= _LEVEL and aside <= _ASIDE * self._size:
+                    return share
         return _SHARES[-1]
-
-    def _is_natural(self, placement: FeetPlacement) -> bool:
-        aside = np.abs(placement.middles[:, 1] - self._targets[:, 1]).max()
-        return placement.level_error <= _LEVEL and bool(aside <= _ASIDE * self._size)
 
     def _best(self, starts: Sequence[Array], height: float | None) -> Array | None:
         found = [posture for start in starts if (posture := self._search(start, height)) is not None]

@@ -55,7 +55,13 @@ class Page:
             show_logo=False, show_share_button=False, control_width="medium", brand_color=(34, 139, 230)
         )
         gui.set_panel_label(robot.model.name)
-        self._set_up_scene(server, robot, meshes)
+        server.scene.set_up_direction("+z")
+        server.scene.add_grid(
+            "/floor", infinite_grid=True, fade_distance=12.0, cell_size=0.25, section_size=1.0, shadow_opacity=0.2,
+            cell_color=(222, 226, 230), section_color=(190, 196, 203),
+        )  # fmt: skip
+        at_start = server.initial_camera
+        at_start.position, at_start.look_at, at_start.fov = camera(robot, meshes)
         self._follower = CameraFollower()
         self.drawing = Drawing(server, robot, meshes)
         self.drawing.set_shadows(False)
@@ -70,18 +76,6 @@ class Page:
         panel.set_width(_LEFT)
         gui.main_panel.dock_right()
         gui.main_panel.set_width(_RIGHT)
-
-    def _set_up_scene(self, server: viser.ViserServer, robot: Robot, meshes: Sequence[Part]) -> None:
-        scene = server.scene
-        scene.set_up_direction("+z")
-        scene.add_grid(
-            "/floor", infinite_grid=True, fade_distance=12.0, cell_size=0.25, section_size=1.0, shadow_opacity=0.2,
-            cell_color=(222, 226, 230), section_color=(190, 196, 203),
-        )  # fmt: skip
-        position, look_at, fov = camera(robot, meshes)
-        server.initial_camera.position = position
-        server.initial_camera.look_at = look_at
-        server.initial_camera.fov = fov
 
     def enable_commands(self, sender: RequestSender, is_mock: Callable[[], bool]) -> None:
         """Add the controls, before `run`."""

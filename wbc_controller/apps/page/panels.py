@@ -107,7 +107,9 @@ def _tasks(robot: Robot, status: RobotStatus) -> str:
     rows = ""
     for row in task_rows(robot.settings, status):
         task = robot.tasks[row.name]
-        error = f"{_short(float(row.error))} {escape(getattr(task, 'unit', ''))}" if row.error else ""
+        size = float(row.error or 0.0)
+        error = f"{size:.4f}" if size < 1.0 else f"{size:.3g}"
+        error = f"{error} {escape(getattr(task, 'unit', ''))}" if row.error else ""
         off = ' class="off"' if row.off else ""
         cells = f'<td>{escape(row.name)}</td><td class="n">{escape(row.weight)}</td><td class="n">{error}</td>'
         rows += f"<tr{off}>{cells}</tr>"
@@ -164,10 +166,6 @@ def _bar(share: float, *, signed: bool = False, color: str = "") -> str:
 
 def _leading(cost: str) -> float:
     return abs(float(cost.partition(" ")[0]))
-
-
-def _short(error: float) -> str:
-    return f"{error:.4f}" if error < 1.0 else f"{error:.3g}"
 
 
 def _plain(name: str) -> str:
