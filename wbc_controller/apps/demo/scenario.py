@@ -1,6 +1,5 @@
 """Motions and targets of the demos."""
 
-import math
 from dataclasses import dataclass
 
 
@@ -17,11 +16,6 @@ class Move:
     def duration(self) -> float:
         """Duration, s."""
         return self.points[-1][0]
-
-    @property
-    def largest(self) -> float:
-        """Largest distance from the standing position, m."""
-        return max(math.dist(offset, (0.0, 0.0, 0.0)) for _, offset in self.points)
 
 
 @dataclass(frozen=True, slots=True)
