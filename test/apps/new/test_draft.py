@@ -22,7 +22,7 @@ LEGS = ("front_left", "front_right", "rear_left", "rear_right")
 
 def said(draft, key, origin):
     """Return the notes of an origin on a key as one text."""
-    return " ".join(note.text for note in draft.notes if note.key.startswith(key) and note.origin == origin)
+    return " ".join(note.comment for note in draft.notes if note.key.startswith(key) and note.origin == origin)
 
 
 def wagon(*, wheel="cylinder", limit="effort='20' velocity='20'", kind="continuous", root="box"):
@@ -240,7 +240,7 @@ def test_missing_meshes(drafted):
     assert "contact shapes" in {finding.subject for finding in check(draft.settings)}
     lost = link("box", 1.0, more=mesh.format("collision") + mesh.format("visual"))
     draft = drafted(biped(lost, joint("lid", "trunk", "box", at="0 0 0.3")))
-    assert said(draft, "contacts", "missing") == "shapes of box: the files are missing and were not measured."
+    assert said(draft, "contacts", "missing") == "Fill in: shapes of box: the files are missing and were not measured."
     check(draft.settings)
 
 

@@ -24,13 +24,8 @@ class Note:
     """A sentence on a key."""
 
     key: str
-    text: str
+    comment: str  # with a prefix for its origin
     origin: Origin
-
-    @property
-    def comment(self) -> str:
-        """The sentence with a prefix for its origin."""
-        return _PREFIX[self.origin] + self.text
 
 
 @dataclass
@@ -59,7 +54,7 @@ class Draft:
 
     def note(self, key: str, text: str, origin: Origin) -> None:
         """Add a note on a dotted key or its section."""
-        self.notes.append(Note(key, text, origin))
+        self.notes.append(Note(key, _PREFIX[origin] + text, origin))
 
     @property
     def open_points(self) -> list[str]:
