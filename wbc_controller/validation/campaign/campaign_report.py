@@ -183,7 +183,18 @@ def write_report(outcomes: Sequence[Outcome], folder: Path, repeated: Sequence[s
         require_libraries("plotly")
     except ConfigurationError as error:
         return f"faults.md, faults.csv; no faults.html: {error}"
-    write_page(_page(rows, outcomes), folder / "faults.html")
+    bad = sum(bool(outcome.violations) for outcome in outcomes)
+    shown = [(_cells(row), not row.violations) for row in rows]
+    page = PageReport(
+        title="Fault campaign",
+        kind="wbc faults",
+        verdict=f"{bad} trials with violations." if bad else "No violations.",
+        passed=not bad,
+        note=f"{summary(outcomes)}.",
+        table=ResultTable("Trials", _COLUMNS, shown, words=("ok", "violated")),
+        plots=_plots(rows, outcomes),
+    )
+    write_page(page, folder / "faults.html")
     return "faults.md, faults.csv, faults.html"
 
 
@@ -201,20 +212,6 @@ def _markdown(rows: Sequence[Row], outcomes: Sequence[Outcome], repeated: Sequen
             parameters = json.dumps(dict(outcome.parameters), default=str)
             lines.append(f"- `{repeat_command(outcome)}`: {outcome.violations_text} (`{parameters}`)")
     return "\n".join(lines) + "\n"
-
-
-def _page(rows: Sequence[Row], outcomes: Sequence[Outcome]) -> PageReport:
-    bad = sum(bool(outcome.violations) for outcome in outcomes)
-    shown = [(_cells(row), not row.violations) for row in rows]
-    return PageReport(
-        title="Fault campaign",
-        kind="wbc faults",
-        verdict=f"{bad} trials with violations." if bad else "No violations.",
-        passed=not bad,
-        note=f"{summary(outcomes)}.",
-        table=ResultTable("Trials", _COLUMNS, shown, words=("ok", "violated")),
-        plots=_plots(rows, outcomes),
-    )
 
 
 def _plots(rows: Sequence[Row], outcomes: Sequence[Outcome]) -> list[Plot]:
