@@ -50,14 +50,9 @@ class TrialRecordings:
     folder: Path
     name: str  # beginning of the file names
 
-    def clear(self) -> None:
-        """Remove the recordings of an earlier run of the trial."""
-        for file in self._files():
-            file.unlink()
-
     def error_of_fault(self, code: str, sentence: str) -> str:
         """Return the error of a fault's recording, or an empty text."""
-        files = self._files()
+        files = self.files()
         if not files:
             return f"no recording of {code}"
         try:
@@ -74,7 +69,8 @@ class TrialRecordings:
             return f"{named[0].path}: the replay of {different} of {len(cycles)} cycles differs from the recording"
         return ""
 
-    def _files(self) -> list[Path]:
+    def files(self) -> list[Path]:
+        """Return the recordings, sorted by name."""
         return sorted(self.folder.glob(f"{self.name}-[0-9]*-[0-9]*-*.mcap"))
 
 
@@ -103,8 +99,8 @@ def run_trial(
     times = {"start": rng.uniform(*_START_RANGE), "duration": rng.uniform(*_DURATION_RANGE)}
     fault = draw(ALL_KINDS[kind], rng, **{**times, "seed": int(rng.integers(2**32)), **(parameters or {})})
     place = None if recordings is None else TrialRecordings(recordings, f"{Path(robot).stem}-{kind}-{seed}")
-    if place is not None:
-        place.clear()
+    for file in place.files() if place is not None else ():  # of an earlier run
+        file.unlink()
     with logged_errors() as logged, np.errstate(all="ignore"):  # absurd values overflow before their refusal
         trial = _Trial(robot, seed, fault, rng, place, walking)
         prepare(trial.controller)
