@@ -4,7 +4,7 @@ import numpy as np
 from command_line import wbc
 
 from wbc_controller.nodes.inputs import Inputs
-from wbc_controller.validation.campaign.monitor import TrueFall
+from wbc_controller.validation.campaign.monitor import MonitoredRobot
 from wbc_controller.validation.fuzz import clocks
 from wbc_controller.validation.fuzz.clocks import CLOCKS, ClockTrial, run_trial
 
@@ -28,7 +28,7 @@ def test_torques_from_stale_states_are_detected(monkeypatch):
 
 
 def test_exit_status_after_a_fall_without_a_fault(monkeypatch):
-    monkeypatch.setattr(TrueFall, "has_fallen", lambda self: True)
+    monkeypatch.setattr(MonitoredRobot, "has_fallen", lambda self: True)
     result = wbc("fuzz", "clocks", "go2", "--count", "1", "--first", "15", status=1)
     assert "go2, trial 15" in result.output
     assert "; the robot fell without a fault" in result.output

@@ -18,7 +18,6 @@ from wbc_controller.nodes.lockstep import Lockstep
 from wbc_controller.records import IN_CONTROL, Array, Mode
 from wbc_controller.safety.bring_up import UNEXPLAINED_MOTION
 from wbc_controller.settings import Settings
-from wbc_controller.simulation.plant import Plant
 
 _ROUNDING, _SAME_TIME = 1.0e-9, 1.0e-6  # rounding tolerance: share of a limit, and time, s
 STALL = 0.02  # largest processor time of a cycle, s
@@ -175,35 +174,8 @@ def _ages_text(ages: Mapping[str, float]) -> str:
     return ", ".join(f"{stream}, true age {1e3 * age:.0f} ms" for stream, age in ages.items())
 
 
-class TrueFall:
-    """Detects a fall from the true state."""
-
-    def __init__(self, model: RobotModel, plant: Plant) -> None:
-        self._model, self._plant = model, plant
-        self._height, self._since = self._height_above_feet(), math.inf
-
-    def lasts(self, now: float) -> bool:
-        """Return True if the robot has lain on the ground in all calls for `MAX_FALLEN_TIME`."""
-        self._since = min(self._since, now) if self.has_fallen() else math.inf
-        return now - self._since > MAX_FALLEN_TIME
-
-    def has_fallen(self) -> bool:
-        """True if the robot lies on the ground."""
-        if not self._model.floating_base:
-            return False
-        x, y = self._plant.state()[0][3:5].tolist()
-        upright = 1.0 - 2.0 * (x * x + y * y) >= math.cos(_TILT)
-        return not (upright and self._height_above_feet() >= _HEIGHT * self._height)
-
-    def _height_above_feet(self) -> float:
-        if not (self._model.floating_base and self._plant.contacts):
-            return math.inf
-        feet = [float(self._plant.foot_placement(name).translation[2]) for name in self._plant.contacts]
-        return float(self._plant.state()[0][2]) - min(feet)
-
-
 class MonitoredRobot(Lockstep):
-    """Controller and mock robot, with the attributes `monitor` and `fall`."""
+    """Controller and mock robot, with its `monitor` and the detection of a fall from the true state."""
 
     def __init__(
         self, settings: Settings, *observers: Callable[[CycleReport], None], stamps_lie: bool, **options: Any
@@ -217,9 +189,29 @@ class MonitoredRobot(Lockstep):
         self.loop.observers = (self.monitor.cycle, *self.loop.observers)
         self.mock.sent = self.monitor.sent
         MemoryTransport(self.bus).subscribe(counterpart(topics["effort"]), self.monitor.torques)
-        self.fall = TrueFall(self.model, self.mock.plant)
+        self._initial_height, self._fallen_since = self._height_above_feet(), math.inf
 
     def publish_state(self) -> None:
         """See `Lockstep`."""
         self.monitor.now = 1.0e-9 * self.mock.stamp
         super().publish_state()
+
+    def stays_fallen(self) -> bool:
+        """Return True if the robot has lain on the ground in all calls for `MAX_FALLEN_TIME`."""
+        self._fallen_since = min(self._fallen_since, self.time) if self.has_fallen() else math.inf
+        return self.time - self._fallen_since > MAX_FALLEN_TIME
+
+    def has_fallen(self) -> bool:
+        """Return True if the robot lies on the ground."""
+        if not self.model.floating_base:
+            return False
+        x, y = self.mock.plant.state()[0][3:5].tolist()
+        upright = 1.0 - 2.0 * (x * x + y * y) >= math.cos(_TILT)
+        return not (upright and self._height_above_feet() >= _HEIGHT * self._initial_height)
+
+    def _height_above_feet(self) -> float:
+        plant = self.mock.plant
+        if not (self.model.floating_base and plant.contacts):
+            return math.inf
+        feet = [float(plant.foot_placement(name).translation[2]) for name in plant.contacts]
+        return float(plant.state()[0][2]) - min(feet)

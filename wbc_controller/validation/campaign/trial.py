@@ -153,7 +153,7 @@ class _Trial(MonitoredRobot):
     def run(self) -> None:
         try:
             self._stand()
-            if self.monitor.mode is not Mode.ACTIVE or self.fall.has_fallen():
+            if self.monitor.mode is not Mode.ACTIVE or self.has_fallen():
                 self.monitor.add_violation("start", f"mode {self.monitor.mode}")
                 return
             self._walk() if self._walking else self.user.move(self.com())
@@ -198,7 +198,7 @@ class _Trial(MonitoredRobot):
                 if now < begins:
                     origin = com
                 self._moved = max(self._moved, float(np.linalg.norm(com - origin)))
-                if self.fall.lasts(now) and self.monitor.deactivation is None:
+                if self.stays_fallen() and self.monitor.deactivation is None:
                     self.monitor.add_violation("fell", f"mode {self.monitor.mode.value if self.monitor.mode else ''}")
             if self.monitor.deactivation is not None and now > self.monitor.deactivation[0] + _AFTER_DAMPING:
                 return

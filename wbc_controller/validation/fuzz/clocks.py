@@ -123,7 +123,7 @@ class _Standing(MonitoredRobot):
         end = self.time + _DURATION
         while self.time < end and self.monitor.deactivation is None:
             self._period()
-            if self.fall.lasts(self.time):
+            if self.stays_fallen():
                 self._trial.why = "the robot fell without a fault"
                 return None
         return self._judge()
