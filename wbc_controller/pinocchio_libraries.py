@@ -39,7 +39,8 @@ def two_installations() -> str:
         return f"libraries of two Pinocchio installations are loaded: from {' and '.join(loaded)}. {_REMEDY}"
     folders = filter(None, os.environ.get("LD_LIBRARY_PATH", "").split(os.pathsep))
     libraries = [path for folder in folders for path in sorted(Path(folder).glob("libpinocchio*.so"))]
-    found = _prefixes([*_importable(), *libraries])
+    modules = [path for folder in sys.path if (path := Path(folder, "pinocchio", "__init__.py")).exists()]
+    found = _prefixes([*modules, *libraries])
     if len(found) > 1:
         return f"there are two Pinocchio installations: in {' and '.join(found)}; the first is used. {_REMEDY}"
     return ""
@@ -51,10 +52,6 @@ def _loaded() -> Iterator[Path]:
             path = Path(line.split(maxsplit=5)[-1])
             if _LIBRARY.fullmatch(path.name):
                 yield path
-
-
-def _importable() -> Iterator[Path]:
-    return filter(Path.exists, (Path(folder, "pinocchio", "__init__.py") for folder in sys.path))
 
 
 def _prefixes(paths: Iterable[Path]) -> list[str]:

@@ -112,8 +112,7 @@ class ControlLoop:
         refused: tuple[str, ...] = ()
         if requests or self._activate_when_fresh:
             requests, refused = self._filter_requests(requests, problem)
-        solving = problem is None and not requests and before in IN_CONTROL
-        slips = self._changed_slips() if solving else ()
+        slips = self._changed_slips() if problem is None and not requests and before in IN_CONTROL else ()
         read, torques_sent = timer() - started, controller.supervisor.torques_sent
         inputs = CycleInputs(
             now=now,

@@ -9,6 +9,7 @@ import numpy as np
 
 from wbc_controller.controller.memory import CycleRecord
 from wbc_controller.controller.report import CycleReport
+from wbc_controller.inverse_dynamics.arrays import consecutive
 from wbc_controller.inverse_dynamics.contacts import Contact
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import Task
@@ -65,11 +66,8 @@ def reference_slots(tasks: Mapping[str, Task], contacts: Mapping[str, Contact]) 
 
 
 def slot_slices(slots: Sequence[Slot]) -> Iterator[tuple[Slot, slice]]:
-    """Yield each slot with its place in a row."""
-    start = 0
-    for slot in slots:
-        yield slot, slice(start, start + slot.size)
-        start += slot.size
+    """Return each slot with its place in a row."""
+    return zip(slots, consecutive(slot.size for slot in slots), strict=True)
 
 
 def split(slots: Sequence[Slot], row: Array) -> dict[str, Array]:

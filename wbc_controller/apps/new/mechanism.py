@@ -22,8 +22,8 @@ from wbc_controller.settings.robot import JointLimitSettings
 
 _FINGER_SHARE = 1.0 / 200.0  # smallest share of the mass, except fingers
 _SEVERAL_TURNS = 4.1 * np.pi  # smallest range of a joint with several turns, rad
-#: Words in the names of SRDF postures, in order of preference.
-_POSTURES = ("half_sitting", "standing", "home", "homing", "default", "neutral")
+#: Words in the names of SRDF postures, in order of preference; every name contains the last one.
+_POSTURES = ("half_sitting", "standing", "home", "homing", "default", "neutral", "")
 _LIMITED = ("revolute", "continuous", "prismatic")
 _GRAVITY = 9.81  # m/s²
 #: Largest plausible effort and its placeholder, in units of the weight times the length of the longest limb.
@@ -217,11 +217,8 @@ def read_postures(srdf: str) -> dict[str, dict[str, float]]:
                 ) from None
             if len(numbers) == 1:  # others belong to the floating base
                 joints[str(joint.get("name"))] = numbers[0]
-    return dict(sorted(found.items(), key=lambda item: _rank(item[0])))
-
-
-def _rank(name: str) -> int:
-    return next((i for i, word in enumerate(_POSTURES) if word in name.lower()), len(_POSTURES))
+    ranks = {name: next(i for i, word in enumerate(_POSTURES) if word in name.lower()) for name in found}
+    return dict(sorted(found.items(), key=lambda item: ranks[item[0]]))
 
 
 def usable_ranges(model: RobotModel, share: float, largest: float) -> tuple[Array, Array]:
