@@ -47,8 +47,7 @@ class LiveSettings:
 
     def prepare(self, change: Mapping[str, Any], source: str) -> None:
         """Precompute `accept` in another thread; errors as in `validated`."""
-        base = self.settings
-        self._prepared = (change, base, self.validated(change, source))
+        self._prepared = (change, self.settings, self.validated(change, source))
 
     def accept(self, change: Mapping[str, Any], source: str) -> None:
         """Apply a change completely, or raise an error as in `validated`."""

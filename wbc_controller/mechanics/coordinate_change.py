@@ -42,8 +42,7 @@ class CoordinateChange:
         """Return T = ∂φ/∂q of Lemma 1, (nv, nv)."""
         T = np.zeros((self.model.nv, self.original.nv))
         if self.root:
-            data = self.original.createData()
-            T[:6] = pin.computeJointJacobian(self.original, data, q, self.root)
+            T[:6] = pin.computeJointJacobian(self.original, self.original.createData(), q, self.root)
         for name, sign in self.signs.items():
             old, new = self._joints(name)
             T[new.idx_v, old.idx_v] = sign

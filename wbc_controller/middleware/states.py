@@ -80,8 +80,7 @@ class StateReader(ABC):
                 layout = MessageLayout(content)
                 self._index = self._index_in(layout, content)
                 self._layout = layout
-        numbers = np.frombuffer(payload, np.float64, layout.count, START)
-        return header_stamp(payload), numbers[self._index]
+        return header_stamp(payload), np.frombuffer(payload, np.float64, layout.count, START)[self._index]
 
     def _index_in(self, layout: MessageLayout, content: Any) -> np.ndarray:
         return np.concatenate([layout.index_of(path) for path in self.paths])

@@ -274,8 +274,7 @@ def write_damping() -> None:
     from wbc_controller.controller.build.robot import make_model
 
     settings, urdf = pickle.loads(sys.stdin.buffer.read())  # noqa: S301 - written by the guard
-    damping = make_guard_damping(settings, make_model(settings, urdf))
-    sys.stdout.buffer.write(pickle.dumps(damping))
+    sys.stdout.buffer.write(pickle.dumps(make_guard_damping(settings, make_model(settings, urdf))))
 
 
 def run_guard(

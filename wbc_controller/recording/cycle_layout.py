@@ -57,9 +57,8 @@ def reference_slots(tasks: Mapping[str, Task], contacts: Mapping[str, Contact]) 
     """Return the slots of the references."""
     slots = [Slot("references", "number", 1)]
     for name, task in tasks.items():
-        slots.append(Slot("references", f"position/{name}", task.form.size))
-        slots.append(Slot("references", f"velocity/{name}", task.form.rate_size))
-        slots.append(Slot("references", f"acceleration/{name}", task.form.rate_size))
+        sizes = {"position": task.form.size, "velocity": task.form.rate_size, "acceleration": task.form.rate_size}
+        slots += [Slot("references", f"{part}/{name}", size) for part, size in sizes.items()]
     slots += [Slot("references", f"weight/{name}", 1) for name in tasks]
     slots += [Slot("references", f"contact/{name}", 1) for name in contacts]
     return tuple(slots)

@@ -32,8 +32,7 @@ class _Search:
         self._mobility = Mobility(model)
         self._projection = damped_motions(model.actuation)
         lower = np.minimum(np.maximum(model.position_lower, -math.pi), model.posture)
-        upper = np.maximum(np.minimum(model.position_upper, math.pi), model.posture)
-        self.range = lower, upper
+        self.range = lower, np.maximum(np.minimum(model.position_upper, math.pi), model.posture)
 
     def rates(self, D: Array, posture: Array) -> tuple[Array, Array]:
         """Return increasing rates T λ at a posture, (nj,), and the motions D^½ v, (nj, nj) by columns."""

@@ -87,8 +87,7 @@ class MujocoInterface:
             return model.state(*joints)
         pose = data.qpos[self._base_qpos : self._base_qpos + 7][[0, 1, 2, 4, 5, 6, 3]]
         twist = np.array(data.qvel[self._base_dof : self._base_dof + 6])
-        rotation = rotation_of(pose[3:])
-        twist[:3] = rotation.T @ twist[:3]
+        twist[:3] = rotation_of(pose[3:]).T @ twist[:3]
         return model.state(*joints, pose, twist)
 
     def place(self, data: Any, q: Array, v: Array | None = None) -> None:

@@ -77,8 +77,7 @@ def derived_scenario(settings: Settings, model: RobotModel) -> Scenario:
     motion = np.array([_REACH, 0.0, _REACH]) * height
     side, down = np.eye(3)[1], -np.eye(3)[2]
     amplitude = min(safe_distance(sign * side, min(_SWAY * margin, _LARGEST_SWAY)) for sign in (1.0, -1.0))
-    depth = safe_distance(down, _SQUAT * height)
-    sizes = ((sway, amplitude, 0.005), (squat, depth, 0.008))
+    sizes = ((sway, amplitude, 0.005), (squat, safe_distance(down, _SQUAT * height), 0.008))
     moves = tuple(move(size, target) for move, size, target in sizes if size > _SMALLEST_MOTION)
     reaches = (_reach(settings, model, name, hand, motion) for name, hand in list(hands.items())[:1])
     return Scenario(com=tasks[0], moves=moves, reaches=tuple(filter(None, reaches)), shoves=shoves(impulse, impulse))

@@ -9,9 +9,8 @@ from wbc_controller.settings import Settings
 
 def velocity_delay(settings: Settings) -> float:
     """Return the delay of the joint velocities, s; 0 if they are measured."""
-    known = settings.estimation
-    differentiated = known.joint_velocity == "differentiated"
-    return delay(known.joint_velocity_time, 1.0 / settings.control.rate) if differentiated else 0.0
+    known, period = settings.estimation, 1.0 / settings.control.rate
+    return delay(known.joint_velocity_time, period) if known.joint_velocity == "differentiated" else 0.0
 
 
 def make_guard_damping(settings: Settings, model: RobotModel) -> Array:

@@ -161,8 +161,7 @@ class _MotionWithContacts:
             own = np.vstack([dynamics.com_jacobian, dynamics.jacobian(self._base, pin.LOCAL_WORLD_ALIGNED)[3:]])
             rows = np.vstack([J, weights[:, None] * own, C, least])
             error = np.concatenate([gap, off, np.zeros(len(C) + model.nv)])
-            step = np.linalg.lstsq(rows, error, rcond=None)[0]
-            at = np.asarray(pin.integrate(model.pinocchio, at, step))
+            at = np.asarray(pin.integrate(model.pinocchio, at, np.linalg.lstsq(rows, error, rcond=None)[0]))
         if np.abs(off[weights == 1.0]).max() > _REACHED or np.abs(gap).max(initial=0.0) > _HELD:
             return at, "reach"
         beyond = model.joint_beyond_limits(at[model.q_index], self._margin)
