@@ -4,7 +4,9 @@ import logging
 import os
 import subprocess
 import sys
+from pathlib import Path
 
+import pinocchio
 import pytest
 
 from wbc_controller import pinocchio_libraries
@@ -27,7 +29,7 @@ def ros(tmp_path):
 def test_second_modules_and_libraries_are_named(monkeypatch, ros):
     monkeypatch.delenv("LD_LIBRARY_PATH", raising=False)
     assert two_installations() == ""
-    (own,) = pinocchio_libraries._prefixes(pinocchio_libraries._importable())
+    (own,) = pinocchio_libraries._prefixes([Path(pinocchio.__file__)])
     modules = str(ros / "lib/python3.12/site-packages")
     monkeypatch.setattr(sys, "path", [*sys.path, modules])
     assert f"two Pinocchio installations: in {own} and {ros}; the first is used" in two_installations()
