@@ -1,4 +1,4 @@
-"""Codec of ROS 2 messages (`rosbags` dataclasses, little-endian CDR), common messages, and setpoints."""
+"""Codec of ROS 2 messages (`rosbags` dataclasses, little-endian CDR), their layouts, common messages, setpoints."""
 
 import copy
 import dataclasses
@@ -276,5 +276,5 @@ def trajectory_message(
         message(f"trajectory_msgs/msg/{kind}Point", **point, time_from_start=time_fields(round(1e9 * time)))
         for time, point in zip(times, points, strict=True)
     ]
-    kind = f"trajectory_msgs/msg/{kind}"
-    return message(kind, header=header(stamp, "world"), joint_names=list(names), points=made)
+    top = header(stamp, "world")
+    return message(f"trajectory_msgs/msg/{kind}", header=top, joint_names=list(names), points=made)

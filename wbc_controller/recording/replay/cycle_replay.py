@@ -131,7 +131,7 @@ class Replay:
             problem=event.get("problem"),
             requests=tuple(event.get("requests", ())),
             changes=tuple(tuple(each) for each in event.get("changes", ())),
-            touching={name: state > 0.0 for name, state in touching.items() if not math.isnan(state)},
+            touching={name: value > 0.0 for name, value in touching.items() if not math.isnan(value)},
             torques_sent=None if sent is None else frozen(np.array(sent)),
         )
         return self.controller.cycle(inputs)
