@@ -83,6 +83,7 @@ class TestSetpoints:
         )  # fmt: skip
         sway = make.vector([1, 2, 3], "pelvis"), f"{world} or relative to its reference (sway"
         assert_refused("setpoint", "sway", sway)
+        assert_refused("setpoint", "thumb", (make.vector([1, 2, 3], "thumb/reference"), "reference (thumb/heading)"))
         wrench = make.wrench([1] * 6, "pelvis"), "valid for an external wrench: world, odom, map"
         assert_refused("external_wrench", "pelvis", wrench)
         trajectory = make.frame_trajectory([(1.0, [AT])], "hand"), "valid for a trajectory: world, odom, map"

@@ -220,6 +220,14 @@ def test_a_killed_recorder_is_a_warning(record, tmp_path, caplog):
     assert sum("nothing is recorded any more" in each.getMessage() for each in caplog.records) == 1
 
 
+def test_a_defect_of_the_recorder_ends_the_recording_alone(record, tmp_path, caplog):
+    run = record(tmp_path / "a.mcap")
+    run.recorder._snapshot_due = None
+    run.stand(40)
+    assert (run.bench.reports[-1].mode.value, run.bench.loop.controller.cycle_records) == ("active", None)
+    assert sum("the recorder failed" in each.getMessage() for each in caplog.records) == 1
+
+
 def test_a_pipe_that_is_full_loses_cycles_and_never_waits(bench, tmp_path, caplog):
     made = bench("go2", {"recorder": {"folder": str(tmp_path)}}, lambda s: Recorder(s, tmp_path / "a.mcap", name="go2"))
     process = made.recorder._process._process

@@ -16,7 +16,7 @@ from synthetic_run import squat
 from wbc_controller.controller.visualization.page_report import resource
 from wbc_controller.controller.visualization.plots import POINTS, thin_out
 from wbc_controller.recording.report.motion import MAX_FRAMES, encode_poses, frame_indices, joint_poses, make_motion
-from wbc_controller.recording.report.run_data import Result
+from wbc_controller.recording.report.run_data import Result, _latest
 from wbc_controller.recording.report.run_report import friction_use, run_plots, write_run_report
 
 
@@ -46,6 +46,10 @@ def decode_poses(packed):
     """Decode the result of `encode_poses`, as ``replay.js`` does."""
     whole = np.frombuffer(base64.b64decode(packed["data"]), dtype="<i2").reshape(packed["shape"])
     return whole * np.array(packed["scale"]) + np.array(packed["center"])
+
+
+def test_the_true_wrench_of_a_sample_is_the_newest_one():
+    np.testing.assert_array_equal(_latest(np.array([[2.0, 5], [1, 4]]), np.array([0, 1, 3])), [[np.nan], [4], [5]])
 
 
 def test_the_page_loads_nothing_and_holds_the_results(page, run):
